@@ -176,6 +176,18 @@ class PinRecord:
         """Carrier against the one that is meant, on the analyser's clock."""
         return (1.0 / (self.period_s * self.carrier_hz) - 1.0) * 1e6
 
+    def seconds(self, periods: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return times in periods of the carrier in seconds of the analyser's clock."""
+        if self.carrier is None or self.carrier.is_steady:
+            return periods * self.period_s
+        known, times_s = self.carrier.periods, self.carrier.times_s
+        places = known.searchsorted(periods).clip(1, len(known) - 1)
+        slopes = (times_s[1:] - times_s[:-1]) / (known[1:] - known[:-1])
+        seconds: NDArray[np.float64] = times_s[places - 1] + slopes[places - 1] * (
+            periods - known[places - 1]
+        )
+        return seconds
+
     def between(self, begin: float, end: float, cut: str) -> PinRecord:
         """Return the part of the capture from *begin* to *end*, in periods counted as before.
 

@@ -187,8 +187,7 @@ def _run_verify(
         environment=None if config.link.virtual_time else report.run_environment(),
     )
     if writer is not None:
-        if boards.dialect is None:  # captures are judged by frames of Haptogram's own boards
-            record_intended(writer, found.model, found.intended)
+        record_intended(writer, found.model, found.intended)
         _record_verify_verdicts(writer, verdict, result)
     # Before the files: a full disk must not cost the result.
     outputs.print(str(verdict))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -83,6 +83,8 @@ class Capture:
         Sampling rate that the file states; VCD states none.
     cut : str
         Why the file ends early; empty: it does not.
+    notes : tuple of str
+        Limits of the capture, in words.
     """
 
     path: Path
@@ -91,6 +93,7 @@ class Capture:
     end: int
     stated_rate_hz: float | None = None
     cut: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def edges(self) -> int:
@@ -108,6 +111,16 @@ class Capture:
         if self.stated_rate_hz is not None:
             return self.stated_rate_hz
         return 1.0 / (estimated_capture_step(self._times()) * self.tick_s)
+
+    def until(self, end: int) -> Capture:
+        """Return the part of the capture up to the tick *end*."""
+        channels = {
+            name: replace(
+                edges, times=edges.times[: np.searchsorted(edges.times, end, side="right")]
+            )
+            for name, edges in self.channels.items()
+        }
+        return replace(self, channels=channels, end=end)
 
     def _times(self) -> NDArray[np.int64]:
         some = [channel.times[:100_000] for channel in self.channels.values()]

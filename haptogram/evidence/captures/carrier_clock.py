@@ -19,6 +19,8 @@ _PHASE_BITS: Final = 8
 _LEAST_PULSES: Final = 3
 #: An edge is seen up to one sample late, so the distance of two is wrong by less than one.
 _SAMPLES: Final = 2.5
+_SPREADS: Final = 7.5  # median distances from the usual one: five standard deviations
+_MOST_JITTER: Final = 0.05  # of a period, that is no drawing out
 _LEAST_JITTER: Final = 0.01  # of a period, by which a steady carrier may jitter
 _UNSTEADY: Final = 4  # distances in a row that are off: a latch makes one
 _LONGER: Final = 0.15  # of a period that comes before its time: it is one that was not drawn out
@@ -55,7 +57,7 @@ def checked_capture_period(
             f"{name} has {len(rises)} pulses, must have {_LEAST_PULSES} at least; "
             "name a channel that carries the carrier all the time"
         )
-    distance = float(np.median(np.diff(rises)))
+    distance = _usual_captured_distance(np.diff(rises), sample)
     found_hz = 1.0 / (distance * capture.tick_s)
     divider = max(1, min(_MOST_DIVIDER, round(settings.carrier_hz / found_hz)))
     if abs(found_hz * divider / settings.carrier_hz - 1.0) >= _NEAR:
@@ -63,7 +65,7 @@ def checked_capture_period(
             f"{name} has {found_hz:g} Hz, must have the carrier {settings.carrier_hz:g} Hz "
             "(carrier_hz of the map) within 10 %"
         )
-    period = _mean_captured_period(rises, sample) / divider
+    period = distance / divider
     if period < LEAST_SAMPLES * sample:
         is_estimated = capture.stated_rate_hz is None and settings.sample_rate_hz is None
         moving = [name for name, edges in capture.channels.items() if len(edges.times)]
@@ -82,12 +84,12 @@ def checked_capture_period(
     return period
 
 
-def _mean_captured_period(rises: _Floats, sample: float) -> float:
-    """Return the mean distance of the (P,) *rises*, without those that have a latch between."""
-    distances = np.diff(rises)
-    away = np.abs(distances - np.median(distances))
-    near = away <= max(_SAMPLES * sample, 7.5 * float(np.median(away)))
-    return float(distances[near].mean())
+def _usual_captured_distance(distances: _Floats, sample: float) -> float:
+    """Return the mean of most *distances*: no latch is between, and none is drawn out."""
+    cells, counts = np.unique(np.rint(distances / (_SAMPLES * sample)), return_counts=True)
+    away = np.abs(distances - cells[counts.argmax()] * _SAMPLES * sample)
+    jitter = float(np.median(away[away <= _MOST_JITTER * distances.mean()]))
+    return float(distances[away <= max(2.0 * _SAMPLES * sample, _SPREADS * jitter)].mean())
 
 
 class CarrierClock:

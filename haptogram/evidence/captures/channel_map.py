@@ -13,8 +13,10 @@ from haptogram.settings.option import Settings, option
 from haptogram.settings.text_file import read_toml_file
 
 from .capture import Capture
+from .shift_registers import ShiftRegisters
 
 _ELEMENTS: Final = "elements"
+_SHIFT: Final = "shift"
 _PLACEHOLDER: Final = "{}"
 
 
@@ -89,6 +91,8 @@ class ChannelMap:
         Element by channel.
     pattern : str or None
         Name of the channels of many elements: ``{}`` stands for the number.
+    shift : ShiftRegisters or None
+        Registers whose outputs drive elements.
 
     Examples
     --------
@@ -103,6 +107,7 @@ class ChannelMap:
     settings: ChannelMapSettings
     elements: Mapping[str, int] = field(default_factory=dict)
     pattern: str | None = None
+    shift: ShiftRegisters | None = None
 
     @classmethod
     def from_file(cls, path: Path) -> Self:
@@ -120,11 +125,15 @@ class ChannelMap:
         """Return the map that *document* describes, as a TOML file does."""
         values = dict(document)
         elements = values.pop(_ELEMENTS, None)
+        shift = values.pop(_SHIFT, None)
+        registers = None if shift is None else ShiftRegisters.of(str(path), shift)
         try:
             settings = ChannelMapSettings.of(**values)
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: {error}") from error
         reference = settings.reference
+        if reference is None and registers is not None:
+            reference = registers.carrier
         if reference is None:
             raise ConfigurationError(
                 f"{path}: no reference; name the channel that phases are relative to"
@@ -134,8 +143,19 @@ class ChannelMap:
                 raise ConfigurationError(
                     f'{path}: elements is {elements!r}, must have one {{}}: "e{{}}", or a table'
                 )
-            return cls(Path(path), reference, settings, {}, elements)
-        return cls(Path(path), reference, settings, _checked_channel_elements(path, elements))
+            return cls(Path(path), reference, settings, {}, elements, registers)
+        if elements is None and registers is not None:
+            elements = {}
+        else:
+            elements = _checked_channel_elements(path, elements)
+        return cls(Path(path), reference, settings, elements, None, registers)
+
+    def expanded(self, capture: Capture) -> Capture:
+        """Return *capture* with the outputs of shift registers as channels."""
+        try:
+            return capture if self.shift is None else self.shift.expanded(capture)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{self.path}: {error}") from error
 
     def joined(self, capture: Capture) -> dict[str, int]:
         """Return the element of each channel that *capture* has, in the order of elements.
@@ -159,26 +179,39 @@ class ChannelMap:
             for name in capture.channels:
                 if number := re.fullmatch(f"{before}([0-9]+){after}", name):
                     found[name] = int(number[1])
+        if self.shift is not None:
+            found |= {
+                f"{name}.{output}": element
+                for name, elements in self.shift.chains_in(capture).items()
+                for output, element in enumerate(elements)
+                if element >= 0
+            }
         if not found:
             raise ConfigurationError(
                 f"{self.path}: no channel of {capture.path} is mapped to an element; "
                 "write them in [elements]: D1 = 0"
             )
+        _check_elements_named_once(self.path, found)
         return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
 def _checked_channel_elements(path: Path | str, elements: object) -> dict[str, int]:
     if not isinstance(elements, dict) or not elements:
         raise ConfigurationError(f"{path}: no [elements]; map channels to elements: D1 = 0")
-    owners: dict[int, str] = {}
     for name, element in elements.items():
         if isinstance(element, bool) or not isinstance(element, int) or element < 0:
             raise ConfigurationError(
                 f"{path}: channel {name} is element {element!r}, must be a whole number from 0"
             )
+    _check_elements_named_once(path, elements)
+    return elements
+
+
+def _check_elements_named_once(path: Path | str, elements: Mapping[str, int]) -> None:
+    owners: dict[int, str] = {}
+    for name, element in elements.items():
         if element in owners:
             raise ConfigurationError(
                 f"{path}: channels {owners[element]} and {name} are both element {element}"
             )
         owners[element] = name
-    return elements

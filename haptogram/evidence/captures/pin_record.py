@@ -38,6 +38,7 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         carrier or for the lines of the UART.
     """
     settings = mapped.settings
+    capture = mapped.expanded(capture)
     elements = mapped.joined(capture)
     rate_hz = settings.sample_rate_hz or capture.sample_rate_hz
     sample = 1.0 / (rate_hz * capture.tick_s)
@@ -95,6 +96,7 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         latch_window=settings.latch_window_us * 1e-6 * settings.carrier_hz,
         skew_rad=math.tau * settings.skew_ns * 1e-9 * settings.carrier_hz,
         cut=capture.cut,
+        notes=capture.notes,
         to_board=_uart_bytes_of_capture(capture, mapped, settings.to_board, rate_hz, clock),
         to_host=_uart_bytes_of_capture(capture, mapped, settings.to_host, rate_hz, clock),
         carrier=CarrierPeriods(

@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .capture import Capture, ChannelEdges
+from .capture import Capture
 
 _Floats: TypeAlias = NDArray[np.float64]
 _AROUND: Final = 8  # pulses on both sides that must agree on the jump: one alone is a disturbance
@@ -35,21 +35,11 @@ def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> 
     at = _first_jump_in_capture(rises, sample)
     if at is None:
         return capture
-    end = int(at)
-    channels = {
-        name: ChannelEdges(
-            edges.times[: np.searchsorted(edges.times, end, side="right")],
-            edges.first_level,
-            edges.undefined,
-            edges.defined_from,
-        )
-        for name, edges in capture.channels.items()
-    }
     why = (
         f"samples are missing at {at * capture.tick_s * 1e3:.3f} ms, where the clock of the "
         "carrier jumps: capture at a lower rate, fewer channels, or with another cable"
     )
-    return dataclasses.replace(capture, channels=channels, end=end, cut=why)
+    return dataclasses.replace(capture.until(int(at)), cut=why)
 
 
 def _first_jump_in_capture(rises: _Floats, sample: float) -> float | None:

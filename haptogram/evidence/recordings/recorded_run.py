@@ -120,6 +120,7 @@ def _recorded_frame_fields(frame: Intended) -> dict[str, Any]:
         "t_sent_us": frame.t_sent_us,
         "foci": [focus.as_numbers() for focus in frame.foci],
         "commanded_bits": frame.phase_bits,
+        "phase_steps": frame.phase_steps,
         "board_computed": frame.board_computed,
         "solver": frame.solver,
     }
@@ -144,6 +145,7 @@ def _recorded_intention(fields: dict[str, Any], drive: Drive) -> Intended:
         foci=tuple(Focus.from_numbers(focus) for focus in fields["foci"]),
         drive=drive,
         phase_bits=fields["commanded_bits"],
+        phase_steps=fields.get("phase_steps"),
         board_computed=fields["board_computed"],
         solver=fields["solver"],
     )

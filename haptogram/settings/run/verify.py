@@ -57,12 +57,6 @@ class VerifyConfig(Settings):
             )
         if self.elements.compensate and self.captures.from_recording is None:
             self._check_compensation()
-        if self.captures.capture and self.captures.from_recording is None and self.link.dialect:
-            raise SettingError(
-                "capture",
-                f"is judged by frames of Haptogram's own wire, not of {self.link.dialect}: give "
-                "what the pins show to haptogram capture",
-            )
         if self.link.port is not None:
             self._check_port(self.link.port)
         elif self.captures.capture and self.captures.from_recording is None:

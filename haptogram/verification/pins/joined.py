@@ -150,7 +150,7 @@ def verify_captures(
     Raises
     ------
     ConfigurationError
-        Frames without a time or too short, an element that the array lacks, no capture.
+        Frames too short, an element that the array lacks, no capture.
     """
     if not records:
         raise ConfigurationError("no capture to judge by")
@@ -267,13 +267,15 @@ def _why_pins_make_no_field(
         )
     if not all(one.judged.any() for one in pins):
         return "a capture does not show the run"
-    bits = max(frame.phase_bits for frame in frames)
+    steps = max(frame.steps for frame in frames)
+    bits = steps.bit_length() - 1
+    phases = f"{bits}-bit phases" if steps == 1 << bits else f"{steps} steps of the phases"
     for one in pins:
-        if one.limits.samples < 2.0 ** (bits + 1) * 0.999:
-            needed_hz = one.limits.sample_rate_hz / one.limits.samples * 2.0 ** (bits + 1)
+        if one.limits.samples < 2.0 * steps * 0.999:
+            needed_hz = one.limits.sample_rate_hz / one.limits.samples * 2.0 * steps
             return (
-                f"{one.limits.sample_rate_hz / 1e6:g} Msamples/s do not tell the {bits}-bit phases "
-                f"apart; {needed_hz / 1e6:.4g} do"
+                f"{one.limits.sample_rate_hz / 1e6:g} Msamples/s do not tell the {phases} apart; "
+                f"{needed_hz / 1e6:.4g} do"
             )
     return ""
 

@@ -19,7 +19,18 @@ from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
 
 from ..frame.verdict import Verdict
-from .element_faults import PinFaultKind, exchanged_pin_orders, faults_of_pins, grouped_pin_faults
+from .elements.faults import (
+    CHAINS,
+    PinFault,
+    PinFaultKind,
+    exchanged_pin_orders,
+    faults_of_pins,
+    grouped_pin_faults,
+)
+from .elements.levels import LevelsInTime, levels_of_pins_in_time
+from .elements.offsets import ElementOffsets, structures_of_offsets
+from .held.drives import held_pin_drives
+from .held.frame_times import frames_at_held_drives
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase
 from .run_drives import Bools, PinRunDrives
@@ -38,10 +49,14 @@ _HALF: Final = 0.5
 _EDGE: Final = 2  # frames at the end of the capture, beside which samples may be missing
 _NAMED: Final = 4
 _WITH_THE_CLOCK: Final = "capture the clock of the carrier, and longer than the run, to know"
+_BY_DRIVE: Final = (
+    "the frames carry no times: each is found by its drive, and a delay does not show"
+)
 _NEARLY_ALL: Final = 0.9
 _NEAR_RAD: Final = 2.0 * phase_step_rad(8)  # a board may be off by, which shows this run
 _FITTING_SHARE: Final = 0.25  # of the pins that show this run in nearly all frames: no chance
 _FEWEST_FITTING: Final = 3
+_FEWEST_DRIVES: Final = 3  # that are off by the same: no chance
 _FEWEST_AGREEING: Final = 2  # drives, beyond those that agree by chance
 _LEAST_PERIODS_OF_CARRIER: Final = 40.0  # that tell its frequency where samples are missing
 _SAMPLES_OF_8_BITS: Final = 512.0  # of a period: one is half a step
@@ -60,14 +75,14 @@ def verify_captured_pins(
     record : PinRecord
         The capture.
     intended : sequence of Intended
-        Frames of the run, in the order of their times.
+        Frames of the run, in the order of their times; those without one are found by their drives.
     model : AcousticModel
         The array.
 
     Raises
     ------
     ConfigurationError
-        Frames without a time or too short, an element that the array lacks, or a capture in which
+        Frames too short, an element that the array lacks, or a capture in which
         nothing sounds.
     """
     for element, pin in record.pins.items():
@@ -76,8 +91,17 @@ def verify_captured_pins(
                 f"channel {pin.channel} is element {element}; the array has the elements 0 to "
                 f"{model.array.count - 1}"
             )
+    offset, held = None, None
+    if any(frame.t_apply_us is None for frame in intended):
+        intended, held = frames_at_held_drives(held_pin_drives(record), intended)
+        offset = (intended[0].t_apply_us or 0) * 1e-6 * record.carrier_hz
+        record = dataclasses.replace(record, notes=(*record.notes, _BY_DRIVE))
     run = PinRunDrives.of(intended, sorted(record.pins), record.carrier_hz)
-    return _PinJudge(record, run, model, frames_shown_by_pins(record, run)).judge()
+    if record.carrier is not None and not record.carrier.is_steady:
+        run = dataclasses.replace(run, held=held)
+    shown = frames_shown_by_pins(record, run, offset)
+    steps = max(frame.steps for frame in intended)
+    return _PinJudge(record, run, model, shown, steps).judge()
 
 
 def _drives_told_apart(weights: ComplexArray, apart: float) -> int:
@@ -97,10 +121,12 @@ class _PinJudge:
     run: PinRunDrives
     model: AcousticModel
     shown: FramesShownByPins
+    steps: int
     findings: dict[str, list[str]] = field(default_factory=dict)
     not_judged: dict[str, str] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
     events: list[str] = field(default_factory=list)
+    _offsets: ElementOffsets | None = None
 
     def judge(self) -> PinVerdict:
         """Return the verdict."""
@@ -113,18 +139,21 @@ class _PinJudge:
         torn = self._check_torn() if fits else 0
         end = self._end() if fits else EndOfSound()
         self._check_carrier()
+        levels = levels_of_pins_in_time(self.record)
+        if levels is not None and levels.text:
+            self._find("amplitudes", levels.text)
         self._note_events()
         inside = (shown.starts >= -1.0) & (shown.ends <= self.record.end + 1.0)
         counts = {
             "intended": self.run.count,
-            "captured": int(inside.sum()),
+            "captured": int((inside | judged).sum()),
             "judged": int(judged.sum()),
             "right": int((shown.right.all(axis=1) & alone & judged).sum()),
             "lost": int(shown.lost.sum()),
             "late": len(self._late_frames),
             "torn": torn,
         }
-        return self._conclude(judged, counts, end)
+        return self._conclude(judged, counts, end, levels)
 
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
@@ -159,7 +188,9 @@ class _PinJudge:
                 self._find("torn", text)
             else:
                 self.missing.append(f"{text}, or samples are missing: {_WITH_THE_CLOCK}")
-        if not usable.any(axis=1).any():
+        if self.run.held is not None:
+            self.not_judged["torn"] = "the carrier is not steady while pins change"
+        elif not usable.any(axis=1).any():
             self.not_judged["torn"] = "no two drives that the pins tell apart follow each other"
         elif len(self.run.elements) < 2:
             self.not_judged["torn"] = "one pin cannot be torn"
@@ -186,6 +217,8 @@ class _PinJudge:
     def _check_fit(self, judged: Bools) -> bool:
         """Return True if the pins show this run, be it in another order of the elements."""
         drives, right = self.shown.drives, self.shown.right
+        if self._misses_periods():
+            return False
         if not judged.any():
             self.missing.append("no frame of the run is in the capture as a whole")
             return False
@@ -202,18 +235,36 @@ class _PinJudge:
             return True
         wrong = np.flatnonzero(~right[judged].all(axis=0)).tolist()
         kinds = [fault.kind for fault in faults_of_pins(drives, wrong, judged).values()]
-        named = [k for k in kinds if k in (PinFaultKind.OTHER_ELEMENT, PinFaultKind.SIGN)]
+        telling = {PinFaultKind.OTHER_ELEMENT, PinFaultKind.SIGN}
+        if len(np.unique(self.run.phases[judged][:, self.run.elements], axis=0)) >= _FEWEST_DRIVES:
+            telling |= {PinFaultKind.SHIFTED, PinFaultKind.INVERTED}  # by the same in all of them
+        named = [k for k in kinds if k in telling]
         if len(named) >= FIT_SHARE * len(self.run.elements) and len(named) > 1:
             return True
-        if self._shows_opposite_signs():
-            self._find("phases", "every captured pin has the opposite sign of the phase")
-            return False
+        for text, phases in self._likely_mistakes():
+            if self._shows_instead(phases):
+                self._find("phases", text)
+                return False
         share = 100.0 * float(right[judged].mean())
         self.missing.append(
             f"the capture does not show this run: {share:.0f} % of the drives at its pins are the "
             "intended ones; another run, another map, or nearly every pin is wrong"
         )
         return False
+
+    def _misses_periods(self) -> bool:
+        """Find that most pins leave out periods of the carrier: no drive is as it was meant."""
+        pins = [pin for pin in self.record.pins.values() if len(pin.rises)]
+        fewer = [pin for pin in pins if pin.every > 1]
+        if 2 * len(fewer) <= len(pins):
+            return False
+        hz, every = 1.0 / self.record.period_s, fewer[0].every
+        self._find(
+            "carrier",
+            f"{hz / every:.0f} Hz: {len(fewer)} of {len(pins)} pins pulse in one of {every} "
+            f"periods of the carrier, which has {hz:.0f} Hz",
+        )
+        return True
 
     def _tells_more_than_chance(self, judged: Bools) -> bool:
         """Return True if nothing is wrong, or more drives agree than what any sound would show.
@@ -253,9 +304,23 @@ class _PinJudge:
         fewest = max(_FEWEST_FITTING, _FITTING_SHARE * len(fitting))
         return fitting if fitting.sum() >= fewest else None
 
-    def _shows_opposite_signs(self) -> bool:
-        """Return True if the pins show this run with phases of the opposite sign."""
-        turned = dataclasses.replace(self.run, phases=np.negative(self.run.phases))
+    def _likely_mistakes(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+        """Yield what may be wrong with all pins, and the phases that these have then."""
+        phases = self.run.phases
+        yield "every captured pin has the opposite sign of the phase", np.negative(phases)
+        numbers = np.arange(phases.shape[1])
+        for size in CHAINS:
+            if len(numbers) % size == 0:
+                order = numbers - 2 * (numbers % size) + size - 1
+                yield (
+                    f"the pins show the drives of other elements: each chain of {size} the other "
+                    "way round",
+                    phases[:, order],
+                )
+
+    def _shows_instead(self, phases: NDArray[np.uint8]) -> bool:
+        """Return True if the pins show this run with other *phases*."""
+        turned = dataclasses.replace(self.run, phases=phases)
         shown = frames_shown_by_pins(self.record, turned)
         return bool(shown.seen.any()) and float(shown.right[shown.seen].mean()) >= _NEARLY_ALL
 
@@ -287,8 +352,12 @@ class _PinJudge:
                     faults.setdefault("pins", []).append((element, pin.channel, text))
             if not right[alone, place].all() and (is_silent or not pin.defects):
                 unlike.append(place)
-        for place, fault in faults_of_pins(drives, unlike, alone).items():
+        named_faults = faults_of_pins(drives, unlike, alone)
+        told = self._name_structures(named_faults, alone)
+        for place, fault in named_faults.items():
             element = self.run.elements[place]
+            if element in told:
+                continue
             if fault.other is not None:
                 others.append((element, fault.other))
             named = element, self.record.pins[element].channel, fault.text
@@ -306,6 +375,18 @@ class _PinJudge:
             for line in grouped_pin_faults(found):
                 self._find(kind, line)
         return alone
+
+    def _name_structures(self, faults: dict[int, PinFault], alone: Bools) -> set[int]:
+        """Name what shifted pins have in common; return the elements that this explains."""
+        self._offsets = ElementOffsets.of(self.record, self.shown.drives, alone)
+        kinds = {PinFaultKind.SHIFTED, PinFaultKind.INVERTED}
+        shifted = [self.run.elements[p] for p, fault in faults.items() if fault.kind in kinds]
+        found, explained = structures_of_offsets(
+            self._offsets, shifted, self._limits.phase_rad, self.steps
+        )
+        for text in found:
+            self._find("phases", text)
+        return explained if found else set()
 
     def _note_doubtful_frames(self, judged: NDArray[np.intp], mixed: Bools) -> Bools:
         """Return the (F,) frames whose wrong drive the capture itself may explain.
@@ -365,7 +446,8 @@ class _PinJudge:
                 f"{self.record.end:.0f} periods are left beside missing samples; "
                 f"{_LEAST_PERIODS_OF_CARRIER:.0f} tell"
             )
-        elif abs(drift) > self.record.tolerance_ppm:
+            return
+        if abs(drift) > self.record.tolerance_ppm:
             hz = 1.0 / self.record.period_s
             self._find(
                 "carrier",
@@ -378,7 +460,13 @@ class _PinJudge:
     def _find(self, check: str, text: str) -> None:
         self.findings.setdefault(check, []).append(text)
 
-    def _conclude(self, judged: Bools, counts: dict[str, int], end: EndOfSound) -> PinVerdict:
+    def _conclude(
+        self,
+        judged: Bools,
+        counts: dict[str, int],
+        end: EndOfSound,
+        levels: LevelsInTime | None,
+    ) -> PinVerdict:
         if self.record.cut:
             self.missing.append(f"the capture was cut off: {self.record.cut}")
         wrong = [line for lines in self.findings.values() for line in lines]
@@ -420,6 +508,9 @@ class _PinJudge:
             late_us={int(f): round(float(late[f]) * self._period_us, 1) for f in self._late_frames},
             events=tuple(self.events),
             notes=tuple(self._notes()),
+            carrier=record.carrier,
+            offsets=self._offsets,
+            levels=levels,
         )
 
     def _notes(self) -> Iterator[str]:

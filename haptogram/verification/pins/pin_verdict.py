@@ -11,8 +11,11 @@ import numpy as np
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.frame import Evidence
+from haptogram.records.pins import CarrierPeriods
 
 from ..frame.verdict import Verdict
+from .elements.levels import LevelsInTime
+from .elements.offsets import ElementOffsets
 from .run_drives import Bools
 
 #: Kinds of findings, and the sentence that is true if there is none.
@@ -98,6 +101,12 @@ class PinVerdict:
         How much later than most a frame was latched, of those that were late.
     notes : tuple of str
         Limits of the capture.
+    carrier : CarrierPeriods or None
+        Spread of the periods of the carrier.
+    offsets : ElementOffsets or None
+        Phase, gain and duty of each pin, over all frames; None: it shows none.
+    levels : LevelsInTime or None
+        Amplitude in time; None: the carrier is steady, and loses nothing.
     """
 
     name: str
@@ -122,6 +131,9 @@ class PinVerdict:
     late_us: dict[int, float] = field(default_factory=dict)
     events: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    carrier: CarrierPeriods | None = None
+    offsets: ElementOffsets | None = None
+    levels: LevelsInTime | None = None
 
     def __bool__(self) -> bool:
         """Return True if the captured pins passed."""
@@ -161,6 +173,8 @@ class PinVerdict:
             "after_mute_periods": self.after_mute_periods,
             "carrier_hz": self.carrier_hz,
             "carrier_drift_ppm": self.drift_ppm,
+            "carrier_jitter_ns": None if self.carrier is None else self.carrier.jitter_s * 1e9,
+            "elements_shown": [] if self.offsets is None else list(self.offsets.rows()),
             "late_us": {str(frame): late for frame, late in self.late_us.items()},
             "events": list(self.events),
             "notes": list(self.notes),

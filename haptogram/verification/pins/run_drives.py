@@ -25,6 +25,7 @@ Bools: TypeAlias = NDArray[np.bool_]
 LEAST_PERIODS: Final = 5.0
 _ROUNDING: Final = 1e-6  # of times that are whole microseconds
 _CODES: Final = 256
+_HALF: Final = 0.5
 _EVERY: Final = slice(None)
 _FUNDAMENTALS: Final[WeakKeyDictionary[PinPulses, ComplexArray]] = WeakKeyDictionary()
 
@@ -42,7 +43,10 @@ class PinRunDrives:
     elements : tuple of int
         Elements that were captured.
     allowed_rad : (F,) numpy.ndarray
-        By how much a board that computes the drive may differ.
+        By how much a board may differ that computes the drive, or that has other steps.
+    held : (F, 2) numpy.ndarray or None
+        Periods of the capture between which alone each frame is judged: beside them the carrier is
+        not steady.
     """
 
     starts: FloatArray
@@ -50,6 +54,7 @@ class PinRunDrives:
     amplitudes: NDArray[np.uint8]
     elements: tuple[int, ...]
     allowed_rad: FloatArray
+    held: FloatArray | None = None
 
     @classmethod
     def of(cls, intended: Sequence[Intended], elements: Sequence[int], carrier_hz: float) -> Self:
@@ -77,7 +82,13 @@ class PinRunDrives:
             )
         phases = np.stack([f.drive.in_bits(REGISTER_BITS).phase_codes for f in intended])
         amplitudes = np.stack([frame.drive.amplitude_codes for frame in intended])
-        computed = np.array([frame.board_computed for frame in intended], dtype=np.float64)
+        # Steps that codes of 8 bits do not meet are off by half a code.
+        computed = np.array(
+            [
+                1.0 if frame.board_computed else _HALF if _CODES % frame.steps else 0.0
+                for frame in intended
+            ]
+        )
         return cls(
             starts,
             phases.astype(np.uint8),

@@ -15,7 +15,7 @@ from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.pins import PinRecord
 
 from .alignment import PinAlignment, align_pins_by_onset, align_pins_to_run, rates_of_pin_alignment
-from .element_faults import PinDrives
+from .elements.faults import PinDrives
 from .latch_steps import PinSteps, pin_steps, sound_before_run
 from .pin_weights import SETTLED, common_turns_of_pins, pin_weights, pin_weights_of_frame
 from .run_drives import Bools, PinRunDrives
@@ -140,10 +140,15 @@ class FramesShownByPins:
         return torn
 
 
-def frames_shown_by_pins(record: PinRecord, run: PinRunDrives) -> FramesShownByPins:
-    """Return the frames of a run that a capture shows."""
+def frames_shown_by_pins(
+    record: PinRecord, run: PinRunDrives, offset: float | None = None
+) -> FramesShownByPins:
+    """Return the frames of a run that a capture shows; *offset* is when it begins, if known."""
     limits = PinCaptureLimits.of(record)
-    found = _best_pin_alignment(record, run, limits)
+    if offset is None:
+        found = _best_pin_alignment(record, run, limits)
+    else:
+        found = PinAlignment(offset, 1.0, 0.0)
     starts, ends = found.starts(run), found.ends(run)
     plain_drives = _pin_drives(record, run, found, limits, each=False)
     prior = sound_before_run(record, run, float(starts[0]))
@@ -178,6 +183,8 @@ def _steps_and_drives(
     held = np.append(-np.inf, starts[:-1] + latest + TORN_PERIODS)
     if (held > starts - LATE_PERIODS).any():  # the search for a latch begins a little earlier
         steps = pin_steps(record, run, starts, ends, before, turns, not_before=held)
+    if run.held is not None:  # what moves with a carrier that is not steady is no step
+        steps = replace(steps, is_inside=np.zeros_like(steps.is_inside))
     return steps, _pin_drives(record, run, found, limits, steps, before, each=each)
 
 
@@ -287,6 +294,9 @@ def _pin_drives(
         late = np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
         lows += np.where(steps.is_inside, late, late.max(axis=1, keepdims=True))
         highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
+    if run.held is not None:
+        lows = np.maximum(lows, run.held[:, :1])
+        highs = np.minimum(highs, run.held[:, 1:])
     begins = np.array([record.pins[element].begin for element in run.elements])
     lows = np.where(lows < begins, np.nan, lows)  # a level that is not known shows nothing
     means = pin_weights(record, run, lows, highs)

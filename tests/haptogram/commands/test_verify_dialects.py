@@ -221,8 +221,8 @@ def test_a_line_that_breaks_ends_the_run_and_not_its_results(capsys):
         ),
         (("--dialect", "ultraino-fpga", "--port", "/dev/absent"), "there is no such port"),
         (
-            ("--dialect", "nano", "--port", "x", "--capture", "a.vcd", "--channels", "a.toml"),
-            "--capture is judged by frames of Haptogram's own wire",
+            ("--dialect", "sonicsurface", "--capture", "a.vcd", "--channels", "a.toml"),
+            "a virtual board writes one of its own: haptogram board --capture",
         ),
     ],
 )

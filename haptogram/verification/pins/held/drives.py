@@ -78,7 +78,7 @@ class HeldDrives:
     elements : tuple of int
         Its elements, in order.
     begins, ends : (S,) numpy.ndarray
-        Begin and end of the time for which every pin holds the drive.
+        Begin and end of the longest time for which every pin holds the drive.
     latches : list of PinLatch
         The S - 1 latches between them.
     weights : (S, E) numpy.ndarray of complex
@@ -198,6 +198,7 @@ def _joined_held_drives(
     weights, *shapes = _measured_held_drives(record, pins, lows[long], ends[long])
     jitters = shapes[-1]
     apart = _SAME * math.tau / record.samples
+    lengths_of = ends[long] - lows[long]
     kept, latches = [0] if len(long) else [], list[PinLatch]()
     for place in range(1, len(long)):
         between = groups[long[place - 1] : long[place]]
@@ -206,15 +207,17 @@ def _joined_held_drives(
         moved = np.abs(new - old) > np.maximum(limits, _LEAST_STEP)
         moved |= np.isnan(new) != np.isnan(old)
         is_told = any(_LATCH_PIN in owners for _, owners in between)
-        if moved.any() or is_told:
+        if not (moved.any() or is_told):
+            if lengths_of[place] > lengths_of[kept[-1]]:
+                kept[-1] = place
+        else:
             kept.append(place)
             latches.append(_joined_latch([one for one, _ in between]))
-    ends_of_kept = [*(long[place - 1] for place in kept[1:]), long[-1]] if kept else []
     return HeldDrives(
         record,
         elements,
         bounds[:-1][long][kept],
-        ends[ends_of_kept] if kept else ends[:0],
+        ends[long][kept],
         latches,
         weights[kept],
         *(values[kept] for values in shapes),

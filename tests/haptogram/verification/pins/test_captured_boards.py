@@ -335,12 +335,18 @@ def test_another_run_and_an_element_too_many_are_refused_in_words(tmp_path):
     assert "the capture does not show this run" in found.reasons[0]
     with pytest.raises(ConfigurationError, match="e9 is element 9; the array has the elements 0"):
         judged(run, "3x3")
-    with pytest.raises(ConfigurationError, match="no time to apply"):
-        judged(
-            dataclasses.replace(
-                run, intended=[dataclasses.replace(f, t_apply_us=None) for f in run.intended]
-            )
-        )
+
+
+def test_frames_without_times_are_found_by_their_drives(tmp_path):
+    run = captured_run(tmp_path / "pins.vcd")
+    timeless = [dataclasses.replace(frame, t_apply_us=None) for frame in run.intended]
+    for keys in ({}, {"reference": "e0"}, some_pins(0, 1)):
+        found = judged(dataclasses.replace(run, intended=timeless), **keys)
+        assert found.verdict is Verdict.PASS, str(found)
+        assert found.pins[0].counts["right"] == 12
+    other = captured_run(tmp_path / "other.vcd", seed=2)
+    found = judged(dataclasses.replace(other, intended=timeless))
+    assert found.verdict is Verdict.INCONCLUSIVE
 
 
 def test_a_capture_that_was_cut_off_passes_nothing(tmp_path):

@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 
-from haptogram.verification.pins.element_faults import (
+from haptogram.verification.pins.elements.faults import (
     PinDrives,
     PinFaultKind,
     faults_of_pins,

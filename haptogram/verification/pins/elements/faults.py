@@ -16,7 +16,7 @@ from haptogram.acoustics import TransducerArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
-from .run_drives import Bools, PinRunDrives
+from ..run_drives import Bools, PinRunDrives
 
 _MOST: Final = 0.9  # share of frames that a name must explain
 _FRAMES_COMPARED: Final = 256
@@ -24,6 +24,8 @@ _FRAMES_TRIED: Final = 16
 _LIKELY: Final = 0.5  # share of these in which an element is worth more
 _ROWS: Final = 256  # frames that are compared at a time
 _NAMED: Final = 8
+#: Outputs of chains of shift registers.
+CHAINS: Final = (8, 16, 32)
 _EXCHANGED: Final = 0.6  # share of pins that show an order of elements, not a wire
 
 
