@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from haptogram.report.formats.junit import JUnit, JUnitCase, JUnitSuite, write_junit
+from haptogram.machine.provenance import UNSTATED
+from haptogram.report.formats.document import Check, Document, Outcome
+from haptogram.report.formats.junit import write_document_junit
 
 from .environments import Environment
 
@@ -14,7 +16,11 @@ __all__ = ["Result", "exit_status", "print_table", "report"]
 
 PASS, FAIL, NOT_VERIFIED = 0, 1, 3
 _HEAD: Final = ("client", "version", "dialect", "case", "codes right", "coherence", "verdict")
-_OUTCOMES: Final = {"pass": JUnit.PASSED, "fail": JUnit.FAILURE, "skip": JUnit.SKIPPED}
+_OUTCOMES: Final = {
+    "pass": Outcome.PASSED,
+    "fail": Outcome.FAILED,
+    "skip": Outcome.NOT_JUDGED,
+}
 
 
 @dataclass(frozen=True)
@@ -66,18 +72,19 @@ def print_table(results: list[Result]) -> None:
 
 def report(path: Path, results: list[Result]) -> None:
     """Write JUnit XML."""
-    cases = tuple(
-        JUnitCase(
+    checks = [
+        Check(
             group=f"{result.client.client} {result.client.version}",
             name=f"{result.dialect}: {result.case}",
             outcome=_OUTCOMES[result.verdict],
             message=result.note,
+            details=["  ".join(result.cells())],
             kind=result.verdict,
-            text="  ".join(result.cells()),
         )
         for result in results
-    )
-    write_junit(path, JUnitSuite("clients", cases))
+    ]
+    document = Document(command="clients", heading="clients of other boards", checks=checks)
+    write_document_junit(path, document, UNSTATED)
 
 
 def exit_status(results: list[Result]) -> int:

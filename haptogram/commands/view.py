@@ -22,6 +22,7 @@ from .shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
     from haptogram.evidence.backdoor_stream import BackdoorReader
+    from haptogram.report.formats.document import Document
     from haptogram.report.viewer.live import LiveViewerScene
     from haptogram.report.viewer.server import ViewServer
     from haptogram.settings.parser import Parser
@@ -119,43 +120,38 @@ def run_view(arguments: argparse.Namespace) -> int:
 
 
 def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
-    from haptogram.machine.provenance import Provenance
-    from haptogram.report.viewer.page import view_page, write_view
+    from haptogram.report.viewer.page import view_document
     from haptogram.report.viewer.recorded import viewer_scene_of_recording
 
     recorded = viewer_scene_of_recording(Path(arguments.source))
-    about: dict[str, Any] = {
-        "title": Path(arguments.source).name,
-        "lead": recorded.lead,
-        "verdict": recorded.verdict,
-        "provenance": Provenance.of_run(arguments.command_line, None),
-    }
+    document = view_document(
+        recorded.scene,
+        title=Path(arguments.source).name,
+        lead=recorded.lead,
+        verdict=recorded.verdict,
+    )
     if arguments.html is None:
-        return _serve_view(arguments, view_page(recorded.scene, **about))
-    written = outputs.write_files(html=lambda path: write_view(path, recorded.scene, **about))
-    return PASS if written else USAGE
+        return _serve_view(arguments, document, outputs)
+    return PASS if outputs.write(document) else USAGE
 
 
 def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
     from haptogram.evidence.backdoor_stream import BackdoorReader
-    from haptogram.machine.provenance import Provenance
     from haptogram.report.viewer.live import LiveViewerScene
-    from haptogram.report.viewer.page import view_page, write_view
+    from haptogram.report.viewer.page import view_document
 
-    provenance = Provenance.of_run(arguments.command_line, None)
     with BackdoorReader(arguments.source) as stream:
         first, *others = _first_viewed_records(arguments.source, stream)
         scene = LiveViewerScene(first)
         scene.take(others)
         if arguments.html is None:
             lead = [f"{scene.firmware}, {scene.model.array.count} transducers."]
-            page = view_page(None, title="Live view", lead=lead, provenance=provenance)
-            return _serve_view(arguments, page, (scene, stream))
+            document = view_document(None, title="Live view", lead=lead)
+            return _serve_view(arguments, document, outputs, (scene, stream))
         while records := stream.read():
             scene.take(records)
-    about: dict[str, Any] = {"title": scene.firmware, "lead": scene.lead, "provenance": provenance}
-    written = outputs.write_files(html=lambda path: write_view(path, scene.whole(), **about))
-    return PASS if written else USAGE
+    document = view_document(scene.whole(), title=scene.firmware, lead=scene.lead)
+    return PASS if outputs.write(document) else USAGE
 
 
 def _first_viewed_records(source: str, stream: BackdoorReader) -> list[dict[str, Any]]:
@@ -170,11 +166,14 @@ def _first_viewed_records(source: str, stream: BackdoorReader) -> list[dict[str,
 
 def _serve_view(
     arguments: argparse.Namespace,
-    page: str,
+    document: Document,
+    outputs: CommandOutputs,
     live: tuple[LiveViewerScene, BackdoorReader] | None = None,
 ) -> int:
+    from haptogram.report.formats.html import render_document_page
     from haptogram.report.viewer.server import ViewServer
 
+    page = render_document_page(document, outputs.provenance)
     server = ViewServer(page, live and live[0], *arguments.http)
     with contextlib.suppress(OSError, AttributeError):  # a system without priorities
         os.nice(_NICENESS)

@@ -243,18 +243,14 @@ def _list_conform_cases(cases: tuple[Case, ...]) -> int:
 
 def _compare_conform_results(arguments: argparse.Namespace) -> int:
     from haptogram.errors import ConfigurationError
-    from haptogram.report.conformance.page import write_conformance_comparison_page
+    from haptogram.report.conformance.document import suite_comparison_document
     from haptogram.report.conformance.result import read_suite_json
 
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
     outputs = CommandOutputs(arguments, "html", pictures=False)
     suites = [read_suite_json(path) for path in arguments.compare]
-    written = outputs.write_files(
-        html=lambda path: write_conformance_comparison_page(
-            path, suites, provenance=outputs.provenance
-        )
-    )
+    written = outputs.write(suite_comparison_document(suites))
     return PASS if written else USAGE
 
 
@@ -264,15 +260,11 @@ def _write_conform_results(
     """Write the files; return False if one could not be written."""
     from haptogram.conformance.run.baseline import write_suite_baseline
     from haptogram.report.conformance.document import suite_document
-    from haptogram.report.conformance.page import write_conformance_page
     from haptogram.report.conformance.result import write_suite_json
 
-    origin = outputs.provenance
-    origin = origin.of_virtual_time() if in_virtual_time else origin
     return outputs.write(
         suite_document(suite),
         in_virtual_time=in_virtual_time,
         json=lambda path: write_suite_json(path, suite),
-        html=lambda path: write_conformance_page(path, suite, provenance=origin),
         write_baseline=lambda path: write_suite_baseline(path, suite),
     )

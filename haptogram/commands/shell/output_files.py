@@ -66,7 +66,7 @@ class CommandOutputs:
     paths : dict of str to Path
         The files by option, of those that were asked for.
     provenance : Provenance
-        Origin of the result, if the command has the option ``stamp``: of a run that begins now.
+        Origin of the result of a command that writes pages: of a run that begins now.
 
     Raises
     ------
@@ -90,10 +90,11 @@ class CommandOutputs:
         for folder in dict.fromkeys(path.parent for path in self.paths.values()):
             if not folder.exists():
                 print(f"{folder}: a new folder, to be made for what is written", file=sys.stderr)
-        if hasattr(settings, "stamp"):
+        if "html" in names:
             from haptogram.machine.provenance import Provenance
 
-            self.provenance = Provenance.of_run(settings.command_line, settings.stamp)
+            stamp = getattr(settings, "stamp", None)
+            self.provenance = Provenance.of_run(settings.command_line, stamp)
 
     def _check_formats(self, *, pictures: bool) -> None:
         if "--picture" in self.paths:

@@ -29,20 +29,13 @@ def write_run_files(
     """
     from haptogram.report import run as report
 
-    is_virtual, origin = config.link.virtual_time, outputs.provenance
-    seconds = _verify_board_seconds(verdict) if is_virtual else origin.elapsed_s
-    origin = origin.of_virtual_time() if is_virtual else origin
+    is_virtual = config.link.virtual_time
+    seconds = _verify_board_seconds(verdict) if is_virtual else outputs.provenance.elapsed_s
     return outputs.write(
-        report.run_summary(verdict, result),
+        report.run_document(verdict, result, model, observations=seen, seconds=seconds),
         in_virtual_time=is_virtual,
         frames=lambda path: report.write_run_frame_lines(path, verdict),
         json=lambda path: report.write_run_json(path, result),
-        junit=lambda path: report.write_run_junit(
-            path, verdict, result, provenance=origin, seconds=seconds
-        ),
-        html=lambda path: report.write_run_page(
-            path, verdict, result, model, observations=seen, provenance=origin
-        ),
     )
 
 

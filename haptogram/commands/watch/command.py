@@ -38,7 +38,6 @@ from .records import Record, Replay, WatchedRecords, is_watched_latch, open_watc
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
-    from haptogram.verification.frame.verdict import FrameVerdict
     from haptogram.verification.watch import Watch, WatchedLatch, WatchResult
 
 _WriteLine: TypeAlias = Callable[[str], None]
@@ -182,7 +181,7 @@ class _WatchRun:
     ) -> None:
         from haptogram.evidence.dialects.watched_board import WatchedBoard
         from haptogram.records.frame import Evidence
-        from haptogram.report.watch import WatchPage
+        from haptogram.report.watch import WatchReport
         from haptogram.verification.watch import Watch
 
         self._is_raw = arguments.source is not None and arguments.dialect is not None
@@ -191,9 +190,11 @@ class _WatchRun:
         self._board = WatchedBoard(records.first(), evidence=evidence, timed=not self._is_raw)
         expectation = make_watch_expectation(arguments, frames_mm, self._board)
         self._expected_m = expectation.frames if expectation is not None else ()
-        self._page = None
-        if arguments.html is not None:
-            self._page = WatchPage(self._board)
+        self._report = WatchReport(
+            self._board,
+            has_page=arguments.html is not None,
+            has_checks=arguments.junit is not None,
+        )
         self._watch: Watch = Watch(
             self._board.model,
             channels=self._board.channels,
@@ -202,7 +203,6 @@ class _WatchRun:
         )
         self._lines = LatchLines(text, self._board, quiet=arguments.quiet)
         self._arguments = arguments
-        self._verdicts: list[FrameVerdict] = []
         self._missing: str | None = None
         self._count = 0  # latches of the client
         self._until_s = math.inf
@@ -258,15 +258,9 @@ class _WatchRun:
 
     def _take(self, seen: WatchedLatch) -> None:
         from haptogram.report.watch import watched_client_places_mm
-        from haptogram.verification import FrameStatus
 
         self._lines.print(seen)
-        if self._page is not None:
-            self._page.take(seen)
-        found = seen.verdict
-        odd = found is not None and found.status is not FrameStatus.ON_TARGET
-        if found is not None and (odd or self._arguments.junit is not None):
-            self._verdicts.append(found)
+        self._report.take(seen)
         if self._frames is not None:
             line = seen.as_dict() | {
                 "client_mm": watched_client_places_mm(seen.pattern, self._board)
@@ -275,8 +269,6 @@ class _WatchRun:
 
     def finish(self, outputs: CommandOutputs) -> int:
         """Print the summary, write the files, and return the exit status."""
-        from haptogram.report.watch import watch_document
-
         self._lines.print_modulation()
         missing = self._missing
         if missing is None and self._board.missing:
@@ -291,17 +283,10 @@ class _WatchRun:
             result = dataclasses.replace(result, hints=(*result.hints, assumed))
         outputs.print(str(result))
         seconds = None if self._is_raw else outputs.provenance.elapsed_s
-        origin = outputs.provenance.of_virtual_time() if self._is_raw else outputs.provenance
-
-        def write_page(path: Path) -> None:
-            if self._page is not None:
-                self._page.write(path, result, self._expected_m, provenance=origin)
-
         written = outputs.write(
-            watch_document(result, self._verdicts, seconds),
+            self._report.document(result, self._expected_m, seconds),
             in_virtual_time=self._is_raw,
             json=lambda path: write_json_file(path, result.as_dict()),
-            html=write_page,
         )
         return result.verdict.exit_status if written else USAGE
 

@@ -81,7 +81,7 @@ def _is_strange_latch(seen: WatchedLatch) -> bool:
 
 def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
     """Return number, time, pattern, place, verdict and defects of a latch."""
-    from haptogram.report.watch import watched_pattern_text
+    from haptogram.report.watch import watched_pattern_text, watched_status_text
 
     latch = seen.latch
     parts = [f"{latch.number:>6}"]
@@ -91,8 +91,7 @@ def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
         parts.append(latch.cause)
     parts.append(watched_pattern_text(seen.pattern, board))
     if seen.verdict is not None:
-        failed = [name for name, ok in seen.verdict.criteria.items() if not ok]
-        parts.append(str(seen.verdict.status) + (f" ({', '.join(failed)})" if failed else ""))
+        parts.append(watched_status_text(seen.verdict))
     parts += [str(defect) for defect in seen.defects]
     if seen.torn_text:
         parts.append(f"torn: {seen.torn_text}")

@@ -1,29 +1,27 @@
 """File of a driver's records, written as they come and read back: a sink for long runs.
 
-JSON lines.  What frames have in common, foci and drive, is written once for as long as it repeats:
-``frame`` lines fill numbered slots, ``intended`` lines refer to the slot filled last.
+JSON lines, whose fields are those of a recording; a drive that comes again is written once.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 from haptogram.acoustics.model.drive import Drive
 from haptogram.errors import ConfigurationError, unreadable_file, unwritable_file
 from haptogram.evidence.backdoor import drive_of_record
 from haptogram.machine.closing import ClosedByWith
-from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
+from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
 from haptogram.records.latch import Codes
 from haptogram.settings.arguments import check_argument_kind
 
-_SLOTS: Final = 4096  # frames that are remembered: some 5 MB
-_DRIVE_FIELDS: Final = ("phase_codes", "amplitude_codes", "phase_bits")  # their order in a line
-_Content: TypeAlias = tuple[tuple[Focus, ...], Drive, int, int | None, bool, str]
+from .recorded_run import WrittenDrives, intended_fields, intended_of_fields
+
+_DRIVES: Final = 4096  # that are remembered: some 3 MB
 
 
 class RecordFile(ClosedByWith):
@@ -60,8 +58,8 @@ class RecordFile(ClosedByWith):
             self._file = Path(path).open("w", encoding="utf-8")  # noqa: SIM115  closed by close()
         except OSError as error:
             raise unwritable_file(path, error) from error
-        self._slots: dict[_Content, int] = {}
-        self._frames = self._entries = 0
+        self._drives = WrittenDrives(_DRIVES)
+        self._entries = 0
 
     def __call__(self, entry: Intended | Observation) -> None:
         """Write *entry*.
@@ -83,42 +81,10 @@ class RecordFile(ClosedByWith):
                     "an observation with what was radiated, or its field, is none of a driver: a "
                     "record file holds latched drives only; the back door keeps its own file"
                 )
-            self._write("observation", **_record_of_observation(entry))
-            return
-        slot = self._slot_of(entry)
-        key = dataclasses.astuple(entry.key)
-        times = {"t": entry.t_apply_us, "latest": entry.t_latest_us, "sent": entry.t_sent_us}
-        self._write("intended", number=entry.number, key=key, slot=slot, **times)
-
-    def _slot_of(self, entry: Intended) -> int:
-        """Return the slot that holds what *entry* is, filled if it was not."""
-        content = (
-            entry.foci,
-            entry.drive,
-            entry.phase_bits,
-            entry.phase_steps,
-            entry.board_computed,
-            entry.solver,
-        )
-        if (slot := self._slots.get(content)) is not None:
-            return slot
-        slot = self._frames % _SLOTS
-        self._frames += 1
-        if self._frames > _SLOTS:  # the oldest one was in this slot
-            del self._slots[next(iter(self._slots))]
-        self._slots[content] = slot
-        foci = [focus.as_numbers() for focus in entry.foci]
-        self._write(
-            "frame",
-            slot=slot,
-            foci=foci,
-            drive=_record_of_drive(entry.drive),
-            phase_bits=entry.phase_bits,
-            phase_steps=entry.phase_steps,
-            board_computed=entry.board_computed,
-            solver=entry.solver,
-        )
-        return slot
+            self._write("observation", **_observation_fields(entry))
+        else:
+            drive = self._drives.fields_of(self._entries, entry.drive)
+            self._write("intended", **intended_fields(entry), **drive)
 
     def _write(self, kind: str, **fields: Any) -> None:
         self._file.write(json.dumps({"kind": kind} | fields, separators=(",", ":")) + "\n")
@@ -165,14 +131,14 @@ def read_records(path: str | Path) -> Records:
     (1, 0)
     """
     check_argument_kind("path", path, (str, Path), "the name of a file")
-    reader = _BoardRecordReader()
+    reader = _RecordReader()
     try:
         with Path(path).open(encoding="utf-8") as file:
             for line in file:
                 reader.take(line)
     except OSError as error:
         raise unreadable_file(path, error) from error
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ConfigurationError, ValueError, KeyError, TypeError, RecursionError) as error:
         where = f"{path}:{reader.lines}"
         raise ConfigurationError(f"{where}: not a line of a record: {error!r}") from error
     if not reader.whole:
@@ -182,75 +148,51 @@ def read_records(path: str | Path) -> Records:
     return reader.records
 
 
-class _BoardRecordReader:
+class _RecordReader:
     def __init__(self) -> None:
         self.records = Records()
         self.whole = False
         self.lines = 0
-        self._slots: dict[int, dict[str, Any]] = {}
-        self._kinds: Final[Mapping[str, Callable[..., None]]] = {
-            "frame": self._frame,
-            "intended": self._intended,
-            "observation": self._observation,
-            "end": self._end,
-        }
+        self._drives: dict[int, Drive] = {}
 
     def take(self, text: str) -> None:
         """Take a line."""
         self.lines += 1
         if self.whole:
             raise ValueError("a line after the end")
-        line = json.loads(text)
-        if not isinstance(line, dict):
-            raise TypeError("no object")
-        self._kinds[line.pop("kind")](**line)
-
-    def _frame(self, slot: int, foci: list[list[float]], drive: Any, **others: Any) -> None:
-        found = tuple(Focus.from_numbers(focus) for focus in foci)
-        self._slots[slot] = {"foci": found, "drive": _drive_of_record(drive)} | others
-
-    def _intended(
-        self,
-        number: int,
-        key: list[int],
-        t: int | None,
-        slot: int,
-        latest: int | None = None,
-        sent: int | None = None,
-    ) -> None:
-        fields = self._slots[slot] | {"t_latest_us": latest, "t_sent_us": sent}
-        self.records.intended.append(Intended(number, FrameKey(*key), t, **fields))
-
-    def _observation(self, key: list[int], drive: Any, evidence: str, **others: Any) -> None:
-        seen = Observation(
-            FrameKey(*key), evidence=Evidence(evidence), drive=_drive_of_record(drive), **others
-        )
-        self.records.observations.append(seen)
-
-    def _end(self, entries: int) -> None:
-        found = len(self.records.intended) + len(self.records.observations)
-        if entries != found:
-            raise ValueError(f"{found} entries of {entries}")
-        self.whole = True
+        fields = json.loads(text)
+        found = self.records
+        match fields["kind"]:
+            case "intended":
+                found.intended.append(intended_of_fields(fields, self.lines, self._drives))
+            case "observation":
+                found.observations.append(_observation_of_fields(fields))
+            case "end":
+                entries = len(found.intended) + len(found.observations)
+                if entries != fields["entries"]:
+                    raise ValueError(f"{entries} entries of {fields['entries']}")
+                self.whole = True
+            case kind:
+                raise KeyError(kind)
 
 
-def _record_of_observation(seen: Observation) -> dict[str, Any]:
+def _observation_fields(seen: Observation) -> dict[str, Any]:
     return {
-        "key": dataclasses.astuple(seen.key),
+        **dataclasses.asdict(seen.key),
         "t_latch_us": seen.t_latch_us,
         "late": seen.late,
         "evidence": str(seen.evidence),
-        "drive": None if seen.drive is None else _record_of_drive(seen.drive),
         "drive_crc": seen.drive_crc,
+        **({} if seen.drive is None else Codes.of(seen.drive).as_record()),
     }
 
 
-def _record_of_drive(drive: Drive) -> list[Any]:
-    fields = Codes.of(drive).as_record()
-    return [fields[name] for name in _DRIVE_FIELDS]
-
-
-def _drive_of_record(values: Any) -> Drive | None:
-    if values is None:
-        return None
-    return drive_of_record(dict(zip(_DRIVE_FIELDS, values, strict=True)))
+def _observation_of_fields(fields: dict[str, Any]) -> Observation:
+    return Observation(
+        FrameKey.from_record(fields),
+        t_latch_us=fields["t_latch_us"],
+        late=fields["late"],
+        evidence=Evidence(fields["evidence"]),
+        drive=drive_of_record(fields) if "phase_codes" in fields else None,
+        drive_crc=fields["drive_crc"],
+    )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -42,20 +43,38 @@ class RecordedRun:
     incomplete: str = ""
 
 
+class WrittenDrives:
+    """Writes a drive once: what comes again is named by the place of the frame that had it first.
+
+    Parameters
+    ----------
+    most : int, optional
+        Drives that are remembered, the last ones; by default all.
+    """
+
+    def __init__(self, most: float = math.inf) -> None:
+        self._most = most
+        self._places: dict[Drive, int] = {}
+
+    def fields_of(self, place: int, drive: Drive) -> dict[str, Any]:
+        """Return the fields for *drive* of the frame at *place*."""
+        if (first := self._places.get(drive)) is not None:
+            return {"drive_of": first}
+        if len(self._places) >= self._most:
+            del self._places[next(iter(self._places))]
+        self._places[drive] = place
+        return Codes.of(drive).as_record()
+
+
 def record_intended(
     writer: RecordingWriter, model: AcousticModel, intended: Sequence[Intended]
 ) -> None:
     """Write array, air and frames of a run; a drive that comes again is written once."""
     fields = {**model_record_fields(model), _COUNT: len(intended)}
     writer.document(MODEL, writer.last_ns, fields)
-    first: dict[Drive, int] = {}
+    drives = WrittenDrives()
     for frame in intended:
-        fields = _recorded_frame_fields(frame)
-        if frame.drive in first:
-            fields["drive_of"] = first[frame.drive]
-        else:
-            first[frame.drive] = frame.number
-            fields |= Codes.of(frame.drive).as_record()
+        fields = intended_fields(frame) | drives.fields_of(frame.number, frame.drive)
         writer.document(INTENDED, writer.host_ns(frame.t_apply_us), fields)
 
 
@@ -77,7 +96,7 @@ def recorded_run(recording: Recording) -> RecordedRun:
             model, count = board_model_of_evidence(fields), fields.get(_COUNT)
             continue
         try:
-            frame = _recorded_frame(fields, drives)
+            frame = intended_of_fields(fields, fields["number"], drives)
         except _UNREADABLE as error:
             why = f"lacks the field {error}" if isinstance(error, KeyError) else error
             number = fields.get("number", f"at {entry.t_ns} ns")
@@ -111,8 +130,9 @@ def _why_recording_incomplete(recording: Recording, found: int, count: int | Non
     return recording.note
 
 
-def _recorded_frame_fields(frame: Intended) -> dict[str, Any]:
-    return {
+def intended_fields(frame: Intended) -> dict[str, Any]:
+    """Return the fields by which every file holds *frame*, but for its drive."""
+    fields = {
         **dataclasses.asdict(frame.key),
         "number": frame.number,
         "t_apply_us": frame.t_apply_us,
@@ -124,18 +144,21 @@ def _recorded_frame_fields(frame: Intended) -> dict[str, Any]:
         "board_computed": frame.board_computed,
         "solver": frame.solver,
     }
+    return fields if frame.phase_steps is None else fields | {"phase_steps": frame.phase_steps}
 
 
-def _recorded_frame(fields: dict[str, Any], drives: dict[int, Drive]) -> Intended:
-    """Return a frame, whose drive may be that of an earlier one, and keep its drive."""
-    number, earlier = fields["number"], fields.get("drive_of")
+def intended_of_fields(fields: Mapping[str, Any], place: int, drives: dict[int, Drive]) -> Intended:
+    """Return the frame at *place*, whose drive may be that of an earlier one, and keep its drive.
+
+    Raises
+    ------
+    ConfigurationError, LookupError, TypeError, ValueError
+        Fields that are missing, or none of a frame.
+    """
+    earlier = fields.get("drive_of")
     if earlier is not None and earlier not in drives:
-        raise ConfigurationError(f"its drive is that of frame {earlier}, which the recording lacks")
-    drives[number] = drive = drive_of_record(fields) if earlier is None else drives[earlier]
-    return _recorded_intention(fields, drive)
-
-
-def _recorded_intention(fields: dict[str, Any], drive: Drive) -> Intended:
+        raise ConfigurationError(f"its drive is that of frame {earlier}, which is not there")
+    drives[place] = drive = drive_of_record(fields) if earlier is None else drives[earlier]
     return Intended(
         number=fields["number"],
         key=FrameKey.from_record(fields),
@@ -148,4 +171,5 @@ def _recorded_intention(fields: dict[str, Any], drive: Drive) -> Intended:
         phase_steps=fields.get("phase_steps"),
         board_computed=fields["board_computed"],
         solver=fields["solver"],
+        phase_steps=fields.get("phase_steps"),
     )

@@ -1,46 +1,129 @@
-"""A run of the conformance suite as a document, for JUnit XML and job summary."""
+"""A run of the conformance suite as a document, and several devices side by side."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
 from haptogram.conformance.causes import common_finding, failures_by_cause
-from haptogram.conformance.verdict import Behaviour, CaseResult, SuiteResult
+from haptogram.conformance.clauses import load_clauses
+from haptogram.conformance.verdict import MEANINGS, Behaviour, CaseResult, SuiteResult
 
-from ..formats.document import Document, Finding, Level, Section, Table
-from .junit import conformance_junit_case
-from .matrix import conformance_chapters_of_cases
+from ..formats.document import Check, Document, Finding, Level, Outcome, Section, Table
+from ..formats.html import html_setting_rows
+from .matrix import (
+    conformance_chapters_of_cases,
+    conformance_chapters_of_clauses,
+    conformance_messages_of_cases,
+)
+from .transcript import marked_transcript
 from .wording import (
+    case_counts,
     case_finding,
     common_finding_line,
+    evidence_text,
     ordered_behaviours,
     suite_board,
     suite_counts,
     suite_verdict,
 )
 
+_TONES: Final = {
+    Behaviour.OK: "good",
+    Behaviour.NON_STRICT: "doubt",
+    Behaviour.INFORMATIONAL: "note",
+    Behaviour.UNIMPLEMENTED: "plain",
+    Behaviour.NOT_OBSERVED: "plain",
+    Behaviour.INCONCLUSIVE: "doubt",
+    Behaviour.FLAKY: "bad",
+    Behaviour.FAILED: "bad",
+}
+_VERDICT_TONES: Final = {"PASS": "good", "FAIL": "bad", "INCONCLUSIVE": "doubt"}
+#: Outcomes by the elements of JUnit in the table of the verdicts.
+_OUTCOMES: Final = {
+    None: Outcome.PASSED,
+    "failure": Outcome.FAILED,
+    "error": Outcome.INCONCLUSIVE,
+    "skipped": Outcome.NOT_JUDGED,
+}
+
 
 def suite_document(suite: SuiteResult) -> Document:
-    """Return *suite* as a document: failures by cause, then the cases that were not judged."""
-    failures = failures_by_cause(suite.results)
+    """Return *suite* as a document: failures by cause, then the cases that were not judged.
+
+    Its page holds every case with its requirement, verdict and bytes.
+    """
+    verdict, failures = suite_verdict(suite), failures_by_cause(suite.results)
     alike = common_finding(failures)
     known = {**suite.device, **suite.settings, "cut_short": suite.cut_short}
     return Document(
         command="conform",
-        heading=f"{suite_verdict(suite)}: {suite_counts(suite)}",
+        heading=f"{verdict}: {suite_counts(suite)}",
+        title=f"conformance, {verdict.lower()}",
+        tone=_VERDICT_TONES[verdict],
         findings=list(_case_findings(suite)),
         lead=[
-            f"board {suite_board(suite)}",
+            f"board {suite_board(suite)}; exit status {suite.exit_status}",
             *([common_finding_line(alike, len(failures))] if alike else []),
             *([f"drive pins: {captured}"] if (captured := suite.settings.get("captured")) else []),
             *([f"cut short: {suite.cut_short}"] if suite.cut_short else []),
         ],
         sections=[Section("Chapters of SPEC.md", [_chapter_table(suite)])],
-        cases=list(map(conformance_junit_case, suite.results)),
+        checks=list(map(_case_check, suite.results)),
         properties={name: str(value) for name, value in known.items()},
         seconds=sum(result.seconds or 0.0 for result in suite.results),
+        template="conformance.html",
+        content=lambda: _suite_page_content(suite),
     )
+
+
+def _suite_page_content(suite: SuiteResult) -> dict[str, Any]:
+    cases_of: dict[str, list[CaseResult]] = {number: [] for number in load_clauses()}
+    for result in suite.results:
+        cases_of[result.clause].append(result)
+    return {
+        "attention": [*failures_by_cause(suite.results), *_cases_not_judged(suite)],
+        "chapters": conformance_chapters_of_cases(suite.results),
+        "messages": conformance_messages_of_cases(suite.results),
+        "meanings": [(_TONES[kind], kind, meaning.text) for kind, meaning in MEANINGS.items()],
+        "counts_of": case_counts,
+        "spec": conformance_chapters_of_clauses(),
+        "cases_of": cases_of,
+        "marked_transcript": marked_transcript,
+        "evidence_text": evidence_text,
+        "settings": [*html_setting_rows(suite.device), *html_setting_rows(suite.settings)],
+        "tone_of": _case_tone,
+    }
+
+
+def suite_comparison_document(suites: Sequence[SuiteResult]) -> Document:
+    """Return several runs side by side: a row for each case, a column for each device."""
+    columns = [{result.case: result for result in suite.results} for suite in suites]
+    cases = {result.case: result.summary for suite in suites for result in suite.results}
+    names = [suite_board(suite) for suite in suites]
+    failed = {result.case for suite in suites for result in suite.results if result.is_failure}
+    content: Mapping[str, Any] = {
+        "names": names,
+        "rows": [
+            {"case": case, "what": cases[case], "results": [c.get(case) for c in columns]}
+            for case in sorted(cases, key=lambda case: case not in failed)
+        ],
+        "totals": list(zip(names, map(suite_counts, suites), strict=True)),
+        "tone_of": _case_tone,
+    }
+    return Document(
+        command="conform",
+        heading="Conformance of several devices",
+        title="conformance of several devices",
+        lead=[f"{len(cases)} cases on {len(suites)} devices. A dash: the case was not run"],
+        template="comparison.html",
+        content=lambda: content,
+    )
+
+
+def _case_tone(result: CaseResult) -> str:
+    return _TONES[result.behaviour] if result.recovers else "bad"
 
 
 def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
@@ -49,12 +132,33 @@ def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
         yield Finding(level, result.case, f"{case_finding(result)}: {result.requirement}")
     # A board that is gone leaves many cases with one reason.
     reasons: dict[str, list[CaseResult]] = {}
-    for result in suite.results:
-        if result.behaviour is Behaviour.INCONCLUSIVE and not result.is_failure:
-            reasons.setdefault(result.detail, []).append(result)
+    for result in _cases_not_judged(suite):
+        reasons.setdefault(result.detail, []).append(result)
     for reason, cases in reasons.items():
         name = cases[0].case if len(cases) == 1 else f"{len(cases)} cases"
         yield Finding(Level.ERROR, name, f"{Behaviour.INCONCLUSIVE}: {reason}")
+
+
+def _cases_not_judged(suite: SuiteResult) -> list[CaseResult]:
+    found = (result for result in suite.results if result.behaviour is Behaviour.INCONCLUSIVE)
+    return [result for result in found if not result.is_failure]
+
+
+def _case_check(result: CaseResult) -> Check:
+    """Return a case as a check; its time is that of the port's clock."""
+    outcome = _OUTCOMES[MEANINGS[result.behaviour].junit]
+    if result.is_failure:  # one that the baseline expects is none
+        outcome = Outcome.FAILED if result.is_new_failure else Outcome.NOT_JUDGED
+    return Check(
+        group=result.clause.partition(".")[0],
+        name=f"{result.case} {result.summary}",
+        outcome=outcome,
+        message=case_finding(result),
+        details=[f"requirement: {result.requirement}", *result.transcript],
+        kind=result.behaviour.value,
+        log=result.traceback,
+        seconds=result.seconds,
+    )
 
 
 def _chapter_table(suite: SuiteResult) -> Table:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 _NAMES: Final = "xyz"
-_LINES: Final = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-"))
+_LINES: Final = (BLUE, "-"), (VERMILION, "--"), (GREEN, "-")
 _SAMPLES: Final = 801
 
 
@@ -74,28 +74,23 @@ def draw_cuts(
     levels = np.split(shown, 3)
     with new_figure(7.2, 3.3) as figure:
         lateral, axial = figure.subplots(1, 2, sharey=True)
-        for axis, axes in ((0, lateral), (1, lateral), (2, axial)):
-            colour, style = _LINES[axis]
-            from_m = own[axis] if axis == 2 else 0.0
+        starts_m = (0.0, 0.0, float(own[2]))
+        for axis, axes in enumerate((lateral, lateral, axial)):
+            places_mm = 1e3 * (starts_m[axis] + offsets[axis])
+            colour, line = _LINES[axis]
+            name = f"along {whose}{_NAMES[axis]}"
             axes.plot(
-                (from_m + offsets[axis]) * 1e3,
-                levels[axis],
-                style,
-                color=colour,
-                linewidth=1.5,
-                label=f"along {whose}{_NAMES[axis]}",
+                places_mm, levels[axis], color=colour, linestyle=line, linewidth=1.5, label=name
             )
         if quantity != "phase":
             top = int(np.nanargmax(levels[2]))
             top_mm = (own[2] + offsets[2][top]) * 1e3
             axial.plot(top_mm, levels[2][top], "o", fillstyle="none", color=BLACK, label="peak")
             lateral.set_ylim(bottom=LEAST_DB if decibels else 0.0)
-        lateral.set_xlabel(f"distance from the {place} (mm)")
+        lateral.set(xlabel=f"distance from the {place} (mm)", ylabel=label)
         axial.set_xlabel(f"{whose}z (mm)")
-        lateral.set_ylabel(label)
-        lateral.axvline(0.0, color=BLACK, linewidth=0.8, linestyle=":", label=place)
-        axial.axvline(own[2] * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label=place)
-        for axes in (lateral, axial):
+        for axes, start_m in ((lateral, 0.0), (axial, own[2])):
+            axes.axvline(start_m * 1e3, color=BLACK, linewidth=0.8, linestyle=":", label=place)
             axes.legend(loc="upper right")
         place_text = ", ".join(f"{value * 1e3:g}" for value in target)
         figure.suptitle(figure_title(title, f"cuts through ({place_text}) mm"))

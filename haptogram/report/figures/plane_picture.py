@@ -18,7 +18,6 @@ from haptogram.machine.files import write_file_atomically
 from haptogram.report.figures.planes import PicturePlane, sample_picture_points
 from haptogram.report.figures.quantities import LEAST_DB, figure_quantity_and_label
 from haptogram.report.figures.style import (
-    MAGNITUDE_MAP,
     PHASE_MAP,
     check_picture_format,
     draw_figure_mark,
@@ -31,7 +30,9 @@ from haptogram.report.figures.surroundings import draw_array_in_figure, draw_ear
 from haptogram.settings.arguments import Progress
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 
 # A picture of a plane, without its bar and its labels; the legend needs the least width.
@@ -213,39 +214,23 @@ def draw_plane_figure(
     values, label = figure_quantity_and_label(
         field.model.medium, field.values, quantity, decibels=decibels
     )
-    colours: str = PHASE_MAP if quantity == "phase" else MAGNITUDE_MAP
-    limits = (LEAST_DB, 0.0) if decibels else (0.0, None)
-    if quantity == "phase":
-        limits = (-math.pi, math.pi)
+    first, second = field.plane.axes
     with new_figure(*_plane_picture_size(field.plane)) as figure:
         figure.set_layout_engine("compressed")  # no gaps beside a picture of fixed aspect
         axes = figure.add_subplot()
-        axes.grid(visible=False)
-        across, up = field.plane.coordinates_m()
-        half = 0.5e3 * field.plane.step_m
-        image = axes.imshow(
+        image = draw_plane_image(
+            axes,
+            field.plane,
             values,
-            origin="lower",
-            extent=(
-                across[0] * 1e3 - half,
-                across[-1] * 1e3 + half,
-                up[0] * 1e3 - half,
-                up[-1] * 1e3 + half,
-            ),
-            cmap=colours,
-            vmin=limits[0],
-            vmax=limits[1],
             interpolation="bicubic",
             interpolation_stage="rgba",  # between the colours: a phase turns over without a seam
-            aspect="equal",
         )
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.92)
+        image.set_clim(LEAST_DB if decibels else 0.0, 0.0 if decibels else None)
         if quantity == "phase":
+            image.set(cmap=PHASE_MAP, clim=(-math.pi, math.pi))
             bar.set_ticks([-math.pi, -math.pi / 2, 0, math.pi / 2, math.pi])
             bar.set_ticklabels(["−π", "−π/2", "0", "π/2", "π"])
-        first, second = field.plane.axes
-        axes.set_xlabel(f"{'xyz'[first]} (mm)")
-        axes.set_ylabel(f"{'xyz'[second]} (mm)")
         marked = _marked_plane_picture(field.plane, targets_m)
         size = 6.0 if len(marked) > _FEW_TARGETS else None
         for target in marked:
@@ -258,6 +243,19 @@ def draw_plane_figure(
         figure_legend(figure, columns=2)
         axes.set_title(_plane_picture_title(title, field.plane))
     return figure
+
+
+def draw_plane_image(
+    axes: Axes, plane: PicturePlane, values: NDArray[Any], **style: Any
+) -> AxesImage:
+    """Draw (V, H) values on a plane in mm, with *style* of ``imshow``; return the image."""
+    across, up = (1e3 * samples for samples in plane.coordinates_m())
+    half = 0.5e3 * plane.step_m
+    axes.grid(visible=False)
+    first, second = plane.axes
+    axes.set(xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)")
+    extent = (across[0] - half, across[-1] + half, up[0] - half, up[-1] + half)
+    return axes.imshow(values, origin="lower", extent=extent, aspect="equal", **style)
 
 
 def _plane_picture_size(plane: PicturePlane) -> tuple[float, float]:

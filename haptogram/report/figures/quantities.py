@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import Medium, radiation_pressure_pa
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_choice
 
 QUANTITIES: Final = ("pressure", "phase", "force")
 #: Lowest level of a picture in decibels; the interactive view has the same.
@@ -34,34 +35,25 @@ def figure_quantity_and_label(
     ConfigurationError
         An unknown quantity, the phase of a time average, or a phase in decibels.
     """
-    if quantity not in QUANTITIES:
-        raise ConfigurationError(
-            f"quantity is {quantity!r}, must be one of {', '.join(QUANTITIES)}"
-        )
+    check_choice("quantity", quantity, QUANTITIES)
+    is_complex = np.iscomplexobj(values)
     if quantity == "phase":
         if decibels:
             raise ConfigurationError("a phase has no level in decibels; choose pressure or force")
-        if not np.iscomplexobj(values):
+        if not is_complex:
             raise ConfigurationError("a time average has no phase; choose pressure or force")
         angles: FloatArray = np.angle(values)
         return angles, "phase of p (rad)"
-    rms = np.abs(values) / (math.sqrt(2.0) if np.iscomplexobj(values) else 1.0)
+    shown = np.abs(values) / (math.sqrt(2.0) if is_complex else 1.0)
+    name, unit = "pressure", "Pa RMS"
     if quantity == "force":
-        force = radiation_pressure_pa(math.sqrt(2.0) * rms, medium)
         name, unit = "radiation pressure, total reflection", "Pa"
-        if decibels:
-            return _figure_levels_db(
-                force, 10.0
-            ), f"{name} (dB; 0 dB is {np.nanmax(force):.3g} {unit})"
-        return force, f"{name} ({unit})"
-    unit, scale = ("kPa RMS", 1e-3) if np.nanmax(rms) >= 1e3 else ("Pa RMS", 1.0)
-    if decibels:
-        largest = float(np.nanmax(rms)) * scale
-        return _figure_levels_db(rms, 20.0), f"pressure (dB; 0 dB is {largest:.3g} {unit})"
-    return rms * scale, f"pressure ({unit})"
-
-
-def _figure_levels_db(values: FloatArray, per_decade: float) -> FloatArray:
-    """Return levels relative to the largest of *values*, down to :data:`LEAST_DB`."""
-    share = np.maximum(values / np.nanmax(values), 1e-30)
-    return np.maximum(per_decade * np.log10(share), LEAST_DB)
+        shown = radiation_pressure_pa(math.sqrt(2.0) * shown, medium)
+    elif np.nanmax(shown) >= 1e3:
+        shown, unit = 1e-3 * shown, "kPa RMS"
+    if not decibels:
+        return shown, f"{name} ({unit})"
+    largest = float(np.nanmax(shown))
+    per_decade = 10.0 if quantity == "force" else 20.0
+    levels = per_decade * np.log10(np.maximum(shown / largest, 1e-30))
+    return np.maximum(levels, LEAST_DB), f"{name} (dB; 0 dB is {largest:.3g} {unit})"

@@ -51,8 +51,7 @@ def draw_spectrum(
         left, right = figure.subplots(1, 2)
         left.plot(time_s * 1e3, pressure_pa, color=BLUE, linewidth=1.3)
         left.axhline(amplitude_pa[0], color=BLACK, linewidth=0.8, linestyle="--", label="mean")
-        left.set_xlabel("time (ms)")
-        left.set_ylabel("radiation pressure, total reflection (Pa)")
+        left.set(xlabel="time (ms)", ylabel="radiation pressure, total reflection (Pa)")
         left.set_xlim(0.0, float(time_s[-1]) * 1e3)
         # Lines that are negligible beside the largest would hide the others under a row of dots.
         shown = (frequency_hz <= highest_hz) & (amplitude_pa > 1e-2 * amplitude_pa.max())
@@ -61,13 +60,11 @@ def draw_spectrum(
         right.vlines(lines, 0.0, levels, color=VERMILION, linewidth=1.0 if is_dense else 2.0)
         if not is_dense:  # dots would run into each other
             right.plot(lines, levels, "o", color=VERMILION, markersize=3.5)
-        right.set_xlabel("frequency (Hz); the line at 0 Hz is the mean")
-        right.set_ylabel("amplitude (Pa)")
+        right.set(xlabel="frequency (Hz); the line at 0 Hz is the mean", ylabel="amplitude (Pa)")
         right.set_xlim(-0.02 * highest_hz, 1.02 * highest_hz)
+        half_hz = None if rate_hz is None else rate_hz / 2.0
         _mark_spectrum(right, modulation_hz, BLUE, "--", "modulation")
-        _mark_spectrum(
-            right, None if rate_hz is None else rate_hz / 2.0, GREEN, ":", "half the frame rate"
-        )
+        _mark_spectrum(right, half_hz, GREEN, ":", "half the frame rate")
         for axes in (left, right):
             axes.set_ylim(0.0, 1.05 * axes.get_ylim()[1])
         figure_legend(figure, columns=5)

@@ -6,9 +6,56 @@ import base64
 import enum
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
-from .junit import JUnitCase
+
+class Outcome(enum.StrEnum):
+    """Outcome of a check, in words."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    INCONCLUSIVE = "inconclusive"
+    NOT_JUDGED = "not judged"  # nothing was seen that could have answered it
+    NOTED = "noted"  # found, but decides nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check and its outcome: a case for JUnit XML.
+
+    Attributes
+    ----------
+    group : str
+        Name of its group.
+    name : str
+        The sentence that is true if the check passed, or its number.
+    outcome : Outcome
+        How it ended.
+    message : str
+        The finding in one line.
+    details : sequence of str
+        Lines that the finding concerns.
+    kind : str
+        Kind of the finding, by default the name of the group.
+    log : str
+        Further output, empty for none.
+    seconds : float or None
+        How long it took; None: it took no time of its own.
+    """
+
+    group: str
+    name: str
+    outcome: Outcome
+    message: str
+    details: Sequence[str] = ()
+    kind: str = ""
+    log: str = ""
+    seconds: float | None = None
+
+    @property
+    def decisive(self) -> bool:
+        """True if the outcome decides the verdict."""
+        return self.outcome in (Outcome.FAILED, Outcome.INCONCLUSIVE)
 
 
 class Level(enum.StrEnum):
@@ -99,7 +146,16 @@ class Picture:
     draw: Callable[[], PagePicture]
 
 
-Block: TypeAlias = Table | Listing | Picture
+@dataclass(frozen=True, slots=True)
+class View:
+    """The interactive view of a scene, as ``ViewerScene.embedded`` returns it, and a note on it."""
+
+    kind: ClassVar = "view"
+    scene: str
+    note: str
+
+
+Block: TypeAlias = Table | Listing | Picture | View
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,12 +187,16 @@ class Document:
         Further sentences, without a full stop.
     sections : sequence of Section
         Figures and pictures.
-    cases : sequence of JUnitCase
-        What was judged, for JUnit XML.
+    checks : sequence of Check
+        What was judged.
     properties : mapping of str to str
         What is known of the run, for JUnit XML.
     seconds : float or None
         How long it took; None: not stated.
+    template : str
+        Template of the page.
+    content : callable
+        Makes what this template alone shows, when a page is written.
     """
 
     command: str
@@ -146,6 +206,8 @@ class Document:
     findings: Sequence[Finding] = ()
     lead: Sequence[str] = ()
     sections: Sequence[Section] = ()
-    cases: Sequence[JUnitCase] = ()
+    checks: Sequence[Check] = ()
     properties: Mapping[str, str] = field(default_factory=dict)
     seconds: float | None = None
+    template: str = "document.html"
+    content: Callable[[], Mapping[str, Any]] = dict

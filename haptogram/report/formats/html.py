@@ -42,41 +42,38 @@ def check_html_page(*, pictures: bool = True) -> None:
     require_report_packages("HTML pages", "jinja2", *(["matplotlib"] if pictures else []))
 
 
-def write_html_page(path: Path, template: str, provenance: Provenance, **content: Any) -> None:
-    """Write one page, as a whole or not at all.
-
-    Parameters
-    ----------
-    template : str
-        Name of a file in ``templates/``.
-    provenance : Provenance
-        Origin of the result, for the banner.
-    content : Any
-        Values for the template.  Every page has a ``title``, a ``heading``, sentences below it
-        (``lead``) and a ``tone``: "good", "bad", "doubt" or "plain".
+def write_document_page(path: Path, document: Document, provenance: Provenance) -> None:
+    """Write *document* as a page, as a whole or not at all.
 
     Raises
     ------
     ConfigurationError
         If the extra ``report`` is not installed, or *path* cannot be written.
     """
-    page = render_html_page(template, provenance, **content)
+    page = render_document_page(document, provenance)
     # A port may be named by bytes that are no text; they become question marks.
     write_file_atomically(path, page.encode("utf-8", errors="replace"))
 
 
-def write_document_page(path: Path, document: Document, provenance: Provenance) -> None:
-    """Write *document* as a page; the errors are those of :func:`write_html_page`."""
-    write_html_page(
-        path,
-        "document.html",
+def render_document_page(document: Document, provenance: Provenance) -> str:
+    """Return *document* as a page, with *provenance* in its banner.
+
+    Raises
+    ------
+    ConfigurationError
+        If the extra ``report`` is not installed.
+    """
+    return render_html_page(
+        document.template,
         provenance,
         title=f"Haptogram: {document.title}",
         heading=document.heading,
         tone=document.tone,
         lead=[f"{text[0].upper()}{text[1:]}." for text in document.lead],
         findings=[(one.level.value, one.name, one.text) for one in document.findings],
+        checks=document.checks,
         sections=document.sections,
+        **document.content(),
     )
 
 
@@ -85,7 +82,13 @@ def render_html_page(
 ) -> str:
     """Return one page, of a template in *folder* or of ours.
 
-    The other parameters and the errors are those of :func:`write_html_page`.
+    Every page has a ``title``, a ``heading``, sentences below it (``lead``) and a ``tone``: "good",
+    "bad", "doubt" or "plain".
+
+    Raises
+    ------
+    ConfigurationError
+        If the extra ``report`` is not installed.
     """
     check_html_page(pictures=False)
     page = _html_environment(folder).get_template(template)

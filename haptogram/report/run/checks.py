@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
@@ -16,11 +16,10 @@ from haptogram.verification import (
     cut_run_verdict_text,
 )
 
-from .check import CheckOutcome, RunCheck
+from ..formats.document import Check, Outcome
 from .pins import run_capture_checks
 from .wording import run_count_wording, run_frame_wording
 
-COMPLETE: Final = "complete"  # name of the check that the run came to its end
 NAMED_FRAMES: Final = 20  # the JSON names all
 
 _Item = TypeVar("_Item")
@@ -70,140 +69,130 @@ _FAULTS: Final = (
 )
 
 
-def run_checks_of_result(run: RunVerdict, result: Mapping[str, Any]) -> list[RunCheck]:
-    """Return the checks of a run, and those of the captures of its drive pins."""
-    own = run_checks(run, result["cut_short"]) if result.get("run_judged", True) else []
+def run_checks_of_result(
+    run: RunVerdict, result: Mapping[str, Any], seconds: float | None = None
+) -> list[Check]:
+    """Return the checks of a run of *seconds*, and those of the captures of its drive pins."""
+    is_judged = result.get("run_judged", True)
+    own = run_checks(run, result["cut_short"], seconds) if is_judged else []
     captures = result.get("captures")
     return [*own, *([] if captures is None else run_capture_checks(captures))]
 
 
-def run_checks(run: RunVerdict, cut_short: str | None = None) -> list[RunCheck]:
+def run_checks(
+    run: RunVerdict, cut_short: str | None = None, seconds: float | None = None
+) -> list[Check]:
     """Return every check with its outcome, in a fixed order.
 
     A check has failed if and only if the verdict is fail.  If none has failed, a check is
     inconclusive if and only if the verdict is.
     """
     return [
-        *(_run_check_of_fault(run, fault) for fault in _FAULTS),
+        *(_check_of_fault(run, fault) for fault in _FAULTS),
         _check_of_unexpected(run),
         _check_of_lost(run),
         _check_of_held_up(run),
         _check_of_late(run),
-        _run_check_of_share_verified(run),
-        _check_of_complete_run(run, cut_short),
+        _check_of_share_verified(run),
+        _check_of_complete_run(run, cut_short, seconds),
     ]
 
 
-def _run_check_of_fault(run: RunVerdict, fault: _Fault) -> RunCheck:
+def _check_of_fault(run: RunVerdict, fault: _Fault) -> Check:
     found = [frame for frame in run.frames if fault.shows(frame)]
     besides = sum(frame.status in fault.besides for frame in run.frames)
     judged = run.counts[fault.seen_in] - besides
     frames = run_count_wording(judged, f"{fault.seen_in} frame")
     if besides:
         frames += f", besides {besides} with a faulty drive"
+    outcome, message = Outcome.PASSED, f"none of {frames}"
     if found:
-        message = f"{len(found)} of {frames}"
-        return RunCheck(
-            fault.name,
-            fault.statement,
-            CheckOutcome.FAILED,
-            message,
-            _frames_named_in_run_check(found),
-        )
-    if not judged:
-        message = f"no frame was {fault.seen_in}"
+        outcome, message = Outcome.FAILED, f"{len(found)} of {frames}"
+    elif not judged:
+        outcome, message = Outcome.NOT_JUDGED, f"no frame was {fault.seen_in}"
         if besides:
             message = f"none of {run_count_wording(besides, 'verified frame')} has a right drive"
-        return RunCheck(fault.name, fault.statement, CheckOutcome.NOT_JUDGED, message)
-    return RunCheck(fault.name, fault.statement, CheckOutcome.PASSED, f"none of {frames}")
+    return Check(fault.name, fault.statement, outcome, message, _named_frames(found))
 
 
-def _check_of_unexpected(run: RunVerdict) -> RunCheck:
-    statement = "no frame is latched that was not intended"
-    keys = run.unexpected
+def _check_of_unexpected(run: RunVerdict) -> Check:
+    keys, outcome, message = run.unexpected, Outcome.PASSED, "none"
     if keys:
-        details = _listed_in_run_check(keys, _key_in_run_check)
+        outcome = Outcome.FAILED
         message = f"{len(keys)} {'latch' if len(keys) == 1 else 'latches'} of an unknown frame"
-        return RunCheck("unexpected", statement, CheckOutcome.FAILED, message, details)
-    if not run.counts["latched"]:
-        return RunCheck(
-            "unexpected", statement, CheckOutcome.NOT_JUDGED, "no latch was seen at all"
-        )
-    return RunCheck("unexpected", statement, CheckOutcome.PASSED, "none")
+    elif not run.counts["latched"]:
+        outcome, message = Outcome.NOT_JUDGED, "no latch was seen at all"
+    statement = "no frame is latched that was not intended"
+    return Check("unexpected", statement, outcome, message, _first_lines(keys, _key_text))
 
 
-def _check_of_lost(run: RunVerdict) -> RunCheck:
-    lost = [frame for frame in run.frames if frame.status is FrameStatus.LOST]
-    statement = "the board loses no frame"
-    told = [reason for reason in run.reasons if LOST_BY_BOARD in reason]
-    if told:
-        details = _frames_named_in_run_check(lost)
-        return RunCheck("lost", statement, CheckOutcome.FAILED, "; ".join(told), details)
-    if run.due and not run.counts["latched"]:
-        return RunCheck("lost", statement, CheckOutcome.NOT_JUDGED, "nobody could see a latch")
-    return RunCheck("lost", statement, CheckOutcome.PASSED, "none is known to be")
+def _check_of_lost(run: RunVerdict) -> Check:
+    lost = _frames_with(run, FrameStatus.LOST)
+    reasons = [reason for reason in run.reasons if LOST_BY_BOARD in reason]
+    outcome, message = Outcome.PASSED, "none is known to be"
+    if reasons:
+        outcome, message = Outcome.FAILED, "; ".join(reasons)
+    elif run.due and not run.counts["latched"]:
+        outcome, message = Outcome.NOT_JUDGED, "nobody could see a latch"
+    details = _named_frames(lost) if reasons else ()
+    return Check("lost", "the board loses no frame", outcome, message, details)
 
 
-def _check_of_held_up(run: RunVerdict) -> RunCheck:
+def _check_of_held_up(run: RunVerdict) -> Check:
     """Frames that this machine held up decide a run only where they leave too few verified."""
-    held_up = [frame for frame in run.frames if frame.status is FrameStatus.HELD_UP]
+    held_up = _frames_with(run, FrameStatus.HELD_UP)
+    outcome, message = Outcome.PASSED, "none"
+    if held_up:
+        decisive = run.verdict is Verdict.INCONCLUSIVE and run.too_few
+        outcome = Outcome.INCONCLUSIVE if decisive else Outcome.NOTED
+        message = f"{len(held_up)} of {run_count_wording(len(run.frames), 'frame')}"
     statement = "host and machine hold up no frame"
-    if not held_up:
-        return RunCheck("held_up", statement, CheckOutcome.PASSED, "none")
-    decisive = run.verdict is Verdict.INCONCLUSIVE and run.too_few
-    outcome = CheckOutcome.INCONCLUSIVE if decisive else CheckOutcome.NOTED
-    message = f"{len(held_up)} of {run_count_wording(len(run.frames), 'frame')}"
-    return RunCheck("held_up", statement, outcome, message, _frames_named_in_run_check(held_up))
+    return Check("held_up", statement, outcome, message, _named_frames(held_up))
 
 
-def _check_of_late(run: RunVerdict) -> RunCheck:
-    late = [frame for frame in run.frames if frame.late]
-    statement = "no frame is late"
-    latched = run.counts["latched"]
-    if not latched:
-        return RunCheck("late", statement, CheckOutcome.NOT_JUDGED, "no frame was latched")
-    if not late:
-        return RunCheck(
-            "late", statement, CheckOutcome.PASSED, f"none of {run_count_wording(latched, 'frame')}"
-        )
-    message = f"{len(late)} of {run_count_wording(latched, 'latched frame')}"
-    return RunCheck(
-        "late", statement, CheckOutcome.NOTED, message, _frames_named_in_run_check(late)
-    )
+def _check_of_late(run: RunVerdict) -> Check:
+    late, latched = [frame for frame in run.frames if frame.late], run.counts["latched"]
+    outcome, message = Outcome.NOT_JUDGED, "no frame was latched"
+    if latched:
+        outcome = Outcome.NOTED if late else Outcome.PASSED
+        message = f"{len(late) or 'none'} of {run_count_wording(latched, 'latched frame')}"
+    return Check("late", "no frame is late", outcome, message, _named_frames(late))
 
 
-def _run_check_of_share_verified(run: RunVerdict) -> RunCheck:
+def _check_of_share_verified(run: RunVerdict) -> Check:
+    outcome, missing = Outcome.PASSED, list[FrameVerdict]()
+    if run.too_few:
+        # Beside a fault that was proved, too few frames change nothing.
+        failed = run.verdict is Verdict.FAIL
+        outcome = Outcome.NOTED if failed else Outcome.INCONCLUSIVE
+        missing = _frames_with(run, FrameStatus.NOT_VERIFIED)
     statement = f"at least {100.0 * run.min_verified:.4g} % of the frames are verified"
     message = f"{run.counts['verified']} of {run.due}"
-    if not run.too_few:
-        return RunCheck("verified", statement, CheckOutcome.PASSED, message)
-    missing = [frame for frame in run.frames if frame.status is FrameStatus.NOT_VERIFIED]
-    # Beside a fault that was proved, too few frames change nothing.
-    failed = run.verdict is Verdict.FAIL
-    outcome = CheckOutcome.NOTED if failed else CheckOutcome.INCONCLUSIVE
-    return RunCheck("verified", statement, outcome, message, _frames_named_in_run_check(missing))
+    return Check("verified", statement, outcome, message, _named_frames(missing))
 
 
-def _check_of_complete_run(run: RunVerdict, cut_short: str | None) -> RunCheck:
-    statement = "the run comes to its end"
-    if cut_short is None:
-        return RunCheck(COMPLETE, statement, CheckOutcome.PASSED, "it came to its end")
-    message = f"{cut_short}{cut_run_verdict_text(run.counts)}"
-    return RunCheck(COMPLETE, statement, CheckOutcome.INCONCLUSIVE, message)
+def _check_of_complete_run(run: RunVerdict, cut_short: str | None, seconds: float | None) -> Check:
+    outcome, message = Outcome.PASSED, "it came to its end"
+    if cut_short is not None:
+        outcome = Outcome.INCONCLUSIVE
+        message = f"{cut_short}{cut_run_verdict_text(run.counts)}"
+    return Check("complete", "the run comes to its end", outcome, message, seconds=seconds)
 
 
-def _frames_named_in_run_check(frames: list[FrameVerdict]) -> tuple[str, ...]:
-    return _listed_in_run_check(frames, run_frame_wording)
+def _frames_with(run: RunVerdict, status: FrameStatus) -> list[FrameVerdict]:
+    return [frame for frame in run.frames if frame.status is status]
 
 
-def _listed_in_run_check(
-    items: list[_Item], describe_item: Callable[[_Item], str]
-) -> tuple[str, ...]:
+def _named_frames(frames: list[FrameVerdict]) -> list[str]:
+    return _first_lines(frames, run_frame_wording)
+
+
+def _first_lines(items: Sequence[_Item], describe_item: Callable[[_Item], str]) -> list[str]:
     lines = [describe_item(item) for item in items[:NAMED_FRAMES]]
     if len(items) > NAMED_FRAMES:
         lines.append(f"... and {len(items) - NAMED_FRAMES} more, in the JSON file")
-    return tuple(lines)
+    return lines
 
 
-def _key_in_run_check(key: FrameKey) -> str:
+def _key_text(key: FrameKey) -> str:
     return f"session {key.session:#x}, sequence {key.sequence}, loop {key.loop}, index {key.index}"

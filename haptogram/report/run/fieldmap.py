@@ -12,7 +12,7 @@ import numpy as np
 from haptogram.acoustics import AcousticModel, Drive, NumpyEngine, focus_phases
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.harmonic import finite_amplitude_text
-from haptogram.report.figures import PicturePlane, sample_picture_plane
+from haptogram.report.figures import PictureField, PicturePlane, sample_picture_plane
 from haptogram.verification import FrameVerdict, RunVerdict
 
 from .series import Vector, plotted_focus_mm, worst_frames_of_run
@@ -28,32 +28,6 @@ _Range: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RunFieldMap:
-    """RMS pressure on a grid in one plane.
-
-    Attributes
-    ----------
-    axes : tuple of int
-        Coordinates (0 x, 1 y, 2 z) that run across and up.
-    across_mm, up_mm : (A,), (U,) numpy.ndarray
-        Coordinates of the grid.
-    pressure_kpa : (U, A) numpy.ndarray
-        RMS; NaN where a point lies in an element or behind the array.
-    """
-
-    axes: tuple[int, int]
-    across_mm: FloatArray
-    up_mm: FloatArray
-    pressure_kpa: FloatArray
-
-    @property
-    def peak_mm(self) -> tuple[float, float]:
-        """Grid point of the highest pressure."""
-        up, across = np.unravel_index(int(np.nanargmax(self.pressure_kpa)), self.pressure_kpa.shape)
-        return float(self.across_mm[across]), float(self.up_mm[up])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class RunFieldPicture:
     """The field around one focus, in two planes.
 
@@ -65,26 +39,25 @@ class RunFieldPicture:
         Whether the field is that of the latched drive; if not, of the ideal drive of the target.
     phase_bits : int
         Number of bits of each phase of that drive.
-    level, upright : RunFieldMap
+    level, upright : PictureField
         The plane z = target, and the vertical one through the target along the array's longer side.
-    close_level, close_upright : RunFieldMap
+    close_level, close_upright : PictureField
         The same around the target.
     """
 
     frame: FrameVerdict
     latched: bool
     phase_bits: int
-    level: RunFieldMap
-    upright: RunFieldMap
-    close_level: RunFieldMap
-    close_upright: RunFieldMap
+    level: PictureField
+    upright: PictureField
+    close_level: PictureField
+    close_upright: PictureField
 
     @property
     def most_kpa(self) -> float:
         """Highest pressure of all maps."""
-        maps = self.level, self.upright, self.close_level, self.close_upright
-        heard = [plane.pressure_kpa[np.isfinite(plane.pressure_kpa)] for plane in maps]
-        return max(float(values.max(initial=0.0)) for values in heard)
+        fields = self.level, self.upright, self.close_level, self.close_upright
+        return max(float(np.nanmax(field_rms_kpa(field), initial=0.0)) for field in fields)
 
     @property
     def marks_mm(self) -> tuple[FloatArray, FloatArray]:
@@ -119,9 +92,8 @@ def frame_field_picture(
     if drive is None:
         phases_rad = focus_phases(model, np.array(frame.target_m))
         drive = Drive.from_weights(np.exp(1j * phases_rad), phase_bits)
-    return RunFieldPicture(
-        frame, latched, drive.phase_bits, *_panel_maps(model, drive, frame.target_m)
-    )
+    fields = _panel_fields(model, drive, frame.target_m)
+    return RunFieldPicture(frame, latched, drive.phase_bits, *fields)
 
 
 def _choose_pictured_frame(run: RunVerdict, drives: Mapping[int, Drive]) -> FrameVerdict | None:
@@ -134,7 +106,13 @@ def _choose_pictured_frame(run: RunVerdict, drives: Mapping[int, Drive]) -> Fram
     return shown[0] if shown else None
 
 
-def _panel_maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[RunFieldMap]:
+def field_rms_kpa(field: PictureField) -> FloatArray:
+    """Return the RMS pressure on a plane; NaN where a point lies in an element or behind it."""
+    rms: FloatArray = np.abs(field.values) / math.sqrt(2.0) / 1e3
+    return rms
+
+
+def _panel_fields(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterator[PictureField]:
     """Yield the level and the upright plane, then both close up."""
     half_extent = model.array.half_extent_m
     side = 1 if half_extent[1] > half_extent[0] else 0
@@ -143,14 +121,12 @@ def _panel_maps(model: AcousticModel, drive: Drive, target_m: Vector) -> Iterato
         for axis in range(3)
     ]
     close = [_panel_range(1e3 * middle, _CLOSE_SIDE_MM) for middle in target_m]
+    engine, weights = NumpyEngine(model), drive.weights()
     for ranges, step_mm in ((wide, _STEP_MM), (close, _CLOSE_STEP_MM)):
         for across, up in ((0, 1), (side, 2)):
             name = "xyz"[across] + "xyz"[up]
-            yield _panel_map(
-                model,
-                drive,
-                PicturePlane(name, target_m, ranges[across], ranges[up], step_mm / 1e3),
-            )
+            plane = PicturePlane(name, target_m, ranges[across], ranges[up], step_mm / 1e3)
+            yield sample_picture_plane(engine, weights, plane)
 
 
 def _panel_height(model: AcousticModel, target_m: Vector) -> _Range:
@@ -172,13 +148,6 @@ def _panel_window(model: AcousticModel, target_m: Vector, axis: int) -> _Range:
 
 def _panel_range(middle_mm: float, side_mm: float) -> _Range:
     return 1e-3 * (middle_mm - side_mm / 2.0), 1e-3 * (middle_mm + side_mm / 2.0)
-
-
-def _panel_map(model: AcousticModel, drive: Drive, plane: PicturePlane) -> RunFieldMap:
-    field = sample_picture_plane(NumpyEngine(model), drive.weights(), plane)
-    across_m, up_m = plane.coordinates_m()
-    rms_kpa = np.abs(field.values) / math.sqrt(2.0) / 1e3
-    return RunFieldMap(plane.axes, 1e3 * across_m, 1e3 * up_m, rms_kpa)
 
 
 def run_finite_amplitude(run: RunVerdict, model: AcousticModel) -> Iterator[str]:

@@ -11,9 +11,10 @@ from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.verification import FrameStatus, FrameVerdict, RunVerdict
 
-from ..figures.style import BLUE, ERROR_MAP, GREY, VERMILION, draw_figure_mark
+from ..figures.plane_picture import PictureField, draw_plane_image
+from ..figures.style import BLACK, BLUE, ERROR_MAP, GREY, VERMILION, draw_figure_mark
 from ..figures.surroundings import draw_array_in_figure
-from .fieldmap import RunFieldMap, RunFieldPicture
+from .fieldmap import RunFieldPicture, field_rms_kpa
 from .series import (
     ErrorSeries,
     plotted_focus_mm,
@@ -25,8 +26,9 @@ from .series import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
-_MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
+MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
 LEAST_ERROR_MM: Final = 1e-5  # a smaller one is drawn as this
 LEAST_RATIO: Final = 1e-3  # likewise
 _AXES: Final = "xyz"
@@ -44,52 +46,67 @@ def empty_panel(axes: Any, text: str) -> None:
 
 def foci_panel(figure: Figure, axes: Any, run: RunVerdict, model: AcousticModel) -> None:
     """Draw intended and measured foci over the array; *axes* has three dimensions."""
-    frames = plotted_frames_of_run(run.frames, _MOST_POINTS)
-    elements = 1e3 * model.array.positions_m
-    targets = plotted_targets_mm(frames)
+    frames = plotted_frames_of_run(run.frames, MOST_POINTS)
+    elements, targets = 1e3 * model.array.positions_m, plotted_targets_mm(frames)
     axes.scatter(*elements.T, s=5, c=GREY, marker="s", linewidths=0, label="transducers")
     size = float(np.clip(4000.0 / max(len(frames), 1), 3.0, 16.0))
     if len(targets):
         style = {"facecolors": "none", "edgecolors": GREY, "linewidths": 0.5}
         axes.scatter(*targets.T, s=3.0 * size, label="intended focus", **style)
-    found = [(plotted_focus_mm(f), plotted_relative_error(f)) for f in frames]
-    seen = [(point, error) for point, error in found if error is not None]
-    if seen:
-        _measured_foci_panel(figure, axes, seen, size)
+    bar = {"shrink": 0.5, "aspect": 25, "pad": 0.13}
+    places = _measured_foci_panel(figure, axes, frames, size, bar)
     mark_troubled_run_frames(axes, frames)
-    _equal_panel_scales(axes, np.concatenate([elements, targets, *(p[None] for p, _ in seen)]))
+    _equal_panel_scales(axes, np.concatenate([elements, targets, places]))
     figure.legend(loc="outside lower center", ncols=4)
     axes.view_init(elev=17.0, azim=-58.0)
 
 
+def error_map_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
+    """Draw the error over its bound at every focus, seen from above."""
+    frames = plotted_frames_of_run(run.frames, MOST_POINTS)
+    if not frames:
+        empty_panel(axes, "no frame was sent")
+        return
+    _measured_foci_panel(figure, axes, frames, _size_from_above(frames), {})
+    mark_troubled_run_frames(axes, frames, axes_count=2)
+    _show_from_above(axes)
+
+
 def _measured_foci_panel(
-    figure: Figure, axes: Any, seen: list[tuple[FloatArray, float]], size: float
-) -> None:
+    figure: Figure, axes: Any, frames: list[FrameVerdict], size: float, bar: dict[str, Any]
+) -> FloatArray:
+    """Draw the measured foci, coloured by error over bound; return their places, (M, 3)."""
     from matplotlib.colors import LogNorm
 
-    points = np.array([point for point, _ in seen])
-    errors = np.array([error for _, error in seen])
-    norm = LogNorm(vmin=LEAST_RATIO, vmax=1.0)
+    found = [(plotted_focus_mm(f), plotted_relative_error(f)) for f in frames]
+    seen = [(place, error) for place, error in found if error is not None]
+    if not seen:
+        return np.empty((0, 3))
+    places, errors = np.array([p for p, _ in seen]), np.array([error for _, error in seen])
+    is_solid = hasattr(axes, "get_zlim")
     dots = axes.scatter(
-        *points.T,
+        *(places if is_solid else places[:, :2]).T,
         s=size,
         c=np.maximum(errors, LEAST_RATIO),
-        norm=norm,
+        norm=LogNorm(vmin=LEAST_RATIO, vmax=1.0),
         cmap=ERROR_MAP,
         linewidths=0,
-        depthshade=False,
+        **({"depthshade": False, "label": "measured focus"} if is_solid else {}),
     )
-    dots.set_label("measured focus")
-    figure.colorbar(
-        dots,
-        ax=axes,
-        label="error / bound of quantisation",
-        format="%g",
-        extend="max" if errors.max() > 1.0 else "neither",
-        shrink=0.5,
-        aspect=25,
-        pad=0.13,
-    )
+    label = "error / bound of quantisation"
+    extend = "max" if errors.max() > 1.0 else "neither"
+    figure.colorbar(dots, ax=axes, label=label, format="%g", extend=extend, **bar)
+    return places
+
+
+def _size_from_above(frames: list[FrameVerdict]) -> float:
+    return float(np.clip(8000.0 / len(frames), 4.0, 60.0))
+
+
+def _show_from_above(axes: Axes) -> None:
+    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08)
 
 
 def mark_troubled_run_frames(axes: Any, frames: list[FrameVerdict], axes_count: int = 3) -> None:
@@ -163,50 +180,38 @@ def error_panel(axes: Axes, series: ErrorSeries) -> None:
 
 
 def map_panel(
-    axes: Axes, field: RunFieldMap, shown: RunFieldPicture, model: AcousticModel, *, close: bool
-) -> Any:
+    axes: Axes, field: PictureField, shown: RunFieldPicture, model: AcousticModel, *, close: bool
+) -> AxesImage:
     """Draw |p| in one plane, return the image.
 
     Close up with target, measured focus and peak; else with the frame of the close-up.
     """
-    across, up = field.across_mm, field.up_mm
-    half = (across[1] - across[0]) / 2.0
-    image = axes.imshow(
-        field.pressure_kpa,
-        origin="lower",
-        extent=(across[0] - half, across[-1] + half, up[0] - half, up[-1] + half),
-        vmin=0.0,
-        vmax=shown.most_kpa,
-        interpolation="bilinear",
+    plane, values = field.plane, field_rms_kpa(field)
+    image = draw_plane_image(
+        axes, plane, values, vmin=0.0, vmax=shown.most_kpa, interpolation="bilinear"
     )
-    axes.set(xlabel=f"{_AXES[field.axes[0]]} (mm)", ylabel=f"{_AXES[field.axes[1]]} (mm)")
-    axes.grid(visible=False)
     if close:
-        _mark_panel_foci(axes, field, shown)
+        target, measured = shown.marks_mm
+        marks = {"target": target, "fitted focus": measured, "peak": 1e3 * np.array(field.peak_m())}
+        for kind, place in marks.items():
+            if kind != "fitted focus" or shown.frame.measured_m is not None:
+                draw_figure_mark(axes, place[plane.axes[0]], place[plane.axes[1]], kind)
         return image
-    draw_array_in_figure(axes, model.array, *field.axes)
-    _mark_panel_window(axes, shown.close_upright if field.axes[1] == 2 else shown.close_level)
-    fixed = next(axis for axis in range(3) if axis not in field.axes)
-    axes.set_title(f"{_AXES[fixed]} = {shown.marks_mm[0][fixed]:.1f} mm")
-    axes.set_xlim(across[0], across[-1])
+    draw_array_in_figure(axes, model.array, *plane.axes)
+    _mark_panel_window(axes, shown.close_upright if plane.axes[1] == 2 else shown.close_level)
+    normal = plane.normal_axis
+    axes.set_title(f"{_AXES[normal]} = {shown.marks_mm[0][normal]:.1f} mm")
+    across_m, _ = plane.coordinates_m()
+    axes.set_xlim(1e3 * across_m[0], 1e3 * across_m[-1])
     return image
 
 
-def _mark_panel_window(axes: Axes, window: RunFieldMap) -> None:
+def _mark_panel_window(axes: Axes, window: PictureField) -> None:
     from matplotlib.patches import Rectangle
 
-    left, bottom = window.across_mm[0], window.up_mm[0]
-    sides = window.across_mm[-1] - left, window.up_mm[-1] - bottom
-    axes.add_patch(Rectangle((left, bottom), *sides, fill=False, ec="#fefefe", lw=0.8))
-
-
-def _mark_panel_foci(axes: Axes, field: RunFieldMap, shown: RunFieldPicture) -> None:
-    first, second = field.axes
-    target, measured = shown.marks_mm
-    draw_figure_mark(axes, target[first], target[second], "target")
-    if shown.frame.measured_m is not None:
-        draw_figure_mark(axes, measured[first], measured[second], "fitted focus")
-    draw_figure_mark(axes, *field.peak_mm, "peak")
+    (left, right), (bottom, top) = window.plane.horizontal_m, window.plane.vertical_m
+    corner, sides = (1e3 * left, 1e3 * bottom), (1e3 * (right - left), 1e3 * (top - bottom))
+    axes.add_patch(Rectangle(corner, *sides, fill=False, ec="#fefefe", lw=0.8))
 
 
 # --- Along the object --------------------------------------------------------------------------
@@ -225,8 +230,7 @@ def along_panel(axes: Axes, run: RunVerdict, measure: str, factor: float, label:
     axes.margins(x=0.02)
     if (limits := _run_panel_limits(values)) is not None:
         axes.set_ylim(*limits)
-    for kind, colour in (("lost", VERMILION), ("held up", GREY), ("late", GREY)):
-        run_panel_rug(axes, run, kind, colour, lambda frame: frame.number)
+    mark_missing_run_frames(axes, run, lambda frame: frame.number)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="best")
 
@@ -238,42 +242,34 @@ def _run_panel_limits(values: FloatArray) -> tuple[float, float] | None:
     return 0.9 * float(values.min()), 1.1 * float(values.max())
 
 
-def run_panel_rug(
-    axes: Axes, run: RunVerdict, kind: str, colour: str, place: Callable[[FrameVerdict], float]
+def mark_missing_run_frames(
+    axes: Axes, run: RunVerdict, place: Callable[[FrameVerdict], float]
 ) -> None:
     """Mark the frames that were lost, held up or late at the foot of the panel."""
-    chosen = [
-        place(frame)
-        for frame in run.frames
-        if (frame.late if kind == "late" else frame.status == kind)
-    ]
-    if chosen:
-        axes.plot(
-            chosen,
-            np.full(len(chosen), 0.03),
-            "|",
-            transform=axes.get_xaxis_transform(),
-            color=colour,
-            markersize=8.0,
-            label=kind,
-        )
+    for kind, colour in (("lost", VERMILION), ("held up", GREY), ("late", BLACK)):
+        chosen = [
+            place(frame)
+            for frame in run.frames
+            if (frame.late if kind == "late" else frame.status == kind)
+        ]
+        if chosen:
+            foot, transform = np.full(len(chosen), 0.03), axes.get_xaxis_transform()
+            style: dict[str, Any] = {"color": colour, "markersize": 8.0, "label": kind}
+            axes.plot(chosen, foot, "|", transform=transform, **style)
 
 
-def run_object_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
+def pressure_map_panel(figure: Figure, axes: Axes, run: RunVerdict) -> None:
     """Draw the pressure at the focus, seen from above."""
-    frames = [
-        f for f in plotted_frames_of_run(run.frames, _MOST_POINTS) if f.pressure_rms_pa is not None
-    ]
+    shown = plotted_frames_of_run(run.frames, MOST_POINTS)
+    frames = [frame for frame in shown if frame.pressure_rms_pa is not None]
     if not frames:
         empty_panel(axes, "no pressure was measured")
         return
     points = plotted_targets_mm(frames)
     values = np.array([f.pressure_rms_pa for f in frames], dtype=np.float64) / 1e3
-    size = float(np.clip(8000.0 / len(frames), 4.0, 60.0))
+    size = _size_from_above(frames)
     dots = axes.scatter(points[:, 0], points[:, 1], s=size, c=values, linewidths=0)
-    axes.set(xlabel="x (mm)", ylabel="y (mm)")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.08)
+    _show_from_above(axes)
     if (limits := _run_panel_limits(values)) is not None:
         dots.set_clim(*limits)
     bar = figure.colorbar(dots, ax=axes, label="pressure (kPa RMS)", shrink=0.8)

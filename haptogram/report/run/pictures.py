@@ -5,36 +5,29 @@ Raises ConfigurationError where matplotlib is missing (extra ``report``).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from haptogram.acoustics import AcousticModel
 from haptogram.verification import FrameVerdict, RunVerdict
 
-from ..figures.style import BLACK, BLUE, ERROR_MAP, GREY, VERMILION, figure_legend, new_figure
+from ..figures.style import BLUE, GREY, VERMILION, figure_legend, new_figure
 from .fieldmap import RunFieldPicture
 from .panels import (
     LEAST_ERROR_MM,
-    LEAST_RATIO,
+    MOST_POINTS,
     along_panel,
     empty_panel,
+    error_map_panel,
     error_panel,
     foci_panel,
     lateness_panel,
     map_panel,
-    mark_troubled_run_frames,
-    run_object_panel,
-    run_panel_rug,
+    mark_missing_run_frames,
+    pressure_map_panel,
 )
-from .series import (
-    plotted_bounds_mm,
-    plotted_error_series,
-    plotted_focus_mm,
-    plotted_frames_of_run,
-    plotted_relative_error,
-    plotted_targets_mm,
-)
+from .series import plotted_bounds_mm, plotted_error_series, plotted_frames_of_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +35,6 @@ if TYPE_CHECKING:
 
 _WIDTH_IN: Final = 8.0
 _HALF_WIDTH_IN: Final = 5.1  # two beside each other in a page
-_MOST_POINTS: Final = 5000  # in one panel; wrong frames always stay
 
 
 def draw_run_foci(run: RunVerdict, model: AcousticModel) -> Figure:
@@ -86,7 +78,7 @@ def draw_run_along_object(run: RunVerdict) -> Figure:
         along_panel(lower, run, "force_n", 1e3, "force (mN)")
         upper.tick_params(labelbottom=False)
         lower.set_xlabel("frame, in the order of display")
-        run_object_panel(figure, figure.add_subplot(grid[:, 1]), run)
+        pressure_map_panel(figure, figure.add_subplot(grid[:, 1]), run)
     return figure
 
 
@@ -106,15 +98,12 @@ def draw_run_misses(run: RunVerdict, model: AcousticModel) -> Figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.35, 1.0))
         upper = figure.add_subplot(grid[0, 0])
         lower = figure.add_subplot(grid[1, 0], sharex=upper)
-        frames = [
-            f for f in plotted_frames_of_run(run.frames, _MOST_POINTS) if _pictured_time_us(f)
-        ]
+        frames = [f for f in plotted_frames_of_run(run.frames, MOST_POINTS) if _pictured_time_us(f)]
         for axes, axis, name in ((upper, 0, "across"), (lower, 1, "along")):
             _time_panel(axes, run, frames, model, axis, f"{name} the beam (mm)")
         upper.tick_params(labelbottom=False)
         _name_times_of_run_pictures(lower)
-        right = figure.add_subplot(grid[:, 1])
-        _run_picture_of_object(figure, right, run)
+        error_map_panel(figure, figure.add_subplot(grid[:, 1]), run)
         figure_legend(figure)
     return figure
 
@@ -159,50 +148,10 @@ def _time_panel(
     axes.plot(times_s, table[:, 2], "-", color=GREY, lw=1.0, label="bound of quantisation")
     axes.plot(times_s[~wrong], errors[~wrong], ".", color=BLUE, ms=size, label="error")
     if wrong.any():
-        axes.plot(
-            times_s[wrong],
-            errors[wrong],
-            "x",
-            color=VERMILION,
-            ms=5.0,
-            label="error of a wrong frame",
-        )
-    for kind, colour in (("lost", VERMILION), ("held up", GREY), ("late", BLACK)):
-        run_panel_rug(
-            axes, run, kind, colour, lambda f: ((_pictured_time_us(f) or begin_us) - begin_us) / 1e6
-        )
+        label_of_wrong = "error of a wrong frame"
+        axes.plot(times_s[wrong], errors[wrong], "x", color=VERMILION, ms=5.0, label=label_of_wrong)
+    mark_missing_run_frames(
+        axes, run, lambda f: ((_pictured_time_us(f) or begin_us) - begin_us) / 1e6
+    )
     axes.set(yscale="log", ylabel=label)
     axes.margins(x=0.02, y=0.15)
-
-
-def _run_picture_of_object(figure: Figure, axes: Any, run: RunVerdict) -> None:
-    """Draw the error over its bound at every focus, seen from above."""
-    from matplotlib.colors import LogNorm
-
-    frames = plotted_frames_of_run(run.frames, _MOST_POINTS)
-    found = [(plotted_focus_mm(f), plotted_relative_error(f)) for f in frames]
-    seen = [(place, error) for place, error in found if error is not None]
-    targets = plotted_targets_mm(frames)
-    if not len(targets):
-        empty_panel(axes, "no frame was sent")
-        return
-    if seen:
-        places = np.array([place for place, _ in seen])
-        ratios = np.maximum([error for _, error in seen], LEAST_RATIO)
-        dots = axes.scatter(
-            places[:, 0],
-            places[:, 1],
-            s=float(np.clip(8000.0 / len(frames), 4.0, 60.0)),
-            c=ratios,
-            norm=LogNorm(vmin=LEAST_RATIO, vmax=1.0),
-            cmap=ERROR_MAP,
-            linewidths=0,
-        )
-        extend = "max" if ratios.max() > 1.0 else "neither"
-        figure.colorbar(
-            dots, ax=axes, label="error / bound of quantisation", format="%g", extend=extend
-        )
-    mark_troubled_run_frames(axes, frames, axes_count=2)
-    axes.set(xlabel="x (mm)", ylabel="y (mm)")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.08)

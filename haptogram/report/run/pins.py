@@ -10,7 +10,7 @@ from haptogram.verification import RunVerdict, Verdict
 from haptogram.verification.pins.joined import JoinedCaptureVerdict
 from haptogram.verification.pins.pin_verdict import PIN_CHECKS, captured_elements_text
 
-from .check import CheckOutcome, RunCheck
+from ..formats.document import Check, Outcome
 from .wording import run_count_wording
 
 _ORDER: Final = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.PASS)
@@ -50,7 +50,7 @@ def run_result_sentence(run: RunVerdict, result: Mapping[str, Any]) -> str:
     return f"{result['verdict'].upper()}: {'; '.join(result['reasons']) or every}"
 
 
-def run_capture_checks(captures: Mapping[str, Any]) -> Iterator[RunCheck]:
+def run_capture_checks(captures: Mapping[str, Any]) -> Iterator[Check]:
     """Yield the checks of the ``captures`` of a result."""
     several = len(captures["captures"]) > 1
     for one in captures["captures"]:
@@ -59,48 +59,44 @@ def run_capture_checks(captures: Mapping[str, Any]) -> Iterator[RunCheck]:
             yield _run_capture_check(one, name, f"drive pins: {where}{statement}")
 
 
-def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> RunCheck:
-    found = one["findings"].get(name, ())
-    if found:
-        message = found[0] if len(found) == 1 else f"{len(found)} findings"
-        return RunCheck(f"pins_{name}", statement, CheckOutcome.FAILED, message, tuple(found))
-    if name == "alignment":
-        missing = one["reasons"] if one["verdict"] == str(Verdict.INCONCLUSIVE) else ()
-        if missing:
-            text = "; ".join(missing)
-            return RunCheck(f"pins_{name}", statement, CheckOutcome.INCONCLUSIVE, text)
-        frames = one["frames"]
-        text = f"{frames['judged']} of {run_count_wording(frames['intended'], 'frame')}"
-        return RunCheck(f"pins_{name}", statement, CheckOutcome.PASSED, text)
-    if not one["frames"]["judged"]:
-        return RunCheck(f"pins_{name}", statement, CheckOutcome.NOT_JUDGED, "no frame was judged")
-    if name in one["not_judged"]:
-        why = one["not_judged"][name]
-        return RunCheck(f"pins_{name}", statement, CheckOutcome.NOT_JUDGED, why)
-    text = f"none of {run_count_wording(len(one['elements']), 'captured element')}"
+def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> Check:
+    found, frames = one["findings"].get(name, ()), one["frames"]
+    missing = one["reasons"] if one["verdict"] == str(Verdict.INCONCLUSIVE) else ()
+    outcome = Outcome.PASSED
+    message = f"none of {run_count_wording(len(one['elements']), 'captured element')}"
     if name in ("phases", "amplitudes") and "pins" in one["findings"]:
-        text += ", besides the pins that are dead, stuck or inverted"
-    return RunCheck(f"pins_{name}", statement, CheckOutcome.PASSED, text)
+        message += ", besides the pins that are dead, stuck or inverted"
+    if found:
+        outcome = Outcome.FAILED
+        message = found[0] if len(found) == 1 else f"{len(found)} findings"
+    elif name == "alignment" and missing:
+        outcome, message = Outcome.INCONCLUSIVE, "; ".join(missing)
+    elif name == "alignment":
+        message = f"{frames['judged']} of {run_count_wording(frames['intended'], 'frame')}"
+    elif not frames["judged"] or name in one["not_judged"]:
+        why = one["not_judged"].get(name) if frames["judged"] else "no frame was judged"
+        outcome, message = Outcome.NOT_JUDGED, why
+    return Check(f"pins_{name}", statement, outcome, message, found)
 
 
 def run_capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
     """Yield the verdict of the captures, sentence by sentence."""
     seen, count = len(captures["elements"]), captures["elements_of_array"]
     yield (
-        f"The drive pins of {captured_elements_text(seen, count)} were captured"
-        + (f"; nothing is known of the other {count - seen}." if seen < count else ".")
+        f"the drive pins of {captured_elements_text(seen, count)} were captured"
+        + (f"; nothing is known of the other {count - seen}" if seen < count else "")
     )
     for one in captures["captures"]:
         frames = one["frames"]
         yield (
-            f"{one['capture']}: {frames['judged']} of "
+            f"by {one['capture']}, {frames['judged']} of "
             f"{run_count_wording(frames['intended'], 'frame')} "
-            f"judged; {one['sample_rate_hz'] / 1e6:g} Msamples/s show no phase error below "
+            f"were judged; {one['sample_rate_hz'] / 1e6:g} Msamples/s show no phase error below "
             f"{one['smallest_phase_error_deg']:.2f} degrees; carrier {one['carrier_hz']:.2f} Hz "
-            f"({one['carrier_drift_ppm']:+z.1f} ppm on the analyser's clock)."
+            f"({one['carrier_drift_ppm']:+z.1f} ppm on the analyser's clock)"
         )
     if captures["no_field"]:
-        yield f"By the pins alone there is no field and no focus: {captures['no_field']}."
+        yield f"by the pins alone there is no field and no focus: {captures['no_field']}"
 
 
 def run_capture_figures(captures: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

@@ -84,7 +84,7 @@ def _run_array_text(model: AcousticModel, file: str | None) -> str:
 
 
 def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the outcome of the run, sentence by sentence."""
+    """Yield the outcome of the run, sentence by sentence, without full stops."""
     frames = result["frames"]
     if "captures" in result:
         yield from run_capture_sentences(result["captures"])
@@ -93,25 +93,22 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     yield (
         f"{run_count_wording(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
         f"{frames['verified']} verified, {frames['on_target']} of them on target"
-        f"{cut_run_verdict_text(frames)}."
+        f"{cut_run_verdict_text(frames)}"
     )
     lateral, axial = result["lateral_error_mm"]["max"], result["axial_error_mm"]["max"]
     if lateral is not None:
         along = "" if axial is None else f" and {axial:.3f} mm along the beam"
-        yield f"The largest distance from a target was {lateral:.3f} mm across{along}."
+        yield f"the largest distance from a target was {lateral:.3f} mm across{along}"
     if result["smallest_miss_mm"] is not None:
         yield (
-            f"Every miss from {result['smallest_miss_mm']:.2f} mm on shows; rounding of the phases"
-            f"{_run_tolerance_sentence_end(result)} can make a shorter one."
+            f"every miss from {result['smallest_miss_mm']:.2f} mm on shows; rounding of the phases"
+            f"{_run_tolerance_sentence_end(result)} can make a shorter one"
         )
-    if (delay := run_host_delay_text(result)) is not None:
-        yield f"{delay[0].upper()}{delay[1:]}."
-    if (remedy := run_remedy_text(result)) is not None:
-        yield f"{remedy[0].upper()}{remedy[1:]}."
+    yield from filter(None, (run_host_delay_text(result), run_remedy_text(result)))
     if frames["lost"] or frames["held_up"] or frames["late"]:
         yield (
             f"{frames['lost']} lost by the board, {frames['held_up']} held up by this machine and "
-            f"{frames['late']} late; each is named below."
+            f"{frames['late']} late; each is named below"
         )
 
 

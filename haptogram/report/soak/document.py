@@ -10,8 +10,17 @@ from haptogram.campaigns.soak.campaign import SoakCampaign
 from haptogram.campaigns.soak.tally import MEMORY_GREW, STATES, VIOLATIONS, SoakTally
 
 from ..figures.embedded import embed_picture
-from ..formats.document import Block, Document, Finding, Level, Picture, Section, Table
-from ..formats.junit import JUnit, JUnitCase
+from ..formats.document import (
+    Block,
+    Check,
+    Document,
+    Finding,
+    Level,
+    Outcome,
+    Picture,
+    Section,
+    Table,
+)
 from .pictures import draw_soak_course
 
 _TONES: Final = {"PASS": "good", "FAIL": "bad", "INCONCLUSIVE": "doubt"}
@@ -67,7 +76,7 @@ def soak_document(campaign: SoakCampaign) -> Document:
                 [Table(_COUNTER_HEAD, counters, (1,), (2,))] if counters else [],
             ),
         ],
-        cases=list(_soak_junit_cases(campaign)),
+        checks=list(_soak_checks(campaign)),
         properties=properties | totals,
         seconds=campaign.spent_s,
     )
@@ -154,24 +163,23 @@ def _soak_counter_rows(tally: SoakTally) -> Iterator[tuple[str, str, str]]:
             yield counter, str(total), causes
 
 
-def _soak_junit_cases(campaign: SoakCampaign) -> Iterator[JUnitCase]:
+def _soak_checks(campaign: SoakCampaign) -> Iterator[Check]:
     for name, statement in VIOLATIONS.items():
         count = campaign.failures.get(name, 0)
+        told: list[str] = []
         if count:
+            outcome = Outcome.FAILED
             message = f"{name}: {count} times" if count > 1 else f"{name}: once"
             told = [text for text in campaign.tally.examples if f", {name}: " in text]
             told += [_soak_memory(campaign)] if name == MEMORY_GREW else []
-            outcome, text = JUnit.FAILURE, "\n".join([message, *told])
         elif campaign.done:
-            message = text = f"{name}: never, in {campaign.done_s:g} s of virtual time"
-            outcome = JUnit.PASSED
+            outcome = Outcome.PASSED
+            message = f"{name}: never, in {campaign.done_s:g} s of virtual time"
         else:
-            message = text = "no segment came to its end"
-            outcome = JUnit.SKIPPED
-        yield JUnitCase("violations", statement, outcome, message, name, text)
+            outcome, message = Outcome.NOT_JUDGED, "no segment came to its end"
+        yield Check("violations", statement, outcome, message, told, name)
     message = f"{campaign.done} of {campaign.setup.segments} segments"
-    outcome = JUnit.PASSED if campaign.is_complete else JUnit.ERROR
+    outcome = Outcome.PASSED if campaign.is_complete else Outcome.INCONCLUSIVE
+    statement = "the soak comes to its end"
     seconds = campaign.spent_s
-    yield JUnitCase(
-        "segments", "the soak comes to its end", outcome, message, "cut short", message, "", seconds
-    )
+    yield Check("segments", statement, outcome, message, kind="cut short", seconds=seconds)

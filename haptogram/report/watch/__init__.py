@@ -1,13 +1,12 @@
-"""Reports of a board that was watched: words for its latches, JUnit XML, a page, a summary."""
+"""Reports of a board that was watched: its document, and words for its latches."""
 
-from .document import watch_document
-from .page import WatchPage
+from .document import WatchReport, watched_status_text
 from .words import watched_client_places_mm, watched_pattern_text, watched_place_text
 
 __all__ = [
-    "WatchPage",
-    "watch_document",
+    "WatchReport",
     "watched_client_places_mm",
     "watched_pattern_text",
     "watched_place_text",
+    "watched_status_text",
 ]

@@ -19,7 +19,7 @@ from haptogram import Driver
 from haptogram.cli import main
 from haptogram.commands.watch.records import WatchedRecords, reader_of_watched
 from haptogram.evidence.board_process import BoardProcess
-from haptogram.report.watch import page as page_module
+from haptogram.report.watch import document as document_module
 from haptogram.verification.watch import Defect
 
 pytestmark = pytest.mark.sampled(2)
@@ -228,15 +228,16 @@ def test_the_page_has_verdict_defects_latches_and_the_view(tmp_path, capsys):
     text = page.read_text()
     assert (status, err) == (1, f"wrote {page}\n")
     assert "<h1>FAIL: " in text
-    assert text.count(">off target (S") == 3
-    assert text.count('<span class="badge good">not found</span>') == len(Defect)
+    assert text.count(">off target (S") == 2 * 3  # among the checks, and the latches
+    passed = '<span class="badge good">passed</span></td><td class="wide">not found</td>'
+    assert text.count(passed) == len(Defect)
     assert "(40.0, 170.0, 0.0)" in text  # expected, in the client's axes
     scene = zlib.decompress(base64.b64decode(text.split('id="scene">')[1].split("<")[0]))
     assert b'"texts":{"2":"' in scene.replace(b" ", b"")
 
 
 def test_the_page_keeps_the_last_latches_only(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(page_module, "_LISTED", 5)
+    monkeypatch.setattr(document_module, "_LISTED", 5)
     frame = Path(capture("sonicsurface/focus_0_120_0")).read_bytes()
     (tmp_path / "long.bin").write_bytes(frame * 40)
     page = tmp_path / "watch.html"

@@ -13,9 +13,9 @@ from haptogram.conformance.verdict import Behaviour
 from haptogram.errors import ConfigurationError, DeviceError
 from haptogram.machine.provenance import UNSTATED
 from haptogram.report.conformance.document import suite_document
-from haptogram.report.conformance.page import write_conformance_page
 from haptogram.report.conformance.result import read_suite_json, write_suite_json
 from haptogram.report.conformance.text import suite_text
+from haptogram.report.formats.html import write_document_page
 from haptogram.report.formats.junit import write_document_junit
 
 ERRORS = [
@@ -61,7 +61,7 @@ def test_it_is_no_verdict_on_the_board_and_keeps_its_traceback(tmp_path, error):
     files = [tmp_path / name for name in ("a.json", "a.xml", "a.html")]
     write_suite_json(files[0], suite)
     write_document_junit(files[1], suite_document(suite), UNSTATED)
-    write_conformance_page(files[2], suite)
+    write_document_page(files[2], suite_document(suite), UNSTATED)
     assert json.loads(files[0].read_text())["results"][0]["traceback"] == result.traceback
     assert read_suite_json(files[0]).results == suite.results
     item = ElementTree.parse(files[1]).getroot().find("testsuite/testcase")

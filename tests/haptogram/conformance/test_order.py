@@ -14,11 +14,12 @@ from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour, CaseResult, Recovery, SuiteResult
 from haptogram.driver.line.port import PyserialTransport
+from haptogram.machine.provenance import UNSTATED
 from haptogram.records.frame import Evidence
 from haptogram.report.conformance.document import suite_document
-from haptogram.report.conformance.page import write_conformance_page
 from haptogram.report.conformance.result import suite_dict
 from haptogram.report.conformance.text import suite_text
+from haptogram.report.formats.html import write_document_page
 
 BAUD = 3_000_000
 WAITING = [case for case in all_cases() if case.before_wrap_us]
@@ -120,7 +121,7 @@ def test_every_report_says_once_what_many_failures_find_and_how_many_there_are(t
     assert named.endswith("and 9 more, in --json and --html")
     assert suite_dict(suite)["in_common"] == {"text": refused, "cases": tuple(clauses)}
     assert line in suite_document(suite).lead
-    write_conformance_page(tmp_path / "page.html", suite)
+    write_document_page(tmp_path / "page.html", suite_document(suite), UNSTATED)
     assert line in (tmp_path / "page.html").read_text("utf-8")
     unclean = [
         dataclasses.replace(result, behaviour=Behaviour.OK, detail="", recovery=Recovery(9, "mute"))

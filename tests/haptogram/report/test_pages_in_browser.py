@@ -10,7 +10,9 @@ import pytest
 
 from haptogram.acoustics import AcousticModel
 from haptogram.cli import main
-from haptogram.report import run as report
+from haptogram.machine.provenance import UNSTATED
+from haptogram.report.formats.html import write_document_page
+from haptogram.report.run import run_document
 from haptogram.report.viewer.server import ViewServer
 from judged_runs import aim, delay, lose, make_result, make_run, targets
 
@@ -32,8 +34,8 @@ def run_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = make_run(model, points, {2: lose, 4: delay, 20: aim(model, points[20] + 2e-3)})
     path = tmp_path_factory.mktemp("verify") / "page.html"
     with pytest.MonkeyPatch.context() as patch:  # pictures take long, and are images like any
-        patch.setattr("haptogram.report.run.page._run_page_pictures", lambda *_: ())
-        report.write_run_page(path, run, make_result(run), model)
+        patch.setattr("haptogram.report.run.document._run_page_pictures", lambda *_: ())
+        write_document_page(path, run_document(run, make_result(run), model), UNSTATED)
     return path
 
 
@@ -44,8 +46,10 @@ def test_the_focus_is_seen_without_scrolling(open_page: OpenPage, tmp_path: Path
     model = AcousticModel.default(8, 8)
     run = make_run(model, targets(3), {1: lose})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("haptogram.report.run.page._run_page_pictures", lambda *_: ())
-        report.write_run_page(tmp_path / "a.html", run, make_result(run), model)
+        patch.setattr("haptogram.report.run.document._run_page_pictures", lambda *_: ())
+        write_document_page(
+            tmp_path / "a.html", run_document(run, make_result(run), model), UNSTATED
+        )
     page = open_page((tmp_path / "a.html").as_uri(), ready="body")
     page.set_viewport_size({"width": 1280, "height": 720})
     bottoms = "() => [...document.images].map((image) => image.getBoundingClientRect().bottom)"

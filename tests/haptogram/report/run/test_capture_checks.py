@@ -16,7 +16,7 @@ def found_by_checks(findings: dict[str, list[str]]) -> dict[str, str]:
         "elements": [0, 1, 2],
         "frames": {"judged": 4, "intended": 4},
     }
-    return {check.name: check.message for check in run_capture_checks({"captures": [capture]})}
+    return {check.group: check.message for check in run_capture_checks({"captures": [capture]})}
 
 
 def test_a_pin_that_is_inverted_is_not_among_those_of_a_right_phase() -> None:

@@ -11,7 +11,9 @@ import pytest
 
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
-from haptogram.report import run as report
+from haptogram.machine.provenance import UNSTATED
+from haptogram.report.formats.html import write_document_page
+from haptogram.report.run import run_document
 from haptogram.verification import RunVerdict
 from judged_runs import damage, delay, hurry, lose, make_result, make_run, targets
 
@@ -47,8 +49,12 @@ class Outline(HTMLParser):
         self.texts.append(data)
 
 
+def write_page(path: Path, run: RunVerdict, model: AcousticModel, **changes: Any) -> None:
+    write_document_page(path, run_document(run, make_result(run, **changes), model), UNSTATED)
+
+
 def written(path: Path, run: RunVerdict, model: AcousticModel, **changes: Any) -> Outline:
-    report.write_run_page(path / "report.html", run, make_result(run, **changes), model)
+    write_page(path / "report.html", run, model, **changes)
     outline = Outline()
     outline.feed((path / "report.html").read_text(encoding="utf-8"))
     outline.close()
@@ -62,8 +68,8 @@ def written(path: Path, run: RunVerdict, model: AcousticModel, **changes: Any) -
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the pictures out, which take most of the time."""
-    monkeypatch.setattr("haptogram.report.run.page._run_page_pictures", lambda *_: ())
-    monkeypatch.setattr("haptogram.report.run.page.frame_field_picture", lambda *_: None)
+    monkeypatch.setattr("haptogram.report.run.document._run_page_pictures", lambda *_: ())
+    monkeypatch.setattr("haptogram.report.run.document.frame_field_picture", lambda *_: None)
 
 
 def test_a_page_holds_everything_in_itself(
@@ -98,9 +104,9 @@ def test_without_the_extra_no_page_is_begun(
     package: str,
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    advice = rf"^HTML pages need {package}: pip install .*\[report\]'$"
+    advice = rf"^(HTML pages|pictures) need {package}: pip install .*\[report\]'$"
     with pytest.raises(ConfigurationError, match=advice):
-        report.write_run_page(tmp_path / "a.html", good_run, make_result(good_run), model)
+        write_page(tmp_path / "a.html", good_run, model)
     assert not (tmp_path / "a.html").exists()
 
 
@@ -169,6 +175,4 @@ def test_a_page_that_cannot_be_written_is_named(
 ) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ConfigurationError, match=r"file/report\.html"):
-        report.write_run_page(
-            tmp_path / "file" / "report.html", good_run, make_result(good_run), model
-        )
+        write_page(tmp_path / "file" / "report.html", good_run, model)

@@ -12,7 +12,7 @@ import pytest
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray
 from haptogram.report.figures.embedded import embed_picture
 from haptogram.report.run import pictures
-from haptogram.report.run.fieldmap import frame_field_picture
+from haptogram.report.run.fieldmap import field_rms_kpa, frame_field_picture
 from haptogram.report.run.series import (
     plotted_bounds_mm,
     plotted_focus_mm,
@@ -138,12 +138,12 @@ def test_the_peak_of_the_field_is_where_the_focus_is(
     shown = frame_field_picture(good_run, model, None, 8)
     assert shown is not None
     assert not shown.latched
-    x, y, _ = (1e3 * value for value in shown.frame.target_m)
-    assert np.hypot(shown.level.peak_mm[0] - x, shown.level.peak_mm[1] - y) < 1.5
-    assert np.ptp(shown.level.across_mm) == pytest.approx(160.0)
+    away_m = np.array(shown.level.peak_m()) - shown.frame.target_m
+    assert np.hypot(*away_m[:2]) < 1.5e-3
+    assert np.ptp(shown.level.plane.horizontal_m) == pytest.approx(0.160)
     # The unit is that of the verdict: kPa RMS at the focus.
     assert shown.frame.pressure_rms_pa is not None
-    middle = shown.close_level.pressure_kpa[30, 30]
+    middle = field_rms_kpa(shown.close_level)[30, 30]
     assert 1e3 * middle == pytest.approx(shown.frame.pressure_rms_pa, rel=5e-3)
 
 
@@ -159,7 +159,7 @@ def test_a_drive_that_is_given_is_the_one_that_is_shown(model: AcousticModel) ->
     shown = frame_field_picture(run, model, drives, 8)
     assert shown is not None
     assert (shown.latched, shown.frame.number) == (True, 2)
-    assert shown.close_level.peak_mm[0] == pytest.approx(1e3 * elsewhere[0], abs=1.0)
+    assert shown.close_level.peak_m()[0] == pytest.approx(elsewhere[0], abs=1e-3)
 
 
 def _drive(model: AcousticModel, point: np.ndarray) -> Drive:
@@ -176,7 +176,7 @@ def test_a_point_inside_an_element_is_left_out() -> None:
     run = make_run(model, [(float(raised[5, 0]), float(raised[5, 1]), 0.15)])
     shown = frame_field_picture(run, model, None, 8)
     assert shown is not None
-    assert np.isnan(shown.upright.pressure_kpa).any()
+    assert np.isnan(shown.upright.values).any()
     assert np.isfinite(shown.most_kpa)
 
 
@@ -233,4 +233,5 @@ def test_a_tilted_and_a_sideways_array_have_their_field_drawn(model: AcousticMod
         shown = frame_field_picture(make_run(placed, [target]), placed, None, 8)
         assert shown is not None
         assert shown.most_kpa > 1.0
-        assert shown.upright.up_mm[0] < 1e3 * target[2] < shown.upright.up_mm[-1]
+        low_m, high_m = shown.upright.plane.vertical_m
+        assert low_m < target[2] < high_m

@@ -134,7 +134,7 @@ def test_a_run_that_a_busy_machine_left_inconclusive_says_what_to_do(model: Acou
     (line,) = told(host=host, configuration=virtual)
     assert line.endswith("; with --virtual-time its load does not count")
     sentences = prose.run_summary_sentences(make_result(run, host=host))
-    assert any(sentence.startswith("Run it again while ") for sentence in sentences)
+    assert any(sentence.startswith("run it again while ") for sentence in sentences)
     assert told(configuration=virtual) == []  # in virtual time nothing is held up
     planned = {"plan": ["line.drop p=1"], "seed": 0, "fired": None}
     assert told(host=host, configuration=virtual, faults=planned) == []

@@ -23,8 +23,10 @@ from haptogram.acoustics import (
     TransducerArray,
     pressure,
 )
+from haptogram.machine.provenance import UNSTATED
+from haptogram.report.formats.html import write_document_page
 from haptogram.report.viewer.frames import LATE, ViewerFrame
-from haptogram.report.viewer.page import write_view
+from haptogram.report.viewer.page import view_document
 from haptogram.report.viewer.scene import ViewerScene
 
 _FIELD = """(points) => {
@@ -89,7 +91,7 @@ _MODELS["calibrated"] = _calibrated()
 
 def _scene_page(tmp_path: Path, scene: ViewerScene) -> str:
     path = tmp_path / "view.html"
-    write_view(path, scene, title="A view", lead=["Of a test."])
+    write_document_page(path, view_document(scene, title="A view", lead=["Of a test."]), UNSTATED)
     return path.as_uri()
 
 
@@ -443,7 +445,7 @@ def test_troubles_are_counted_when_old_frames_are_dropped(page: Any) -> None:
 
 def test_scene_that_cannot_be_read_is_told(tmp_path: Path, open_page: Callable[..., Any]) -> None:
     path = tmp_path / "view.html"
-    write_view(path, _run_of_four(), title="A view", lead=[])
+    write_document_page(path, view_document(_run_of_four(), title="A view", lead=[]), UNSTATED)
     text = path.read_text()
     start = text.index('id="scene">') + len('id="scene">')
     path.write_text(text[:start] + text[start + 40 :])
@@ -453,7 +455,7 @@ def test_scene_that_cannot_be_read_is_told(tmp_path: Path, open_page: Callable[.
 
 def test_page_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
     path = tmp_path / "view.html"
-    write_view(path, _run_of_four(), title="A view", lead=[])
+    write_document_page(path, view_document(_run_of_four(), title="A view", lead=[]), UNSTATED)
     assert not re.search(r"(?:src|href)=\"(?!data:,)|https?://|@import|url\(", path.read_text())
 
 

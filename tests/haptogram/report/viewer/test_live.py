@@ -27,9 +27,11 @@ from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence
 from haptogram.evidence.backdoor_stream import BackdoorReader
+from haptogram.machine.provenance import UNSTATED
 from haptogram.records.frame import Focus, FrameKey, Intended
+from haptogram.report.formats.html import render_document_page
 from haptogram.report.viewer.live import KEPT, LiveViewerScene, viewer_target_line
-from haptogram.report.viewer.page import view_page
+from haptogram.report.viewer.page import view_document
 from haptogram.report.viewer.server import ViewServer
 
 from .test_scene import unpack
@@ -59,7 +61,7 @@ def scene(records: list[dict[str, Any]]) -> LiveViewerScene:
 
 @pytest.fixture
 def server(records: list[dict[str, Any]]) -> Iterator[ViewServer]:
-    page = view_page(None, title="Live view", lead=[])
+    page = render_document_page(view_document(None, title="Live view", lead=[]), UNSTATED)
     started = ViewServer(page, LiveViewerScene(records[0]))
     yield started
     started.close()

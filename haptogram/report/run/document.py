@@ -1,0 +1,269 @@
+"""One run of verification as a document: checks, key figures, and what its page shows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from haptogram.acoustics import AcousticModel
+from haptogram.records.frame import Observation
+from haptogram.verification import RunVerdict, Verdict
+
+from ..figures.embedded import embed_picture
+from ..formats.document import (
+    Check,
+    Document,
+    Finding,
+    Level,
+    Listing,
+    Outcome,
+    PagePicture,
+    Section,
+    Table,
+)
+from ..formats.html import html_setting_rows
+from ..viewer.run_scene import viewer_scene_of_run
+from . import pictures, prose
+from .checks import run_checks_of_result
+from .fieldmap import RunFieldPicture, frame_field_picture, run_finite_amplitude
+from .frame_rows import run_frame_place_text, run_frame_table
+from .pins import run_capture_figures, run_result_sentence
+from .wording import NOTHING, run_figure_wording
+
+_BITS: Final = 8
+_TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
+_LEVELS: Final = {
+    Outcome.FAILED: Level.ERROR,
+    Outcome.INCONCLUSIVE: Level.ERROR,
+    Outcome.NOTED: Level.WARNING,
+}
+#: Text, quantity and figure in the result, decimals, unit.
+_KEY_FIGURES: Final = (
+    ("error across the beam, median", "lateral_error_mm", "p50", 4, "mm"),
+    ("error across the beam, 99th percentile", "lateral_error_mm", "p99", 4, "mm"),
+    ("error across the beam, largest", "lateral_error_mm", "max", 4, "mm"),
+    ("error along the beam, median", "axial_error_mm", "p50", 4, "mm"),
+    ("error along the beam, 99th percentile", "axial_error_mm", "p99", 4, "mm"),
+    ("error along the beam, largest", "axial_error_mm", "max", 4, "mm"),
+    ("every miss shows from", "smallest_miss_mm", None, 3, "mm"),
+    ("uncertainty of the place, from air and elements", "uncertainty_mm", "total", 3, "mm"),
+    ("coherence at the target, lowest", "coherence", "min", 5, ""),
+    ("weakest of several foci, of their mean, lowest", "balance", "min", 2, ""),
+    ("efficiency of several foci, lowest", "efficiency", "min", 2, ""),
+    ("pressure at the focus, mean", "pressure_rms_pa", "mean", 0, "Pa RMS"),
+    ("pressure at the focus, standard deviation", "pressure_rms_pa", "std", 0, "Pa RMS"),
+    ("force on a disc of 10 mm radius, mean", "force_mn", "mean", 2, "mN"),
+    ("force, standard deviation", "force_mn", "std", 2, "mN"),
+    ("latched after its time, median", "lateness_us", "p50", 0, "µs"),
+    ("latched after its time, 99.9th percentile", "lateness_us", "p99.9", 0, "µs"),
+    ("latched after its time, largest", "lateness_us", "max", 0, "µs"),
+)
+
+
+def run_document(
+    run: RunVerdict,
+    result: Mapping[str, Any],
+    model: AcousticModel,
+    *,
+    observations: Mapping[int, Observation] | None = None,
+    seconds: float | None = None,
+) -> Document:
+    """Return the judged *run* as a document.
+
+    Parameters
+    ----------
+    result : mapping
+        The same as :func:`run_result_dict` returns it.
+    model : AcousticModel
+        Array and air that the drives were radiated in.
+    observations : mapping of int to Observation, optional
+        Latches whose drive was observed, by frame number, for the view and the picture of the
+        field.
+    seconds : float or None
+        How long the run took: the time of the check that it came to its end.
+    """
+    checks = run_checks_of_result(run, result, seconds)
+    effect = [] if run.effect is None else [f"the focus was {run.effect}"]
+    return Document(
+        command="verify",
+        heading=run_result_sentence(run, result),
+        title=f"{result['verdict']}, {result['frames']['sent']} frames",
+        tone=_TONES[Verdict(result["verdict"])],
+        findings=list(_run_findings(checks)),
+        lead=[*prose.run_summary_sentences(result), *effect],
+        sections=list(_run_sections(result)),
+        checks=checks,
+        properties=dict(_flat_properties("", _run_properties(result))),
+        seconds=seconds,
+        template="run.html",
+        content=lambda: _run_page_content(run, result, model, observations or {}),
+    )
+
+
+def _run_findings(checks: Sequence[Check]) -> Iterator[Finding]:
+    for check in sorted(checks, key=lambda check: not check.decisive):
+        if (level := _LEVELS.get(check.outcome)) is not None:
+            found = "; ".join([check.message, *check.details[:1]])
+            yield Finding(level, f"{check.name}: {check.outcome}", found)
+
+
+def _run_sections(result: Mapping[str, Any]) -> Iterator[Section]:
+    head = ("figure", "value", "unit")
+    yield Section("Key figures", [Table(head, list(_run_key_figures(result)), (1,))], folds=True)
+    if "faults" in result:
+        faults, counts = result["faults"], result["faults"]["fired"]
+        named = [(plan, plan.split()[0]) for plan in faults["plan"]]
+        rows = [(plan, str((counts or {}).get(name, NOTHING))) for plan, name in named]
+        note = (
+            f"The seed is {faults['seed']}. The number counts all faults of a name together, as "
+            f"docs/faults.md says{'; the board did not report it' if counts is None else ''}."
+        )
+        table = Table(("fault", "fired"), rows, (1,))
+        yield Section("Faults on purpose", [table, Listing([note])], folds=True)
+    if sides := result["troubles"]:
+        names = sorted({name for counts in sides.values() for name in counts})
+        counted = [
+            (name, *(str(sides.get(side, {}).get(name, 0)) for side in ("board", "host")))
+            for name in names
+        ]
+        table = Table(("counter (SPEC.md 9.2)", "board", "host"), counted, (1, 2))
+        yield Section("Damage on the line", [table], folds=True)
+    if result["warnings"]:
+        yield Section("Warnings", [Listing(result["warnings"])])
+
+
+def _run_key_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    if "captures" in result:
+        yield from run_capture_figures(result["captures"])
+    for text, name, figure, digits, unit in _KEY_FIGURES:
+        value = result[name] if figure is None or result[name] is None else result[name][figure]
+        if value is not None:
+            yield text, run_figure_wording(value, digits), unit
+
+
+def _run_properties(result: Mapping[str, Any]) -> dict[str, Any]:
+    names = ("verdict", "evidence", "seed", "frames", "faults")
+    named = {name: result[name] for name in names if name in result}
+    asked = {f"configuration.{name}": value for name, value in result["configuration"].items()}
+    made_by = {"board": result["board"], "environment": result.get("environment", {})}
+    return named | asked | made_by
+
+
+def _flat_properties(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Yield dotted names and texts of nested settings, without those that are not set."""
+    if value is None or value == []:
+        return
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            yield from _flat_properties(f"{prefix}.{name}" if prefix else str(name), item)
+    else:
+        yield prefix, value if isinstance(value, str) else json.dumps(value)
+
+
+def _run_page_content(
+    run: RunVerdict,
+    result: Mapping[str, Any],
+    model: AcousticModel,
+    seen: Mapping[int, Observation],
+) -> dict[str, Any]:
+    """Return the pictures and tables that a page alone shows."""
+    drives = {number: one.output for number, one in seen.items() if one.output is not None}
+    shown = frame_field_picture(run, model, drives, _BITS)
+    circumstances = {
+        "Configuration": {**result["configuration"], "seed": result["seed"]},
+        "Board": result["board"],
+        "Host": result.get("host") or {},
+        "Environment": result.get("environment") or {},
+    }
+    return {
+        "tested": list(prose.run_tested_rows(result, model)),
+        "scene": viewer_scene_of_run(run, model, seen).embedded() if run.frames else None,
+        "focus": list(_run_focus_pictures(shown, model, result["board"].get("phase_steps"))),
+        "pictures": list(_run_page_pictures(run, model)),
+        "frames": run_frame_table(run),
+        "judged": any(frame.criteria for frame in run.frames),
+        "criteria": prose.CRITERIA,
+        "evidence": list(prose.run_evidence_sentences(result)),
+        "limits": [*prose.run_limits_sentences(result), *run_finite_amplitude(run, model)],
+        "circumstances": {n: html_setting_rows(values) for n, values in circumstances.items()},
+    }
+
+
+# --- Pictures ----------------------------------------------------------------------------------
+
+
+def _run_focus_pictures(
+    shown: RunFieldPicture | None, model: AcousticModel, steps: int | None
+) -> Iterator[PagePicture]:
+    """Yield the field of one frame, and its close-up; nothing if no frame was sent."""
+    if shown is None:
+        return
+    yield embed_picture(
+        pictures.draw_run_field(shown, model, close=False),
+        "Pressure around one focus.",
+        f"Frame {shown.frame.number}, target {run_frame_place_text(shown.frame)} mm: level and "
+        "vertical plane through the target.",
+    )
+    yield embed_picture(
+        pictures.draw_run_field(shown, model, close=True),
+        "Close-ups of the white frames.",
+        _run_field_caption(shown, steps),
+    )
+
+
+def _run_page_pictures(run: RunVerdict, model: AcousticModel) -> Iterator[PagePicture]:
+    yield embed_picture(
+        pictures.draw_run_foci(run, model),
+        "Intended and measured foci over the array.",
+        "The colour is the error of a focus over the largest one that the rounding of the phases "
+        "can make, on the axis where that is worst; beyond 1 it is off target.",
+    )
+    measured = any(frame.lateral_error_mm is not None for frame in run.frames)
+    if measured:
+        yield from _pictures_of_errors(run, model)
+    if any(frame.pressure_rms_pa is not None for frame in run.frames):
+        yield embed_picture(
+            pictures.draw_run_along_object(run),
+            "Pressure and force along the object.",
+            "Left in the order of display, right as seen from above the array.",
+        )
+    if len(run.values("lateness_us")):
+        yield embed_picture(
+            pictures.draw_run_lateness(run, model),
+            "How long after its time each frame was latched.",
+            "On the board's clock. A frame latches at the first carrier period after its time; "
+            "from one whole period on it is late.",
+        )
+
+
+def _pictures_of_errors(run: RunVerdict, model: AcousticModel) -> Iterator[PagePicture]:
+    yield embed_picture(
+        pictures.draw_run_misses(run, model),
+        "The misses over time and over the object.",
+        "Left, on the board's clock from the first frame on: the distance of each focus from its "
+        "target, and the largest one that the rounding of the phases can make. Right: as seen from "
+        "above the array.",
+    )
+    yield embed_picture(
+        pictures.draw_run_errors(run, model),
+        "How the errors are distributed.",
+        "Grey: from the smallest to the largest error that the rounding of the phases can make, "
+        "which differs from target to target. Smaller errors than 10 nm are drawn as 10 nm.",
+    )
+
+
+def _run_field_caption(shown: RunFieldPicture, steps: int | None) -> str:
+    """Return the origin of a field; *steps* are those of boards whose steps are no bits."""
+    of_board = f"{steps} steps a period" if steps else f"{shown.phase_bits} bits"
+    source = (
+        "the drive that was latched, or seen to be radiated in its place, with phases of "
+        f"{of_board}"
+        if shown.latched
+        else f"the ideal drive of its target, at full amplitude with phases of {shown.phase_bits} "
+        "bits, and not what was latched"
+    )
+    return (
+        f"Calculated from {source}. Diffraction shifts the peak off the focus, mostly towards the "
+        "array."
+    )
