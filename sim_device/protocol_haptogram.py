@@ -21,6 +21,7 @@ from typing import Any, Final
 import serial
 
 from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Observation
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url
 
@@ -68,8 +69,6 @@ class Serial(serial.SerialBase):
         Port and board; None: the URL names them.
     simulation : Simulation
         The board and its line, while the port is open.
-    records : list of dict
-        Records of the back door, where ``reconstruct`` is given and no worker writes them.
     shared_as : str or None
         Name under which other ports of this program reach the board: set before it is opened.
     """
@@ -78,7 +77,6 @@ class Serial(serial.SerialBase):
     shared_as: str | None = None
     _owner: Serial | None = None  # of the board, if that is another port
     simulation: Simulation
-    records: list[Record]
 
     # pyserial keeps these, but its type stubs do not know them.
     _port: str | None
@@ -106,7 +104,8 @@ class Serial(serial.SerialBase):
         self._is_virtual = config.is_virtual
         blueprint = self._blueprint(config.board)
         settings = blueprint.settings
-        self.records = []
+        self._records: list[Record] = []
+        self._observations: list[Observation] = []
         self._sink: RecordSink | None = None
         self._worker: ReconstructionWorker | None = None
         self._inline: InlineReconstructionWorker | None = None
@@ -134,9 +133,24 @@ class Serial(serial.SerialBase):
             )
         self._owner, self._is_virtual = owner, owner.is_virtual
         self._start_ns = owner.start_ns
-        self.simulation, self.records = owner.simulation, owner.records
-        self._sink = self._worker = self._inline = None
+        self.simulation, self._inline = owner.simulation, owner._inline  # noqa: SLF001  its own class
+        self._records, self._observations = owner.records, owner.observations
+        self._sink = self._worker = None
         self.is_open = True
+
+    @property
+    def records(self) -> list[Record]:
+        """Records of the back door, where ``reconstruct`` is given and no worker writes them."""
+        if self._inline is not None:
+            self._inline.settle()
+        return self._records
+
+    @property
+    def observations(self) -> list[Observation]:
+        """The latches among :attr:`records`, as a verdict has them."""
+        if self._inline is not None:
+            self._inline.settle()
+        return self._observations
 
     @property
     def is_virtual(self) -> bool:
@@ -166,11 +180,13 @@ class Serial(serial.SerialBase):
         if backdoor is not None and not self._is_virtual:
             self._worker = ReconstructionWorker(settings, backdoor, reconstruct=wanted)
             return [self._worker]
-        write: Callable[[Record], object] = self.records.append
+        write: Callable[[Record], object] = self._records.append
+        told: list[Observation] | None = self._observations
         if backdoor is not None:
             self._sink = sink = open_backdoor_sink(backdoor)
+            told = None
             write = lambda record: sink.write(backdoor_record_line(record))  # noqa: E731  one line, used once
-        self._inline = InlineReconstructionWorker(settings, write, reconstruct=wanted)
+        self._inline = InlineReconstructionWorker(settings, write, reconstruct=wanted, told=told)
         return [self._inline]
 
     def close(self) -> None:

@@ -106,7 +106,12 @@ def _board_in_program(config: PortConfig, label: str) -> Iterator[BoardUnderTest
         model = port.simulation.settings.truth
         transport = PyserialTransport(port, label)
         yield InProcessBoardUnderTest(
-            transport, lambda: port.records, port.wait_until_ns, model, label
+            transport,
+            lambda: port.records,
+            port.wait_until_ns,
+            model,
+            label,
+            lambda: port.observations,
         )
 
 

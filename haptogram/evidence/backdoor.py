@@ -235,6 +235,8 @@ def observations_on_clock_of(
     two are whole wraps apart, the same number for as long as the session lasts.
     """
     shift_us = _shift_of_observations_us(intended, ((o.key, o.t_latch_us) for o in observations))
+    if not shift_us:
+        return list(observations)
     return [dataclasses.replace(o, t_latch_us=o.t_latch_us + shift_us) for o in observations]
 
 

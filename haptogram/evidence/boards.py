@@ -14,12 +14,16 @@ from haptogram.driver.line.port import Transport
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
     TIMED_OUT,
+    observations_on_clock_of,
     observed_fault_counts,
     observed_losses_on_clock_of,
     observed_silences_on_clock_of,
     why_observations_incomplete,
 )
-from haptogram.evidence.dialects.latches import dialect_run_observations
+from haptogram.evidence.dialects.latches import (
+    are_records_of_another_dialect,
+    dialect_run_observations,
+)
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
@@ -187,6 +191,9 @@ class InProcessBoardUnderTest(BoardUnderTest):
         What it radiates with.
     label : str
         Description of the board for the report.
+    latches : callable, optional
+        Returns the latches among the records of Haptogram's own board, so that nobody has to read
+        them.
     """
 
     is_in_process = True
@@ -198,9 +205,11 @@ class InProcessBoardUnderTest(BoardUnderTest):
         wait_until_ns: Callable[[int], None],
         model: AcousticModel,
         label: str = "virtual board, in virtual time",
+        latches: Callable[[], Sequence[Observation]] | None = None,
     ) -> None:
         super().__init__(label, port, model)
         self._port, self._records, self._wait_until_ns = port, records, wait_until_ns
+        self._latches = latches
 
     def wait_for_queue(self, driver: Driver) -> None:
         """Let virtual time pass."""
@@ -210,6 +219,15 @@ class InProcessBoardUnderTest(BoardUnderTest):
         """Close its port: that ends it."""
         self._port.close()
         return True
+
+    def observations(
+        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
+    ) -> Sequence[Observation]:
+        """Return the latches of the session of *driver*."""
+        if self._latches is None or are_records_of_another_dialect(self.records()):
+            return super().observations(driver, progress, skip_fields=skip_fields)
+        own = [latch for latch in self._latches() if latch.key.session == driver.session]
+        return observations_on_clock_of(driver.intended, own)
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of the back door."""

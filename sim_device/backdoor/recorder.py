@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from typing import Final, TypeVar
 
 from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import Pattern
+from haptogram.acoustics.reconstruct.warm import DriveToFind
+from haptogram.records.frame import Evidence, FrameKey, Observation
 
 from ..board.events import (
     AnyLatch,
@@ -34,6 +36,7 @@ from .records import (
 _Estimate = TypeVar("_Estimate")
 _Latch = TypeVar("_Latch", Latch, PulseLatch, AnyLatch)
 
+_AT_ONCE: Final = 512  # latches whose fields are rebuilt together
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
 
 
@@ -55,6 +58,27 @@ class BackdoorEstimator:
     def estimate(self, latch: AnyLatch) -> Reconstruction:
         """Return the reconstruction of the radiated drive, which knows no target."""
         return _remembered(self._seen, latch, self._reconstruct)
+
+    def estimate_all(self, latches: Sequence[Latch]) -> list[Reconstruction]:
+        """Return the result of :meth:`estimate` for each; new drives are rebuilt at once."""
+        keys = [_radiated_by_latch_record(latch) for latch in latches]
+        known = self._seen
+        new = {key: latch for key, latch in zip(keys, latches, strict=True) if key not in known}
+        asked = [
+            DriveToFind(
+                latch.radiated,
+                self._reconstructor.step_rad(latch.radiated, latch.commanded_bits),
+                ramping=latch.ramping,
+            )
+            for latch in new.values()
+        ]
+        known.update(zip(new, self._reconstructor.reconstruct_all(asked), strict=True))
+        found = [known[key] for key in keys]
+        for key in keys:
+            known.move_to_end(key)
+        while len(known) > MEMORY_DRIVES:
+            known.popitem(last=False)
+        return found
 
     def warm_up(self) -> None:
         """Do now what the first drive would wait for."""
@@ -110,6 +134,24 @@ def _radiated_by_latch_record(latch: AnyLatch) -> Hashable:
     return _weights_of_latch_record(latch).tobytes(), latch.pulses.steps
 
 
+def _observation_of_latch(
+    latch: Latch, record: Record, estimate: Reconstruction | None
+) -> Observation:
+    """Return the observation that *record* is read as."""
+    key = FrameKey(latch.session, latch.key.sequence, latch.key.loop, latch.key.index)
+    return Observation(
+        key,
+        latch.t_latch_us,
+        latch.late,
+        Evidence.EXTERNAL,
+        latch.drive,
+        record["drive_crc"],
+        estimate,
+        None if record["radiated"] is None else latch.radiated,
+        latch.t_received_us,
+    )
+
+
 class InlineReconstructionWorker:
     """A recorder that makes every record at once.
 
@@ -121,6 +163,9 @@ class InlineReconstructionWorker:
         Takes each record: a list's ``append``, for example.
     reconstruct : bool, keyword-only
         Whether the field is rebuilt.
+    told : list of Observation, keyword-only, optional
+        Takes the latches as a verdict has them. Then both they and the fields in the records come
+        many at a time, at the latest with :meth:`settle`: they take a tenth of the time so.
     """
 
     def __init__(
@@ -129,8 +174,11 @@ class InlineReconstructionWorker:
         write: Callable[[Record], object],
         *,
         reconstruct: bool = True,
+        told: list[Observation] | None = None,
     ) -> None:
         self._write = write
+        self._told = told
+        self._owed: list[tuple[Latch, Record]] = []
         wiring = settings.wiring
         steps = None if wiring is None else wiring.steps
         self._estimator = BackdoorEstimator(settings.truth, steps) if reconstruct else None
@@ -148,6 +196,9 @@ class InlineReconstructionWorker:
     def latch(self, latch: AnyLatch) -> None:
         """Take down a latch."""
         self._latched += 1
+        if self._told is not None and isinstance(latch, Latch):
+            self._owe(latch)
+            return
         estimator = self._estimator  # once: a signal may take it away at any time
         estimate = estimator.estimate(latch) if estimator else None
         self._reconstructed += estimate is not None
@@ -157,6 +208,28 @@ class InlineReconstructionWorker:
             self._write(backdoor_pulse_record(latch, estimate, pattern, modulation_changed=changed))
         else:
             self._write(backdoor_latch_record(latch, estimate))
+
+    def _owe(self, latch: Latch) -> None:
+        record = backdoor_latch_record(latch, None)
+        self._write(record)
+        self._owed.append((latch, record))
+        if len(self._owed) >= _AT_ONCE:
+            self.settle()
+
+    def settle(self) -> None:
+        """Complete the records of all latches so far."""
+        latches, told = [latch for latch, _ in self._owed], self._told
+        if not latches or told is None:
+            return
+        estimates: Sequence[Reconstruction | None] = [None] * len(latches)
+        if self._estimator is not None:
+            estimates = self._estimator.estimate_all(latches)
+            self._reconstructed += len(latches)
+        for (latch, record), estimate in zip(self._owed, estimates, strict=True):
+            if estimate is not None:
+                record["reconstruction"] = estimate.as_dict()
+            told.append(_observation_of_latch(latch, record, estimate))
+        self._owed.clear()
 
     def skip_fields(self) -> None:
         """Leave the field out from now on: there is no time left for it."""
@@ -173,6 +246,7 @@ class InlineReconstructionWorker:
 
     def finish(self, *, dropped: int = 0, notices_dropped: int = 0, clean: bool = True) -> None:
         """Write the totals; *dropped* latches and *notices_dropped* notices never came here."""
+        self.settle()
         self._write(
             backdoor_end_record(
                 latched=self._latched + dropped,

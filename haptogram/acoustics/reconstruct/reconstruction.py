@@ -50,6 +50,7 @@ from haptogram.acoustics.reconstruct.estimates import (
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.acoustics.reconstruct.warm import (
     CLEARANCE_M,
+    COARSE_RAD,
     REACH_M,
     DriveToFind,
     WarmReconstructor,
@@ -66,7 +67,6 @@ _SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude ste
 _MAX_STARTS: Final = 12
 _TRIM_ROUNDS: Final = 6
 _MIN_AGREEING: Final = 8  # twice the unknowns: fewer would agree on some point by chance
-_COARSE_RAD: Final = math.tau / 8.0 * (1.0 - 1e-9)  # from 3 bits down, places can be equal
 _MAX_RIVAL_STARTS: Final = 48
 _EQUAL: Final = 3.0  # standard deviations of what rounding leaves
 
@@ -125,6 +125,7 @@ class Reconstructor:
         self._heard_count = model.array.count if self._heard is None else int(self._heard.sum())
         self._acquisition: FocusAcquisition | None = None
         self._last_focus: FloatArray | None = None
+        self._at_once = 1
 
     def warm_up(self) -> None:
         """Prepare search volumes and machine code, for which the first drive would wait."""
@@ -134,6 +135,8 @@ class Reconstructor:
         else:
             tracker.warm_up()
         ahead = self._model.array.world_m(np.array([0.0, 0.0, 0.1]))
+        if self._warm is not None:
+            self._warm.warm_up(ahead)
         self._disc.force_n(np.ones(self._model.array.count), ahead)
 
     def reset(self) -> None:
@@ -184,31 +187,32 @@ class Reconstructor:
         """
         found: list[Reconstruction] = []
         while len(found) < len(asked):
-            found += self._foci_beside_last(asked[len(found) :])
-            if len(found) < len(asked):
-                one = asked[len(found)]
-                if one.drive.is_muted and not one.ramping:
-                    found.append(NoFocus("muted"))
-                    continue
-                weights = one.drive.weights()
-                found.append(
-                    self._reconstruct(
-                        weights, one.step_rad, ramping=one.ramping, slack_rad=one.slack_rad
-                    )
-                )
+            beside = self._foci_beside_last(asked[len(found) : len(found) + self._at_once])
+            found += beside
+            # Where one has jumped the next one may: not to prepare many in vain.
+            self._at_once = min(_AT_ONCE, 2 * self._at_once) if beside else 1
+            if not beside:
+                found.append(self._focus_of(asked[len(found)]))
         return found
+
+    def _focus_of(self, asked: DriveToFind) -> Reconstruction:
+        if asked.drive.is_muted and not asked.ramping:
+            return NoFocus("muted")
+        weights, slack_rad = asked.drive.weights(), asked.slack_rad
+        return self._reconstruct(
+            weights, asked.step_rad, ramping=asked.ramping, slack_rad=slack_rad
+        )
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
         """Return the foci of the first drives, as far as each is beside the last one."""
         warm = self._warm
         if warm is None or self._last_focus is None:
             return []
-        some = list(takewhile(_is_sought_by_phases, asked[:_AT_ONCE]))
-        codes = warm.codes(some) if some else None
-        if codes is None:
+        some = list(takewhile(warm.serves, asked))
+        if not some:
             return []
         quick_rad = np.array([_quick_limit_rad(one.limit_rad) for one in some])
-        foci = warm.foci(some, codes, quick_rad, self._last_focus)
+        foci = warm.foci(some, quick_rad, self._last_focus)
         if foci:
             self._last_focus = np.array(foci[-1].position_m)
         return foci
@@ -221,7 +225,7 @@ class Reconstructor:
 
     @cached_property
     def why_not_compiled(self) -> str | None:
-        """Why no focus of this array is found in compiled code; None: it is, beside the last."""
+        """Reason why no focus is found in compiled code; None: it is, beside the last one."""
         return WarmReconstructor.why_not(self._model, self._disc)
 
     def reconstruct_weights(
@@ -278,7 +282,7 @@ class Reconstructor:
         found, tried = self._locate_quickly(radiated)
         if found is None:
             found = self._search(tried, radiated)
-        if isinstance(found, SingleFocus) and step_rad >= _COARSE_RAD:
+        if isinstance(found, SingleFocus) and step_rad >= COARSE_RAD:
             return self._best_of_rivals(found, radiated)
         return found
 
@@ -507,12 +511,6 @@ class Reconstructor:
 def _quick_limit_rad(limit_rad: float) -> float:
     """Return the residual that the search in single precision may leave."""
     return max(limit_rad, phase_step_rad(REGISTER_BITS) / 2.0) + _QUICK_MARGIN_RAD
-
-
-def _is_sought_by_phases(asked: DriveToFind) -> bool:
-    """Return True unless a drive is on a ramp, finer than registers, or suits several places."""
-    is_usual = asked.step_rad < _COARSE_RAD and asked.drive.phase_bits <= REGISTER_BITS
-    return is_usual and not asked.ramping
 
 
 def _reconstructed_vector(values: FloatArray) -> Vector:

@@ -118,7 +118,7 @@ class FocusTracker:
 
     @property
     def kernel_arguments(self) -> tuple[object, ...]:
-        """What :meth:`fit` hands over besides codes and start, for other loops."""
+        """Arguments of the loop of :meth:`fit` besides codes and start, for other loops."""
         return self._order, self._places, self._lags, self._frame, _MAX_STEPS
 
     def fit(self, codes: NDArray[np.uint8], start_m: Point) -> Fix:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.numba_engine import NumbaEngine
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M  # a fit nearer to an element is no focus
 REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a plane wave
+COARSE_RAD: Final = math.tau / 8.0 * (1.0 - 1e-9)  # from 3 bits down, places can be equal
 _DISC_M: Final = 0.012  # above the highest element: a disc there touches none, however it lies
 _MANY: Final = 64  # elements whose errors average out in single precision
 _ALL: Final = (True, True, True)
@@ -74,6 +75,7 @@ class WarmReconstructor:
         assert isinstance(engine, NumbaEngine)
         self._pistons = ParallelPistons.of(model)
         self._phasors = np.exp(1j * dequantise_phase(np.arange(256, dtype=np.uint8), REGISTER_BITS))
+        self._full = bytes([FULL_AMPLITUDE]) * model.array.count
         self._tracker = tracker.kernel_arguments
         self._engine = engine.kernel_arguments(careful=model.array.count < _MANY)
         self._disc = disc.kernel_arguments
@@ -87,20 +89,24 @@ class WarmReconstructor:
             return "another field engine, or an array that is no lattice"
         return ParallelPistons.why_not(model)
 
-    def codes(self, asked: list[DriveToFind]) -> NDArray[np.uint8] | None:
-        """Return the (F, N) codes of 8 bits; None: a drive is not of full amplitude."""
-        amplitudes = np.array([one.drive.amplitude_codes for one in asked])
-        if amplitudes.min() < FULL_AMPLITUDE:
-            return None
-        bits = np.array([REGISTER_BITS - one.drive.phase_bits for one in asked], dtype=np.uint8)
-        return np.array([one.drive.phase_codes for one in asked]) << bits[:, None]
+    def warm_up(self, start: FloatArray) -> None:
+        """Load or make the machine code."""
+        drive = Drive(np.zeros(len(self._full), np.uint8), np.frombuffer(self._full, np.uint8))
+        self.foci([DriveToFind(drive, math.pi / 128.0)], np.ones(1), start)
+
+    def serves(self, asked: DriveToFind) -> bool:
+        """Return True for full amplitudes, and for phases that do not suit several places."""
+        drive = asked.drive
+        is_usual = asked.step_rad < COARSE_RAD and not asked.ramping
+        is_usual = is_usual and drive.phase_bits == REGISTER_BITS
+        return is_usual and drive.amplitude_codes.tobytes() == self._full
 
     def foci(
-        self, asked: list[DriveToFind], codes: NDArray[np.uint8], quick_rad: FloatArray,
-        start: FloatArray,
-    ) -> list[SingleFocus]:  # fmt: skip
+        self, asked: list[DriveToFind], quick_rad: FloatArray, start: FloatArray
+    ) -> list[SingleFocus]:
         """Return the foci of the first of the drives, until one is not beside that before."""
         kernels = self._pistons.kernels
+        codes = np.array([one.drive.phase_codes for one in asked])
         found = np.empty((len(asked), kernels.FOCUSED_MEASURES))
         steps_rad = np.array([one.step_rad for one in asked])
         limits_rad = np.array([one.limit_rad for one in asked])

@@ -20,7 +20,11 @@ from haptogram.acoustics.arrays import (
     as_float_vector,
     as_point_array,
 )
-from haptogram.acoustics.field.reference import check_field_points
+from haptogram.acoustics.field.reference import (
+    check_field_points,
+    points_clear_of_elements,
+    points_in_front,
+)
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.own_axes import mean_array_normal
@@ -65,6 +69,22 @@ def check_focus_target(model: AcousticModel, target_m: ArrayLike) -> None:
     _check_focus_limit(names[0], abs(offset[0]), high_m=reach[0])
     _check_focus_limit(names[1], abs(offset[1]), high_m=reach[1])
     check_field_points(model, target[None])
+
+
+def check_focus_targets(model: AcousticModel, targets_m: FloatArray) -> None:
+    """Raise as :func:`check_focus_target` unless it lets all of (T, 3) targets through.
+
+    Thousands take the time of a few, as long as none is refused.
+    """
+    offsets = model.array.local_m(targets_m)
+    low_m, high_m = focus_target_heights_m(model.array)
+    clear = points_clear_of_elements(model, targets_m, MIN_TARGET_DISTANCE_M)
+    clear &= (offsets[:, 2] >= low_m) & (offsets[:, 2] <= high_m)
+    clear &= np.linalg.norm(offsets, axis=1) <= MAX_TARGET_DISTANCE_M
+    clear &= (np.abs(offsets[:, :2]) <= focus_steering_reach_m(model)).all(axis=1)
+    clear &= points_in_front(model, targets_m)
+    for target in targets_m[~clear]:
+        check_focus_target(model, target)
 
 
 def _coordinate_names_of_focus(model: AcousticModel) -> list[str]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_focus_target, focus_phases
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, quantise_phase
+from haptogram.acoustics.solvers.focus import check_focus_targets
 from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
 from haptogram.driver.frames.frame import (
     MODE_OF,
@@ -112,8 +113,9 @@ class FrameBuilder:
         places: dict[tuple[Focus, ...], int] = {}
         for number, group in enumerate(foci):
             places.setdefault(group, number)
+        are_in_reach = _are_frames_in_reach(self._model, list(places))
         for group, number in places.items():
-            self._check(number, group, mode, solver)
+            self._check(number, group, mode, solver, is_in_reach=are_in_reach)
         made = dict(zip(places, self._make(list(places), mode, solver), strict=True))
         return [made[group] for group in foci]
 
@@ -141,8 +143,16 @@ class FrameBuilder:
                 f"board takes {LEAST_SPEED_MM_S / 1000:g} to {MOST_SPEED_MM_S / 1000:g} m/s"
             )
 
-    def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode, solver: Method) -> None:
-        check_frame_foci(self._model, number, foci, solver)
+    def _check(
+        self,
+        number: int,
+        foci: tuple[Focus, ...],
+        mode: Mode,
+        solver: Method,
+        *,
+        is_in_reach: bool,
+    ) -> None:
+        check_frame_foci(self._model, number, foci, solver, is_in_reach=is_in_reach)
         if mode == "points" and len(foci) > self._identity.max_points:
             raise ConfigurationError(
                 f"frame {number}: {len(foci)} foci; the board takes {self._identity.max_points}"
@@ -186,12 +196,30 @@ class FrameBuilder:
         return Frame(rounded, drive, message, self._geometry_hash, sound_speed_mm_s=speed_mm_s)
 
 
-def check_frame_foci(
-    model: AcousticModel, number: int, foci: tuple[Focus, ...], solver: Method
-) -> None:
-    """Refuse foci of frame *number* that are out of reach, or have phases that *solver* chooses."""
+def _are_frames_in_reach(model: AcousticModel, foci: Sequence[tuple[Focus, ...]]) -> bool:
+    """Return True if no focus of any frame is out of reach."""
+    places = np.array([focus.position_m for group in foci for focus in group])
     try:
-        for focus in foci:
+        check_focus_targets(model, places)
+    except ConfigurationError:
+        return False
+    return True
+
+
+def check_frame_foci(
+    model: AcousticModel,
+    number: int,
+    foci: tuple[Focus, ...],
+    solver: Method,
+    *,
+    is_in_reach: bool = False,
+) -> None:
+    """Refuse foci of frame *number* that are out of reach, or have phases that *solver* chooses.
+
+    *is_in_reach*: whether it is known that all are in reach.
+    """
+    try:
+        for focus in () if is_in_reach else foci:
             check_focus_target(model, focus.position_m)
     except ConfigurationError as error:
         raise ConfigurationError(f"frame {number}: {error}") from error

@@ -132,7 +132,7 @@ class FrameJudge:
 
     @property
     def ways(self) -> dict[str, int]:
-        """How many frames of :meth:`judge_all` were judged in compiled code, or why not."""
+        """Number of frames of :meth:`judge_all` in compiled code, and for each reason why not."""
         return dict(self._ordinary.ways)
 
     def judge_all(self, pairs: Iterable[Pair]) -> Iterator[FrameVerdict]:

@@ -71,11 +71,11 @@ class NumbaEngine(SingleEngine):
 
     @property
     def is_lattice(self) -> bool:
-        """Whether the elements lie on a lattice."""
+        """True if the elements lie on a lattice."""
         return self._layout.lattice is not None
 
     def kernel_arguments(self, *, careful: bool) -> tuple[object, ...]:
-        """Return what the loops take of a lattice, for other loops that call them."""
+        """Return the arguments of the loops for a lattice, for other loops that call them."""
         layout = self._layout
         return (
             layout.frame, layout.constants, careful, self._gain, layout.x, layout.y, layout.nodes,

@@ -21,7 +21,7 @@ _FEWEST: Final = 4
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ParallelPistons:
-    """What the compiled loops of double precision take of a model.
+    """Arguments of the compiled loops of double precision.
 
     Attributes
     ----------
@@ -73,5 +73,6 @@ class ParallelPistons:
             *normal,
             (model.array.positions_m @ normal).max(),
         ]
-        places = np.vstack([model.array.positions_m.T, np.zeros(model.array.count)])
+        places = np.zeros((4, model.array.count))
+        places[:3] = model.array.positions_m.T
         return cls(kernels, places, np.array(medium))

@@ -453,6 +453,7 @@ COMPILED = (
     "fit_phases_kernel",
     "cell_scores_kernel",
     "best_cell_kernel",
+    "focused_frames_kernel",
 )
 
 

@@ -114,7 +114,7 @@ def _fit_kernel(
 @jit_sums
 def _least_kernel(values: F8) -> float:
     """Return the least value."""
-    least = values[0]
+    least = 1e30
     for n in range(values.size):
         least = values[n] if values[n] < least else least
     return least

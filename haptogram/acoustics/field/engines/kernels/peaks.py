@@ -109,7 +109,7 @@ def climb_kernel(
             share *= 0.5
         if not is_higher:
             offset[0], offset[1] = a, b
-            return size < step
+            return bool(size < step)
         a, b = u, v
         level, there = there, level
     return False
@@ -172,4 +172,4 @@ def expected_peak_kernel(
         p[i, 0], p[i, 1], _ = arrivals_at_kernel(places, x, y, z, medium, sides[i])
     first, second = _response_kernel(sides, p, h00, h01, h11, step, both)
     rounding[0], rounding[1] = first * phase_limit, second * phase_limit
-    return length_kernel(rounding[0], rounding[1], metric) <= settings[6]
+    return bool(length_kernel(rounding[0], rounding[1], metric) <= settings[6])

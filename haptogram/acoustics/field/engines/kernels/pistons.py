@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.field.engines.kernels.jit import jit_inline, jit_sums
 
-MOST_GAIN_SQUARE: Final = 3.0  # (k a / 2)^2
+MOST_GAIN_SQUARE: Final = 8.0  # (k a / 2)^2
 MOST_LOSS: Final = 0.25  # nepers
 
 
@@ -174,7 +174,7 @@ def inverse_symmetric_kernel(matrix: NDArray[np.float64], inverse: NDArray[np.fl
     inverse[0], inverse[1], inverse[2] = m11 / determinant, m12 / determinant, m13 / determinant
     inverse[3], inverse[4] = (a * f - c * c) / determinant, (b * c - a * e) / determinant
     inverse[5] = (a * d - b * b) / determinant
-    return determinant / (a + d + f) ** 3
+    return float(determinant / (a + d + f) ** 3)
 
 
 @jit_sums
