@@ -15,7 +15,7 @@ from haptogram.settings.line import LineSettings
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
-from .board.clock import NS_PER_US, earliest_board_time, whole_board_us
+from .board.clock import NS_PER_US, whole_board_us
 from .board.events import AnyLatch, LineCounted, Notice, PowerDown, Remark
 from .board.settings import BoardSettings
 from .dialects.haptogram import VirtualHaptogramDialect
@@ -245,17 +245,19 @@ class Simulation:
         return None if self._next_ns is None else max(self._next_ns, self._now_ns)
 
     def _first_event_ns(self) -> int | None:
-        board_us = self.dialect.next_event_us()
-        first_ns = None if board_us is None else self._clock.reached_ns(board_us)
+        times = []
+        if (board_us := self.dialect.next_event_us()) is not None:
+            times.append(self._clock.reached_ns(board_us))
         if (down_ns := self._down.next_event_ns(self.dialect.next_frame_end)) is not None:
-            first_ns = earliest_board_time(first_ns, whole_board_us(down_ns))
+            times.append(whole_board_us(down_ns))
         if (up_ns := self._up.next_event_ns(_end_of_answer)) is not None:
-            first_ns = earliest_board_time(first_ns, up_ns)
+            times.append(up_ns)
         if self._can_feed:
-            first_ns = earliest_board_time(first_ns, self._up.free_ns)
+            times.append(self._up.free_ns)
         if self._injector is not None:
-            first_ns = earliest_board_time(first_ns, self._injector.next_change_ns(self._now_ns))
-        return first_ns
+            change_ns = self._injector.next_change_ns(self._now_ns)
+            times += [] if change_ns is None else [change_ns]
+        return min(times, default=None)
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*.
@@ -303,6 +305,8 @@ class Simulation:
 
     def _record(self) -> None:
         notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
+        if not notices and not latches:
+            return
         if self._injector is not None:
             latches = [self._injector.radiate(latch, self._now_ns) for latch in latches]
         for recorder in self._recorders:
@@ -340,12 +344,13 @@ class Simulation:
     @property
     def _can_feed(self) -> bool:
         # With a buffer of its own the host never makes the board wait: what does not fit is lost.
-        waits = self._line.host_buffer is None and len(self._unread) >= HOST_BUFFER
-        return self.dialect.output_bytes > 0 and not waits
+        if not self.dialect.output_bytes:
+            return False
+        return self._line.host_buffer is not None or len(self._unread) < HOST_BUFFER
 
     def _feed_line(self) -> None:
         """Give the line to the host more bytes, once it has sent the last ones."""
-        if self._can_feed and self._up.free_ns <= self._now_ns:
+        if self._up.free_ns <= self._now_ns and self._can_feed:
             self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self._now_ns)
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
 

@@ -169,7 +169,8 @@ class Record:
             If a value does not fit its field.
         """
         try:
-            fixed = self.LAYOUT.pack(*self.to_raw())
+            raw = self.to_raw() if self.CONVERTED else type(self).VALUES(self)
+            fixed = self.LAYOUT.pack(*raw)
         except struct.error as error:
             raise LocalProtocolError(f"{self!r} does not fit its layout: {error}") from error
         return fixed + self._pack_tail() if self.TAIL else fixed
@@ -211,10 +212,10 @@ class Record:
                 f"{cls.__name__} of {len(data)} bytes; its layout has {size}{rule}",
                 reason="bad_length",
             )
-        values = cls.from_raw(cls.LAYOUT.unpack_from(data), 0)
-        if form:
-            values.append(_unpack_wire_tail(form, data, size))
-        return cls(*values)
+        values: tuple[Any, ...] = cls.LAYOUT.unpack_from(data)
+        if cls.CONVERTED:
+            values = (*cls.from_raw(values, 0),)
+        return cls(*values, *((_unpack_wire_tail(form, data, size),) if form else ()))
 
     @classmethod
     def from_raw(cls, raw: Sequence[Any], base: int) -> list[Any]:

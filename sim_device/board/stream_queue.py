@@ -9,8 +9,10 @@ from haptogram.acoustics import Drive
 
 from .registers import Content
 
+# These two are not frozen: one of each is made for every frame, in a quarter of the time.
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(slots=True)
 class StreamFrame:
     """A stream frame, its values checked.
 
@@ -29,7 +31,7 @@ class StreamFrame:
     content: Content
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class QueueEntry:
     """A stream frame whose drive is ready to be latched.
 

@@ -71,7 +71,7 @@ from ..board.board import Board
 from ..board.clock import earliest_board_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange, StreamDropped
 from ..board.refusal import RefusalError
-from ..board.registers import Content
+from ..board.registers import Content, full_amplitude_registers
 from ..board.stream_queue import StreamFrame
 
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
@@ -117,6 +117,8 @@ class VirtualHaptogramDialect:
         self._trace_dropped = 0
         self._traced = 0
         self._next_status_us: int | None = None
+        self._next_us: int | None = None  # next event, as long as nothing changes it
+        self._is_next_known = False
         self._latches: list[Latch] = []
         self._notices: list[Notice] = []
         self._handlers: dict[type[Message], _Handler] = {
@@ -155,11 +157,15 @@ class VirtualHaptogramDialect:
 
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
-        return earliest_board_time(self.board.next_event_us(), self._next_status_us)
+        if not self._is_next_known:
+            self._next_us = earliest_board_time(self.board.next_event_us(), self._next_status_us)
+            self._is_next_known = True
+        return self._next_us
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, and say so on the line."""
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
+            self._is_next_known = False
             self.board.advance_to(next_us)
             self.collect()
             if next_us == self._next_status_us:
@@ -169,12 +175,14 @@ class VirtualHaptogramDialect:
     def receive(self, data: bytes, t_us: int) -> None:
         """Take bytes whose last one is complete at *t_us*."""
         self.advance_to(t_us)
+        self._is_next_known = False
         self._link.receive_data(data, t_us)
         while (event := self._link.next_event()) is not NEED_DATA:
             if self._watch is not None:
                 self._watch(event)
             self._dispatch(event)
             self.collect()
+        self._is_next_known = False
 
     def take_output(self, limit: int | None = None) -> bytes:
         """Return whole frames for the line, at most *limit* bytes if given."""
@@ -200,11 +208,13 @@ class VirtualHaptogramDialect:
 
     def raise_hardware_fault(self) -> None:
         """Let the hardware fail now, and say so."""
+        self._is_next_known = False
         self.board.output.raise_hardware_fault()
         self.collect()
 
     def power_down(self) -> None:
         """Mute the board for good, and say so."""
+        self._is_next_known = False
         self.board.mute()
         self.advance_to(self.board.now_us)
         self.collect()
@@ -248,6 +258,8 @@ class VirtualHaptogramDialect:
             return message.points
         codes = drive_codes(message, count)
         assert codes is not None  # of PHASES and DRIVES
+        if isinstance(message, Phases):
+            return full_amplitude_registers(message.data)
         phases, amplitudes = (np.frombuffer(part, np.uint8) for part in codes)
         return Drive(phases, amplitudes)
 

@@ -68,6 +68,7 @@ class Uart:
         self._bursts: deque[_Burst] = deque()
         self._in_transit = 0
         self._free_ns = 0
+        self._next_ns: int | None = None  # of the first burst, as long as none of it is taken
         self.overrun = self.framing = 0
 
     @property
@@ -99,11 +100,16 @@ class Uart:
         """
         if not self._bursts:
             return None
-        burst = self._bursts[0]
-        return self._end_ns(burst, next_frame_end(burst.data, burst.taken))
+        if self._next_ns is None:
+            burst = self._bursts[0]
+            self._next_ns = self._end_ns(burst, next_frame_end(burst.data, burst.taken))
+        return self._next_ns
 
     def receive(self, t_ns: int) -> bytes:
         """Return the bytes that are complete by *t_ns*, each once."""
+        if not self._bursts:
+            return b""
+        self._next_ns = None
         received = bytearray()
         while self._bursts:
             burst = self._bursts[0]
@@ -119,6 +125,7 @@ class Uart:
     def cut(self) -> None:
         """Lose what is on the line."""
         self._bursts.clear()
+        self._next_ns = None
         self._in_transit = 0
         self._free_ns = 0
 

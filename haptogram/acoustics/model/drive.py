@@ -35,6 +35,8 @@ _CEILING: Final = 1.0 + 1e-6  # a magnitude of 1, with the rounding of single pr
 
 _MAX_WEIGHT: Final = 1e6  # the field is linear; far above, single precision is not
 
+_LARGEST: Final = {kind: int(np.iinfo(kind).max) for kind in (np.uint8, np.uint16)}
+
 _TURN_RAD: Final = 2.0 * math.pi
 _MAX_PHASE_RAD: Final = 1e9  # beyond it a float64 no longer resolves a 16-bit step well
 
@@ -226,6 +228,8 @@ def phase_step_rad(bits: int) -> float:
 
 def check_phase_bits(bits: int) -> int:
     """Return *bits* as an int, or raise unless it is a whole number from 1 to 16."""
+    if type(bits) is int and 1 <= bits <= MAX_PHASE_BITS:
+        return bits
     return check_whole("phase_bits", bits, 1, MAX_PHASE_BITS)
 
 
@@ -298,7 +302,7 @@ def _as_drive_codes(
         )
     if not 1 <= array.size <= MAX_TRANSDUCERS:
         raise ConfigurationError(f"{name} holds {array.size} codes, must be 1 to {MAX_TRANSDUCERS}")
-    if array.dtype != kind or limit < np.iinfo(kind).max:  # else there is nothing to find
+    if array.dtype != kind or limit < _LARGEST[kind]:  # else there is nothing to find
         low, high = int(array.min()), int(array.max())
         if low < 0 or high > limit:
             worst = low if low < 0 else high

@@ -154,7 +154,7 @@ class BoardConnection:
 
     def _judge(self, body: bytes, t_rx_us: int) -> BoardEvent:
         self.count("frames")
-        header = Header.unpack(body[:HEADER_BYTES])
+        header = Header.of_body(body)
         in_session = self.session != 0 and header.session == self.session
         frame = ReceivedFrame(header, body[HEADER_BYTES:], zlib.crc32(body), t_rx_us, in_session)
         if header.type in STREAM_RANGE:

@@ -7,9 +7,10 @@ other error. The rules about when a message may be sent live in :mod:`..connecti
 
 from __future__ import annotations
 
+import struct
 from typing import Final
 
-from ..errors import RemoteProtocolError
+from ..errors import LocalProtocolError, RemoteProtocolError
 from .configuration import (
     Config,
     ConfigReply,
@@ -118,7 +119,7 @@ def parse_body(body: bytes) -> tuple[Header, Message]:
         With the reason ``unknown_type``, ``bad_length`` or ``bad_value``.
     """
     size = Header.LAYOUT.size
-    header = Header.unpack(body[:size])
+    header = Header.of_body(body)
     message = MESSAGES.get(header.type)
     if message is None:
         raise RemoteProtocolError(
@@ -149,14 +150,12 @@ def build_body(message: Message, *, flags: int, seq: int, time_us: int, session:
     LocalProtocolError
         If a value does not fit its field.
     """
-    header = Header(
-        type=message.TYPE,
-        flags=flags,
-        seq=seq & 0xFFFF,
-        time_us=time_us & 0xFFFFFFFF,
-        session=session,
-    )
-    return header.pack() + message.serialize()
+    kind, time_us = message.TYPE, time_us & 0xFFFFFFFF
+    try:
+        header = Header.LAYOUT.pack(kind, flags, seq & 0xFFFF, time_us, session)
+    except struct.error as error:
+        raise LocalProtocolError(f"header of {kind.name} does not fit: {error}") from error
+    return header + message.serialize()
 
 
 __all__ = [

@@ -110,6 +110,19 @@ class Header(Record):
     time_us: int = wire("I", "t_apply (host) or t_device (board), device clock, modulo 2^32")
     session: int = wire("H", "nonce of the session; 0: none (HG-3.7)")
 
+    @classmethod
+    def of_body(cls, body: bytes) -> Self:
+        """Return the header that a body begins with.
+
+        Raises
+        ------
+        RemoteProtocolError
+            If the body is shorter.
+        """
+        if len(body) < cls.LAYOUT.size:
+            return cls.unpack(body)
+        return cls(*cls.LAYOUT.unpack_from(body))
+
 
 class Message(Record):
     """Base of every payload.

@@ -64,7 +64,7 @@ def drive_codes(message: Message, transducers: int) -> tuple[bytes, bytes] | Non
     >>> drive_codes(Phases(bytes([1, 2])), 2)
     (b'\x01\x02', b'\xff\xff')
     """
-    if not isinstance(message, Phases | Drives):
+    if not isinstance(message, (Phases, Drives)):
         return None
     count = transducers * (1 if isinstance(message, Phases) else 2)
     if len(message.data) != count:
