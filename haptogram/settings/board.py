@@ -216,6 +216,12 @@ class BoardConfig(Settings):
     dialect_option: tuple[str, ...] = option(
         (), unit="NAME=VALUE", help="option of the dialect; may be given many times"
     )
+    simulator: str | None = option(
+        None,
+        unit="COMMAND",
+        help="program that simulates the firmware, whose pins are the drive (docs/simulators.md)",
+        absent="emulated",
+    )
     fault_seed: int | None = option(
         None,
         unit="N",

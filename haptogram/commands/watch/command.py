@@ -71,9 +71,7 @@ _EXPECTED: Final = Acting(
 )
 _ACTING: Final = {
     "stamp": STAMPED,
-    **dict.fromkeys(
-        ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD
-    ),
+    **dict.fromkeys(WATCHED_BOARD_OPTIONS, _OWN_BOARD),
     **dict.fromkeys(("tolerance_mm", "tolerance_c", "tolerance_humidity"), _EXPECTED),
 }
 

@@ -14,6 +14,7 @@ from haptogram.settings.run.outputs import OutputConfig
 WATCHED_BOARD_OPTIONS: Final = (
     "dialect",
     "dialect_option",
+    "simulator",
     "array",
     "temperature_c",
     "calibration",
