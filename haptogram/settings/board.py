@@ -222,6 +222,13 @@ class BoardConfig(Settings):
         help="program that simulates the firmware, whose pins are the drive (docs/simulators.md)",
         absent="emulated",
     )
+    slow_down: float = option(
+        1.0,
+        unit="K",
+        low=1.0,
+        high=1e6,
+        help="seconds that a second of a simulated board takes at least, for a program on a pty",
+    )
     fault_seed: int | None = option(
         None,
         unit="N",

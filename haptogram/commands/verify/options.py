@@ -85,8 +85,8 @@ _ACTING_ON_A_RUN: Final = {
         ),
     ),
     "simulator": Acting(
-        "on the virtual board that is started here, with --dialect",
-        lambda s: s.port is None and s.dialect is not None,
+        "with --dialect and --virtual-time (haptogram board --simulator is for programs on a pty)",
+        lambda s: s.port is None and s.dialect is not None and s.virtual_time,
     ),
     "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
     "view": Acting(

@@ -15,6 +15,7 @@ WATCHED_BOARD_OPTIONS: Final = (
     "dialect",
     "dialect_option",
     "simulator",
+    "slow_down",
     "array",
     "temperature_c",
     "calibration",

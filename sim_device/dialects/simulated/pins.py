@@ -115,8 +115,8 @@ class SimulatedPins:
         levels = self._read_levels([word[2] for word in words])
         edges = np.diff(levels, axis=0, prepend=self._levels[None])
         self._levels = levels[-1]
-        parts: ComplexArray = (1.0 - np.exp(2j * math.pi / self.period_ns * times)) / 2j
-        weights: ComplexArray = parts @ edges.astype(np.complex128)
+        turns: ComplexArray = np.exp(1j * (math.tau / self.period_ns) * times)
+        weights: ComplexArray = 0.5j * ((turns - 1.0) @ edges)
         return weights
 
     def _read_levels(self, words: list[bytes]) -> NDArray[np.int8]:

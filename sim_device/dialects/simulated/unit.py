@@ -63,7 +63,8 @@ class SimulatedUnit:
         hello = self._process.hello
         self._byte_ns = 1e10 / baud if baud else 0.0
         self._pins = SimulatedPins(len(hello.pins), hello.period_ns)
-        self._expected, self._expected_pulses = expected, _last_pulses(expected)
+        self._expected = expected
+        self._expected_pins = None if expected is None else self._last_of(expected)
         self._latches: list[PulseLatch] = []  # in their order
         self._sent: deque[SentByte] = deque()
         self._now_us = self._boot_us = now_us
@@ -106,11 +107,11 @@ class SimulatedUnit:
         self._expected.advance_to(t_us)
         self._expected.take(operation, t_us)
         for latch in self._expected.take_latches():
-            if latch.pulses == self._expected_pulses:
+            before, self._expected_pins = self._expected_pins, self._on_pins(latch.pulses)
+            if self._expected_pins == before:
                 past = [known for known in self._latches if known.t_latch_us <= t_us]
                 again = dataclasses.replace((past or [self._shown])[-1], cause=latch.cause)
                 self._latches.insert(len(past), dataclasses.replace(again, t_latch_us=t_us))
-            self._expected_pulses = latch.pulses
         return sent
 
     def next_event_us(self) -> int | None:
@@ -173,7 +174,12 @@ class SimulatedUnit:
         """Return the device time at which *t_ns* of the simulator has passed."""
         return self._boot_us - (self._boot_ns - t_ns) // _NS_PER_US
 
+    def _last_of(self, unit: Unit) -> PulseDrive:
+        """Return what a unit that was powered up shows."""
+        return self._on_pins(unit.take_latches()[-1].pulses)
 
-def _last_pulses(unit: Unit | None) -> PulseDrive | None:
-    """Return the pulses of a unit that was powered up."""
-    return None if unit is None else unit.take_latches()[-1].pulses
+    def _on_pins(self, pulses: PulseDrive) -> PulseDrive:
+        """Return the pulses of the channels that have a pin."""
+        count = self._pins.count
+        levels = {channel: text for channel, text in pulses.levels.items() if channel < count}
+        return PulseDrive(pulses.rises[:count], pulses.widths[:count], pulses.steps, levels)
