@@ -21,6 +21,8 @@ from .board.timers import BoardTimers
 from .board.uploads import BoardUploads
 from .dialects.emulation import Emulation
 from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
+from .dialects.simulated.board import SimulatedBoard
+from .dialects.simulated.unit import SimulatedUnit
 from .dialects.virtual_dialect import VirtualDialect
 
 
@@ -70,6 +72,25 @@ class Assembly(Protocol):
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedAssembly:
+    """A board of Haptogram's own wire that another process simulates.
+
+    Attributes
+    ----------
+    command : str
+        The simulator.
+    """
+
+    command: str
+    clock: type[BoardClock] = BoardClock
+
+    def assemble(self, settings: BoardSettings) -> VirtualDialect:
+        """Return the board at the end of its line, powered up."""
+        unit = SimulatedUnit(self.command, settings.line.baud, settings.count, settings.boot_us)
+        return SimulatedBoard(unit, settings.boot_us)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from haptogram.settings.faults.kinds import REPORTS
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.settings.option import Settings
 
-from .assembly import Assembly, ForeignAssembly
+from .assembly import Assembly, ForeignAssembly, SimulatedAssembly
 from .board.settings import BoardSettings
 from .dialects.emulation import Emulation
 from .dialects.table import emulation_of, read_emulation_options
@@ -60,12 +60,17 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
         For an array or a calibration that cannot be read, an unknown mutant or dialect, an option
         or a fault that makes no sense in this dialect, and a fault that this board cannot have.
     """
+    if config.slow_down > 1.0 and config.simulator is None:
+        raise ConfigurationError("slow_down is for a simulated board; give simulator too")
     if config.dialect is None:
         if config.dialect_option:
             raise ConfigurationError(
                 f"dialect_option {config.dialect_option[0]} needs a dialect; give dialect too"
             )
-        own = Blueprint(BoardSettings.of(config), mutant_parts(config.mutant), config.plan)
+        parts: Assembly = mutant_parts(config.mutant)
+        if config.simulator is not None:
+            parts = SimulatedAssembly(config.simulator)
+        own = Blueprint(BoardSettings.of(config), parts, config.plan)
         return _with_checked_faults(own)
     return _with_checked_faults(_blueprint_of_another_dialect(config, config.dialect))
 

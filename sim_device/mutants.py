@@ -243,7 +243,7 @@ class PhaseInverted(BoardOutput):
         return Drive(np.uint8(0) - radiated.phase_codes, radiated.amplitude_codes)
 
 
-_WIRE, _SELF, _EXTERNAL = Evidence
+_WIRE, _SELF, _EXTERNAL, _ = Evidence
 
 MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(
     {

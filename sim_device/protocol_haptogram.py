@@ -102,6 +102,8 @@ class Serial(serial.SerialBase):
             self._join(config.shared)
             return
         self._is_virtual = config.is_virtual
+        if config.board.simulator is not None and not self._is_virtual:
+            raise ConfigurationError(f"{self._port}: simulator needs clock=virtual")
         blueprint = self._blueprint(config.board)
         settings = blueprint.settings
         self._records: list[Record] = []

@@ -109,6 +109,8 @@ class Simulation:
         self._recorders = recorders
         self._line = settings.line if paced else LineSettings()
         self._down, self._up = uart_to_board(self._line), uart_to_host(self._line)
+        if self.dialect.ahead is not None:
+            self._up = uart_to_host(LineSettings())  # its own UART takes the time
         self._unread = bytearray()
         self._unread_lost = 0
         self._now_ns = 0
@@ -269,18 +271,29 @@ class Simulation:
         """
         if t_ns < self._now_ns:
             raise ValueError(f"simulation is at {self._now_ns} ns, cannot go back to {t_ns} ns")
+        self._run_ahead(t_ns)
         while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
             self._step(next_ns)
+            self._run_ahead(t_ns)
         self._now_ns = t_ns
 
     def advance_to_output(self, t_ns: int) -> None:
         """Let happen what is due up to *t_ns*, or up to the first bytes that the host may read."""
         while self.is_connected and not self._unread:
+            self._run_ahead(t_ns)
             next_ns = self.next_event_ns()
             if next_ns is None or next_ns > t_ns:
                 self.advance_to(t_ns)
                 return
             self._step(next_ns)
+
+    def _run_ahead(self, t_ns: int) -> None:
+        """Let a board that runs ahead do so: nothing else comes up to *t_ns*, but on its way."""
+        if self.dialect.ahead is not None:
+            up_ns = self._up.next_event_ns(_end_of_answer)
+            until_ns = t_ns if up_ns is None else min(t_ns, up_ns)
+            self.dialect.ahead.run_ahead(self._clock.device_us(until_ns))
+            self._is_next_known = False
 
     def _end_idle_time(self) -> None:
         """Bring the board from its last event to the present."""
@@ -326,6 +339,8 @@ class Simulation:
         self._is_next_known = False
         begin_ns = max(t_ns - credit_ns, line.free_ns)
         line.send(data, t_ns - credit_ns)
+        if self.dialect.ahead is not None and line is self._down:
+            self.dialect.ahead.announce(self._exact_us(max(begin_ns, t_ns)), data)
         if self._probe is not None and data:
             # Bytes that have waited for a stalled process arrive now, not in its past.
             behind_ns = max(0, t_ns - line.free_ns)

@@ -43,6 +43,9 @@ class Heartbeat:
         Says how the counters move on.
     tap : LineTap or None
         Takes down the bytes of the port.
+    slow_down : float
+        Seconds of the wall clock for a second of the board.  A simulated board that takes longer
+        gets them, and no time passes meanwhile.
 
     Attributes
     ----------
@@ -57,8 +60,9 @@ class Heartbeat:
         worker: ReconstructionWorker | None = None,
         counts: BoardCountLog | None = None,
         tap: LineTap | None = None,
+        slow_down: float = 1.0,
     ) -> None:
-        self._simulation, self._port = simulation, port
+        self._simulation, self._port, self._slow_down = simulation, port, slow_down
         self._worker, self._counts, self._tap = worker, counts, tap
         self._stopping = self.was_stopped = False
         self._is_plugged = True
@@ -151,7 +155,7 @@ class Heartbeat:
             simulation.host_write(data, now_ns, waited_ns=stalled_ns)
             if self._tap is not None:
                 self._tap.to_board(now_ns, data, stalled_ns)
-        simulation.advance_to(now_ns)
+        self._advance_to(now_ns)
         if simulation.is_connected is not self._is_plugged:
             self._is_plugged = simulation.is_connected
             port.plug(self._is_plugged)
@@ -165,6 +169,15 @@ class Heartbeat:
         self._hand_over(now_ns)
         if self._counts is not None and self._counts.is_due(now_ns):
             self._counts.update(simulation.dialect.counters, now_ns)
+
+    def _advance_to(self, now_ns: int) -> None:
+        """Let the board come to *now_ns*; most of what a slow simulator takes is no time for it."""
+        simulation, begin_ns = self._simulation, time.monotonic_ns()
+        given_ns = round((now_ns - simulation.now_ns) * self._slow_down)
+        simulation.advance_to(now_ns)
+        taken_ns = time.monotonic_ns() - begin_ns
+        if simulation.dialect.ahead is not None and taken_ns > given_ns:
+            self._start_ns += taken_ns - given_ns // 2  # half, so that its steps become shorter
 
     def _check_rate(self) -> None:
         """Say once of each rate that a client has set that real boards do not have it."""
@@ -210,7 +223,9 @@ class Heartbeat:
             hand_over_ns = self._hand_over_ns
         self._due_ns = self._simulation.next_event_ns()
         next_ns = earliest_board_time(self._due_ns, hand_over_ns, self._port_due_ns())
-        wait_ns = None if next_ns is None else next_ns - self._elapsed_ns()
+        wait_ns = None
+        if next_ns is not None:
+            wait_ns = round((next_ns - self._elapsed_ns()) * self._slow_down)
         if self._has_no_client:  # no descriptor says that its last byte has been taken
             wait_ns = _LAST_BYTES_NS if wait_ns is None else min(wait_ns, _LAST_BYTES_NS)
         if wait_ns is not None and wait_ns <= 0:
@@ -229,12 +244,12 @@ class Heartbeat:
 
     def _port_due_ns(self) -> int | None:
         due_ns = self._port.due_ns
-        return None if due_ns is None else due_ns - self._start_ns
+        return None if due_ns is None else round((due_ns - self._start_ns) / self._slow_down)
 
     def _elapsed_ns(self) -> int:
         """Return the time since power-up, in the whole microseconds on which bytes are taken."""
         elapsed_ns = time.monotonic_ns() - self._start_ns
-        return whole_board_us(elapsed_ns)
+        return whole_board_us(round(elapsed_ns / self._slow_down))
 
 
 def _heartbeat_timeout_s(wait_ns: int | None) -> float | None:

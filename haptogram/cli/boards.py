@@ -68,7 +68,8 @@ def board_in_virtual_time(config: BoardConfig) -> Iterator[BoardUnderTest]:
 
     reconstruct = config.dialect is None  # else whoever knows the frames does
     port = PortConfig(board=config, clock="virtual", reconstruct=reconstruct)
-    with _board_in_program(port, "virtual board, in virtual time") as board:
+    label = "virtual board" if config.simulator is None else f"simulated by {config.simulator!r}"
+    with _board_in_program(port, f"{label}, in virtual time") as board:
         yield board
 
 

@@ -36,12 +36,13 @@ class Evidence(enum.StrEnum):
     Examples
     --------
     >>> [str(evidence) for evidence in Evidence]
-    ['wire', 'self-reported', 'external']
+    ['wire', 'self-reported', 'external', 'simulated']
     """
 
     WIRE = "wire"  # seen on the line
     SELF_REPORTED = "self-reported"  # trace, read-back: the firmware's own word
     EXTERNAL = "external"  # back door of the virtual board, capture of the drive pins
+    SIMULATED = "simulated"  # drive pins of firmware that runs in a simulator
 
 
 @dataclass(frozen=True, slots=True, order=True)

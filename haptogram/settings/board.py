@@ -215,6 +215,19 @@ class BoardConfig(Settings):
     dialect_option: tuple[str, ...] = option(
         (), unit="NAME=VALUE", help="option of the dialect; may be given many times"
     )
+    simulator: str | None = option(
+        None,
+        unit="COMMAND",
+        help="program that simulates the firmware, whose pins are the drive (docs/simulators.md)",
+        absent="emulated",
+    )
+    slow_down: float = option(
+        1.0,
+        unit="K",
+        low=1.0,
+        high=1e6,
+        help="seconds that a second of a simulated board takes at least, for a program on a pty",
+    )
     fault_seed: int | None = option(
         None,
         unit="N",

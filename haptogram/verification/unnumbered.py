@@ -34,12 +34,15 @@ class UnnumberedLatch:
         Device time of the latch, microseconds.
     drive, radiated : Drive
         Latched and radiated drive, up to one phase that all channels share.
+    evidence : Evidence
+        Who saw it.
     """
 
     number: int
     t_latch_us: int
     drive: Drive
     radiated: Drive
+    evidence: Evidence = Evidence.EXTERNAL
 
 
 def observations_of_unnumbered(
@@ -126,7 +129,7 @@ def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> O
         key=key,
         t_latch_us=latch.t_latch_us,
         late=False,
-        evidence=Evidence.EXTERNAL,
+        evidence=latch.evidence,
         drive=drive,
         radiated=None if radiated == drive else radiated,
     )

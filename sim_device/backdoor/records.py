@@ -59,6 +59,7 @@ def backdoor_board_record(settings: BoardSettings) -> Record:
         "kind": "board",
         "version": VERSION,
         "firmware": settings.firmware,
+        **({} if settings.simulator is None else {"simulator": settings.simulator}),
         "seed": settings.seed,
         "boot_id": settings.boot_id,
         "boot_us": settings.boot_us,

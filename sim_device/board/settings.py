@@ -96,6 +96,8 @@ class BoardSettings:
         The line to the host.
     wiring : Wiring or None
         Of a board that speaks another dialect; None: Haptogram's own.
+    simulator : str or None
+        Command line of the process that simulates the board; None: it is emulated here.
 
     Raises
     ------
@@ -128,6 +130,7 @@ class BoardSettings:
     rx_window: int = 16_384
     firmware: str = "haptogram-sim 1"
     wiring: Wiring | None = None
+    simulator: str | None = None
 
     def __post_init__(self) -> None:
         carrier = self.model.frequency_hz
@@ -173,6 +176,7 @@ class BoardSettings:
             calibration=elements,
             seed=config.seed,
             line=config.line,
+            simulator=config.simulator,
             latch_lead_us=config.latch_lead_us,
             point_time_us=config.point_time_us,
         )

@@ -19,6 +19,7 @@ from haptogram_protocol.dialects.codec import BoardEnd, Dialect
 
 from ..board.settings import BoardSettings, Wiring
 from .foreign import VirtualForeignDialect
+from .simulated.unit import SimulatedUnit
 from .unit import Unit
 
 INTERFACE: Final = 1
@@ -94,10 +95,16 @@ class Emulation:
         """Return the boards of *settings* at the end of their line."""
         if settings.wiring is None:
             raise TypeError("settings of a board that speaks Haptogram's own wire")
+        unit = self.unit(options, settings.boot_us)
+        if settings.simulator is not None:
+            channels = 1 + max(settings.wiring.channels)
+            unit = SimulatedUnit(
+                settings.simulator, settings.line.baud, channels, settings.boot_us, unit
+            )
         return VirtualForeignDialect(
             self.dialect,
             lambda: self.end(options),
-            self.unit(options, settings.boot_us),
+            unit,
             np.array(settings.wiring.channels, dtype=np.intp),
             settings.boot_us,
             self.boards(options),

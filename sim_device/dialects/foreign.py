@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 from ..board.clock import earliest_board_time
 from ..board.events import Notice, PulseLatch
 from .client_remarks import ClientRemarks, UnshownToClient
-from .unit import HoldsBackUnit, Unit
+from .unit import HoldsBackUnit, RunsAheadUnit, Unit
 
 PAUSE_US: Final = 30_000  # between bytes: what comes then may be another frame
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
@@ -63,6 +63,7 @@ class VirtualForeignDialect:
     ) -> None:
         self.line_free_us = now_us
         self._dialect, self._unit, self._channels = dialect, unit, channels
+        self.ahead = unit if isinstance(unit, RunsAheadUnit) else None
         self._new_end = end
         self._connect()
         self._now_us = now_us
@@ -171,7 +172,9 @@ class VirtualForeignDialect:
             self._output.clear()
 
     def power_down(self) -> None:
-        """Do nothing: these boards say nothing as they go."""
+        """Switch off boards that are simulated: the others say nothing as they go."""
+        if self.ahead is not None:
+            self.ahead.power_down()
 
     # --- what happened -------------------------------------------------------------------------
 
@@ -184,9 +187,9 @@ class VirtualForeignDialect:
         """Return the remarks since the last call, in order."""
         return self._remarks.take_notices()
 
-    def _reply(self, replies: list[Reply]) -> None:
+    def _reply(self, replies: Sequence[Reply | bytes]) -> None:
         for reply in replies:
-            data = self._end.send(reply)
+            data = reply if isinstance(reply, bytes) else self._end.send(reply)
             room = OUTPUT_LIMIT - len(self._output)
             if len(data) > room:
                 self._own["reply_bytes_dropped"] += len(data) - room

@@ -103,6 +103,8 @@ class VirtualHaptogramDialect:
         of its first byte. Whoever takes the output keeps it up to date.
     """
 
+    ahead: Final = None
+
     def __init__(
         self,
         board: Board,

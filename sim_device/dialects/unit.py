@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from haptogram_protocol.dialects.codec import Operation, Reply
@@ -24,7 +25,7 @@ class Unit(Protocol):
         """Counts of the operations that the boards cannot do, by kind."""
         ...
 
-    def take(self, operation: Operation, t_us: int) -> list[Reply]:
+    def take(self, operation: Operation, t_us: int) -> Sequence[Reply | bytes]:
         """Do *operation*, whose last byte is complete at *t_us*; return what the boards answer."""
         ...
 
@@ -32,7 +33,7 @@ class Unit(Protocol):
         """Return when the boards next do something by themselves, or None."""
         ...
 
-    def advance_to(self, t_us: int) -> list[Reply]:
+    def advance_to(self, t_us: int) -> Sequence[Reply | bytes]:
         """Let everything happen that is due up to *t_us*; return what the boards say by it."""
         ...
 
@@ -52,6 +53,23 @@ class HoldsBackUnit(Protocol):
     @property
     def room_bytes(self) -> int:
         """Bytes that the boards take now."""
+        ...
+
+
+@runtime_checkable
+class RunsAheadUnit(Protocol):
+    """A unit whose board takes the bytes of the line by itself, and runs ahead of what it tells."""
+
+    def announce(self, begin_us: float, data: bytes) -> None:
+        """Take bytes that come back to back, the start bit of the first at a device time."""
+        ...
+
+    def run_ahead(self, until_us: int) -> None:
+        """Find out what the board does up to *until_us*: until then nothing else comes."""
+        ...
+
+    def power_down(self) -> None:
+        """Switch the board off."""
         ...
 
 

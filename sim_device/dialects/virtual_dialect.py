@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from ..board.events import AnyLatch, Notice
+from .unit import RunsAheadUnit
 
 
 class VirtualDialect(Protocol):
@@ -22,6 +23,11 @@ class VirtualDialect(Protocol):
     """
 
     line_free_us: int
+
+    @property
+    def ahead(self) -> RunsAheadUnit | None:
+        """The board, if it takes the bytes of the line by itself, and runs ahead."""
+        ...
 
     @property
     def now_us(self) -> int:

@@ -217,7 +217,7 @@ class OutputsReversed(BoardOutput):
         return Drive(radiated.phase_codes[::-1].copy(), radiated.amplitude_codes[::-1].copy())
 
 
-_WIRE, _SELF, _EXTERNAL = Evidence
+_WIRE, _SELF, _EXTERNAL, _ = Evidence
 
 MUTANTS: Final = (
     Mutant.of(FaultRefusesSettings, "HG-6.2/1", _WIRE),

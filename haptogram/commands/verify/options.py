@@ -84,6 +84,10 @@ _ACTING_ON_A_RUN: Final = {
             lambda s: s.dialect is None,
         ),
     ),
+    "simulator": Acting(
+        "with --dialect and --virtual-time (haptogram board --simulator is for programs on a pty)",
+        lambda s: s.port is None and s.dialect is not None and s.virtual_time,
+    ),
     "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
     "view": Acting(
         "on the virtual board and the wall clock (without --port and --virtual-time; --html holds "

@@ -71,9 +71,7 @@ _OWN_BOARD: Final = Acting(
 )
 _ACTING: Final = {
     "stamp": STAMPED,
-    **dict.fromkeys(
-        ("dialect", "dialect_option", "array", "temperature_c", "calibration"), _OWN_BOARD
-    ),
+    **dict.fromkeys(WATCHED_BOARD_OPTIONS, _OWN_BOARD),
     **dict.fromkeys(options_of(ToleranceConfig), with_option("expect", "expect_file")),
 }
 

@@ -14,6 +14,8 @@ from haptogram.settings.run.outputs import OutputConfig
 WATCHED_BOARD_OPTIONS: Final = (
     "dialect",
     "dialect_option",
+    "simulator",
+    "slow_down",
     "array",
     "temperature_c",
     "calibration",

@@ -16,14 +16,12 @@ the time.  ``protocol/c/tools/board_steps.c`` is such a process.  Bytes take no 
 
 from __future__ import annotations
 
-import select
-import subprocess
 from collections.abc import Callable, Sequence
 from typing import Final
 
 from haptogram.errors import LinkLostError
+from haptogram.machine.line_process import LineProcess
 
-_PATIENCE_S: Final = 20.0
 _LONGEST_RX: Final = 16_384  # bytes in one line of input
 
 
@@ -47,20 +45,13 @@ class LockstepProcess:
     def __init__(
         self, command: Sequence[str], failure: Callable[[str], Exception] = LinkLostError
     ) -> None:
-        self._failure = failure
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
+        self._process = LineProcess(command, failure=failure)
+        self.close = self._process.close
 
     @property
     def runs(self) -> bool:
         """True while the process answers."""
-        return self._process.poll() is None
+        return self._process.runs
 
     def receive(self, at_us: int, data: bytes) -> bytes:
         """Let *data* arrive; return the bytes that the board sent."""
@@ -95,33 +86,8 @@ class LockstepProcess:
 
     def step(self, line: str) -> str:
         """Send one line and return the answer."""
-        process = self._process
-        assert process.stdin is not None  # PIPE
-        assert process.stdout is not None
-        try:
-            process.stdin.write(line + "\n")
-            process.stdin.flush()
-        except OSError as error:
-            raise self._failure(f"the board's process has ended: {self.complaint()}") from error
-        ready, _, _ = select.select([process.stdout], [], [], _PATIENCE_S)
-        if not ready:
-            raise self._failure(f"the board's process did not answer for {_PATIENCE_S:g} s")
-        answer = process.stdout.readline().strip()
-        if not answer:
-            raise self._failure(f"the board's process has ended: {self.complaint()}")
-        return answer
-
-    def complaint(self) -> str:
-        """Return the last line that the process printed on its standard error."""
-        assert self._process.stderr is not None  # PIPE
-        self._process.kill()
-        lines = self._process.stderr.read().strip().splitlines()
-        return lines[-1] if lines else f"status {self._process.wait()}"
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.kill()
-        self._process.communicate()
+        answer = self._process.ask(f"{line}\n".encode(), lambda text: text.endswith(b"\n"))
+        return answer.decode().strip()
 
 
 def _bytes_of_lockstep_answer(answer: str) -> bytes:

@@ -14,7 +14,7 @@ from haptogram.acoustics import Drive
 from haptogram.acoustics.model.drive import saturated_weights
 from haptogram.evidence.backdoor import observations_of_backdoor, observations_on_clock_of
 from haptogram.evidence.dialects.pulse_records import pulse_observation_of
-from haptogram.records.frame import Intended, Observation
+from haptogram.records.frame import Evidence, Intended, Observation
 from haptogram.settings.dialects import OWN_DIALECT
 from haptogram.verification.unnumbered import UnnumberedLatch, observations_of_unnumbered
 from haptogram.verification.watch.latch import OWN_CAUSES
@@ -36,6 +36,12 @@ def are_records_of_another_dialect(records: Sequence[Mapping[str, Any]]) -> bool
     return bool(records) and records[0].get("dialect", OWN_DIALECT) != OWN_DIALECT
 
 
+def evidence_of_records(records: Sequence[Mapping[str, Any]]) -> Evidence:
+    """Return the witness of the latches in the records of a back door."""
+    is_simulated = bool(records) and records[0].get("simulator") is not None
+    return Evidence.SIMULATED if is_simulated else Evidence.EXTERNAL
+
+
 def has_dialect_latched_all(
     intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]
 ) -> bool:
@@ -45,6 +51,7 @@ def has_dialect_latched_all(
 
 def _dialect_latches_of_run(records: Sequence[Mapping[str, Any]]) -> list[UnnumberedLatch]:
     channels = [int(channel) for channel in records[0]["channels"]] if records else []
+    evidence = evidence_of_records(records)
     found: list[UnnumberedLatch] = []
     sounding: list[int] = []
     for record in records:
@@ -55,5 +62,5 @@ def _dialect_latches_of_run(records: Sequence[Mapping[str, Any]]) -> list[Unnumb
                 sounding.append(len(found))
             radiated = saturated_weights(seen.weights)
             drives = Drive.from_weights(latched), Drive.from_weights(radiated)
-            found.append(UnnumberedLatch(seen.number, seen.t_latch_us, *drives))
+            found.append(UnnumberedLatch(seen.number, seen.t_latch_us, *drives, evidence))
     return found[sounding[0] : sounding[-1] + 1] if sounding else []

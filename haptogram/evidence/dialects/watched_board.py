@@ -64,7 +64,8 @@ class WatchedBoard:
         self.channels = self._channels_of_a_board(record)
         self._steps = record.get("steps")
         self._axes = np.array(record.get("client_axes", Z_UP), dtype=np.float64)
-        self._evidence, self._timed = evidence, timed
+        is_simulated = record.get("simulator") is not None
+        self._evidence, self._timed = Evidence.SIMULATED if is_simulated else evidence, timed
         self._next: int | None = None
         self._dark: str | None = None  # cause of a drive that has not sounded yet
         self.missing = 0

@@ -22,6 +22,7 @@ _EVIDENCE: Final = {
     Evidence.WIRE: "seen in the bytes and times on the line",
     Evidence.SELF_REPORTED: "the board's own word: counters, read-back, traces",
     Evidence.EXTERNAL: "seen from outside: back door, drive pins",
+    Evidence.SIMULATED: "seen at the pins of firmware in a simulator",
 }
 
 

@@ -19,6 +19,8 @@ _EVIDENCE: Final = {
     "(the back door of the virtual board, or a capture of the drive pins).",
     Evidence.SELF_REPORTED: "Self-reported: the board's firmware says what it latched. A firmware "
     "that reports one drive and outputs another would not be found out.",
+    Evidence.SIMULATED: "Simulated: what was radiated is what the pins of the firmware did in a "
+    "simulator. No hardware was seen.",
     Evidence.WIRE: "Wire: the frames were seen on the line. Whether the board latched them was not "
     "seen.",
 }

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..board import BoardConfig
 from ..line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD
-from ..option import Settings, option
+from ..option import Settings, option, option_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +35,7 @@ class LinkConfig(Settings):
     dialect_option: tuple[str, ...] = option(
         (), unit="NAME=VALUE", help="option of the dialect, such as boards=2; may be repeated"
     )
+    simulator: str | None = option_of(BoardConfig, "simulator")
     baud: int = option(
         DEFAULT_BAUD, unit="BAUD", low=LEAST_BAUD, high=MAX_BAUD, help="rate of the line"
     )

@@ -153,6 +153,7 @@ class VerifyConfig(Settings):
             temperature_c=self.air_over_board_c,
             calibration=self.elements.calibration,
             seed=self.limits.seed,
+            simulator=self.link.simulator,
             fault=self.faults.fault,
             fault_plan=self.faults.fault_plan,
         )

@@ -30,6 +30,7 @@ CASES = {
         "mode": ("", "--dialect sonicsurface"),
         "lead_ms": ("", "--dialect sonicsurface"),
         "dialect_option": ("--dialect sonicsurface", ""),
+        "simulator": ("--dialect sonicsurface --virtual-time", "--dialect sonicsurface"),
         "backdoor": ("--port /dev/absent", ""),
         "seed": ("", "--port /dev/absent"),
         "view": ("", "--virtual-time"),
@@ -61,7 +62,10 @@ CASES = {
     },
     "watch": {
         **dict.fromkeys(
-            ("dialect", "dialect_option", "array", "temperature_c", "calibration"),
+            (
+                *("dialect", "dialect_option", "simulator", "slow_down"),
+                *("array", "temperature_c", "calibration"),
+            ),
             ("--link board --dialect sonicsurface", "unix:board.sock"),
         ),
         **dict.fromkeys(

@@ -143,7 +143,7 @@ class CommitIntoPlaying(Board):
             self._playback = playing
 
 
-_WIRE, _SELF, _ = Evidence
+_WIRE, _SELF, *_ = Evidence
 
 MUTANTS: Final = (
     Mutant.of(RefusedPlayFlushes, "HG-10.1/1", _SELF),

@@ -313,7 +313,7 @@ class MarginSumOf32Bits(Board):
         return dropped
 
 
-_WIRE, _SELF, _ = Evidence
+_WIRE, _SELF, *_ = Evidence
 
 MUTANTS: Final = (
     *(

@@ -1,0 +1,140 @@
+"""From the pins of a simulator to the drives that they show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.acoustics.arrays import ComplexArray
+from haptogram.acoustics.model.pulses import PulseDrive
+
+from .process import PERIOD
+
+STEPS: Final = 4096  # of a period: 6 ns of 25 µs
+_UNSTEADY: Final = 8  # periods over which pins that do not repeat are averaged
+_SAME: Final = 0.5 / 64  # of the amplitude; a step of 1/32 period is 0.2
+_SILENT: Final = 1e-3
+
+
+class ShownDrive(NamedTuple):
+    """Pulses that the pins show from a time on."""
+
+    t_ns: int
+    pulses: PulseDrive
+
+
+class SimulatedPins:
+    """The drives of pins whose changes come period by period.
+
+    A drive is there once two periods are the same; the fundamental is what counts. Pins that go on
+    changing are averaged over 8 periods, as a transducer does, which is a narrow resonator: a
+    carrier of half the frequency, and one that a busy firmware delays.
+
+    Parameters
+    ----------
+    count : int
+        Pins.
+    period_ns : int
+        Period of the carrier.
+
+    Attributes
+    ----------
+    periods : int
+        Periods that are over.
+    unsteady, halved : int
+        Averages so far, and those of pins that have one edge in a period, and one in the next.
+
+    Raises
+    ------
+    ValueError
+        From :meth:`take`: a line that cannot be read.
+    """
+
+    def __init__(self, count: int, period_ns: int) -> None:
+        self.count, self.period_ns = count, period_ns
+        self._digits = -(-count // 4)
+        self._rest = b""
+        self.periods = -1  # what comes ahead of the first is none
+        self._block = b""
+        self._is_steady = False
+        self._levels = np.zeros(count, np.int8)
+        self._weights: ComplexArray = np.full(count, np.inf + 0j)  # of the last period
+        self._shown = self._weights
+        self._changing: list[ComplexArray] = []
+        self._open = 0  # of those, whose levels at the end are not those at the beginning
+        self.unsteady = self.halved = 0
+
+    def take(self, text: bytes) -> Iterator[ShownDrive]:
+        """Take changes; yield each new drive, which may have begun some periods before."""
+        *blocks, self._rest = (self._rest + text).split(PERIOD)
+        for block in blocks:
+            self.periods += 1
+            if block != self._block or not self._is_steady:
+                yield from self._take_period(block)
+
+    def _take_period(self, block: bytes) -> Iterator[ShownDrive]:
+        """Take a period that is not known to be the same as the one before."""
+        self._block, before, levels = block, self._weights, self._levels
+        self._weights = self._weights_of(block)
+        repeats = np.array_equal(levels, self._levels)  # else its pulses end in another period
+        self._is_steady = repeats and bool(np.abs(self._weights - before).max() <= _SAME)
+        if self._is_steady:
+            self._changing, self._open = [], 0
+            yield from self._show(self._weights, 2)
+            return
+        self._changing.append(self._weights)
+        self._open += not repeats
+        if len(self._changing) == _UNSTEADY:
+            mean: ComplexArray = np.mean(self._changing, axis=0)
+            self.unsteady, self.halved = self.unsteady + 1, self.halved + (self._open == _UNSTEADY)
+            self._changing, self._open = [], 0
+            yield from self._show(mean, _UNSTEADY)
+
+    def _show(self, weights: ComplexArray, periods: int) -> Iterator[ShownDrive]:
+        """Yield the drive of the last *periods*, if it is another one than before."""
+        if np.abs(weights - self._shown).max() > _SAME:
+            self._shown = weights
+            yield ShownDrive((self.periods - periods) * self.period_ns, _pulses_of(weights))
+
+    def _weights_of(self, block: bytes) -> ComplexArray:
+        """Return the fundamental of each pin in a period, which begins with the levels now."""
+        words = [line.split() for line in block.splitlines() if line.strip()]
+        if not words:
+            return np.zeros(self.count, np.complex128)
+        form = (3, b"P", self._digits)
+        strange = [word for word in words if (len(word), word[0], len(word[-1])) != form]
+        if strange:
+            raise ValueError(b" ".join(strange[0]).decode(errors="replace"))
+        times = np.array([int(word[1]) for word in words])
+        if times[0] < 0 or (np.diff(times) < 0).any() or times[-1] >= self.period_ns:
+            raise ValueError(f"changes at {times[0]} to {times[-1]} ns of a period, not in order")
+        levels = self._read_levels([word[2] for word in words])
+        edges = np.diff(levels, axis=0, prepend=self._levels[None])
+        self._levels = levels[-1]
+        turns: ComplexArray = np.exp(1j * (math.tau / self.period_ns) * times)
+        weights: ComplexArray = 0.5j * ((turns - 1.0) @ edges)
+        return weights
+
+    def _read_levels(self, words: list[bytes]) -> NDArray[np.int8]:
+        """Return the (M, C) levels in hex numbers."""
+        odd = "0" * (self._digits % 2)
+        data = bytes.fromhex("".join(odd + word.decode("ascii") for word in words))
+        bits = np.unpackbits(np.frombuffer(data, np.uint8).reshape(len(words), -1), axis=1)
+        return bits[:, ::-1][:, : self.count].astype(np.int8)
+
+
+def _pulses_of(weights: ComplexArray) -> PulseDrive:
+    """Return pulses with these fundamentals, none of which is wider than half a period."""
+    sizes = np.abs(weights)
+    widths = np.arcsin(np.minimum(sizes, 1.0)) / math.pi * STEPS
+    rises = np.angle(weights) / math.tau * STEPS - widths / 2.0
+    is_on = sizes > _SILENT
+    return PulseDrive(
+        np.where(is_on, np.rint(rises) % STEPS, 0).astype(np.uint16),
+        np.where(is_on, np.maximum(np.rint(widths), 1), 0).astype(np.uint16),
+        STEPS,
+    )

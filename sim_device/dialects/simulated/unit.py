@@ -1,0 +1,185 @@
+"""The boards on a line, if another process simulates them: bytes in, pins and bytes out."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections import Counter, deque
+from typing import Final
+
+from haptogram.acoustics.model.pulses import PulseDrive
+from haptogram_protocol.dialects.codec import Operation
+
+from ...board.clock import earliest_board_time
+from ...board.events import PulseLatch
+from ..unit import Unit
+from .pins import STEPS, SimulatedPins
+from .process import SentByte, SimulatorProcess
+
+POWER_UP: Final = "power-up"
+PINS: Final = "pins"
+_POLL_US: Final = 1_000  # at the wall clock: what the board does by itself is seen so much later
+_PERIODS_AHEAD: Final = 4  # of the power-up, after which its drive is known
+_NS_PER_US: Final = 1_000
+_LOG: Final = logging.getLogger(__name__)
+
+
+class SimulatedUnit:
+    """A unit whose drives are those of the pins of a simulator; see :class:`~..unit.Unit`.
+
+    The unit of the dialect goes along: it says which operations change nothing, and yet are a latch
+    of the drive that the pins show.
+
+    Parameters
+    ----------
+    command : str
+        The simulator.
+    baud : int or None
+        Rate of the line.
+    channels : int
+        Pins that the array needs.
+    now_us : int
+        Device time at power-up, at which the board takes bytes.
+    expected : Unit or None
+        The unit of the dialect.
+
+    Raises
+    ------
+    ConfigurationError
+        There is no such simulator, or its board has too few pins.
+    LinkLostError
+        It has ended, does not answer, or makes no sense.
+    """
+
+    def __init__(
+        self,
+        command: str,
+        baud: int | None,
+        channels: int,
+        now_us: int,
+        expected: Unit | None = None,
+    ) -> None:
+        self._process = SimulatorProcess(command, baud, channels)
+        hello = self._process.hello
+        self._byte_ns = 1e10 / baud if baud else 0.0
+        self._pins = SimulatedPins(len(hello.pins), hello.period_ns)
+        self._expected = expected
+        self._expected_pins = None if expected is None else self._last_of(expected)
+        self._latches: list[PulseLatch] = []  # in their order
+        self._sent: deque[SentByte] = deque()
+        self._now_us = self._boot_us = now_us
+        self._is_lost = False
+        periods = -(-hello.start_ns // hello.period_ns) + _PERIODS_AHEAD
+        self._boot_ns = periods * hello.period_ns
+        self._power_up()
+        _LOG.info("simulated by %s", hello.by or command)
+
+    def _power_up(self) -> None:
+        """Let the board start, and take the drive that it has then for that of the power-up."""
+        self._run(self._boot_ns)
+        shown = self._latches[-1:] or [PulseLatch(0, PulseDrive.off(self._pins.count, STEPS), "")]
+        self._shown = dataclasses.replace(shown[0], t_latch_us=self._now_us, cause=POWER_UP)
+        self._latches = [self._shown]
+        self._sent.clear()  # nobody has heard it
+
+    @property
+    def counters(self) -> Counter[str]:
+        """Counts of the operations that the boards cannot do, and of pins that do not repeat."""
+        pins = {"pins_unsteady": self._pins.unsteady, "pins_at_half_carrier": self._pins.halved}
+        return Counter(pins) + (Counter() if self._expected is None else self._expected.counters)
+
+    def announce(self, begin_us: float, data: bytes) -> None:
+        """Put *data* on the line, back to back, from a device time on."""
+        begin_ns = self._ns_at(begin_us)
+        times = [begin_ns + round(place * self._byte_ns) for place in range(len(data))]
+        self._process.announce(times, data)
+
+    def run_ahead(self, until_us: int) -> None:
+        """Let time pass at the board, up to *until_us* or to the first byte that it sends."""
+        if not self._sent:
+            self._run(self._ns_at(until_us), stops=True)
+
+    def take(self, operation: Operation, t_us: int) -> list[bytes]:
+        """Note a latch of the same drive, if *operation* changes nothing by the dialect."""
+        sent = self.advance_to(t_us)
+        if self._expected is None or self._is_lost:
+            return sent
+        self._expected.advance_to(t_us)
+        self._expected.take(operation, t_us)
+        for latch in self._expected.take_latches():
+            before, self._expected_pins = self._expected_pins, self._on_pins(latch.pulses)
+            if self._expected_pins == before:
+                past = [known for known in self._latches if known.t_latch_us <= t_us]
+                again = dataclasses.replace((past or [self._shown])[-1], cause=latch.cause)
+                self._latches.insert(len(past), dataclasses.replace(again, t_latch_us=t_us))
+        return sent
+
+    def next_event_us(self) -> int | None:
+        """Return the time of what is known to come, else of the next look at the board."""
+        latch_us = self._latches[0].t_latch_us if self._latches else None
+        sent_us = self._us_at(self._sent[0].t_ns) if self._sent else None
+        look_us = None if self._is_lost else self._us_at(self._process.now_ns) + _POLL_US
+        return earliest_board_time(latch_us, sent_us, look_us)
+
+    def advance_to(self, t_us: int) -> list[bytes]:
+        """Let time pass at the board; return the bytes that it sends."""
+        t_ns, sent = self._ns_at(t_us), bytearray()
+        self._run(t_ns)
+        self._now_us = max(self._now_us, t_us)
+        while self._sent and self._sent[0].t_ns <= t_ns:
+            sent.append(self._sent.popleft().value)
+        return [bytes(sent)]
+
+    def take_latches(self) -> list[PulseLatch]:
+        """Return the latches since the last call, in order."""
+        taken = [latch for latch in self._latches if latch.t_latch_us <= self._now_us]
+        self._latches = self._latches[len(taken) :]
+        self._shown = (taken or [self._shown])[-1]
+        return taken
+
+    def power_down(self) -> None:
+        """End the simulator."""
+        self._is_lost = True
+        self._process.close()
+
+    def _run(self, until_ns: int, *, stops: bool = False) -> None:
+        """Let the process reach a time; with *stops* the first byte that it sends ends that."""
+        while not self._is_lost and self._process.now_ns < until_ns:
+            self._is_lost = True  # unless it answers
+            text, sent = self._process.grant(until_ns)
+            self._take_pins(text)
+            self._is_lost = False
+            self._sent += sent
+            if sent and stops:
+                return
+
+    def _take_pins(self, text: bytes) -> None:
+        try:
+            for t_ns, pulses in self._pins.take(text):
+                self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
+        except ValueError as error:
+            self._process.garbage(str(error).encode())
+        due = self._process.now_ns // self._pins.period_ns
+        if not due - 1 <= self._pins.periods <= due:
+            self._process.fail(
+                f"told of {self._pins.periods} periods of the carrier up to "
+                f"{self._process.now_ns} ns, must be {due}"
+            )
+
+    def _ns_at(self, t_us: float) -> int:
+        """Return the time of the simulator at a device time."""
+        return self._boot_ns + round((t_us - self._boot_us) * _NS_PER_US)
+
+    def _us_at(self, t_ns: int) -> int:
+        """Return the device time at which *t_ns* of the simulator has passed."""
+        return self._boot_us - (self._boot_ns - t_ns) // _NS_PER_US
+
+    def _last_of(self, unit: Unit) -> PulseDrive:
+        """Return what a unit that was powered up shows."""
+        return self._on_pins(unit.take_latches()[-1].pulses)
+
+    def _on_pins(self, pulses: PulseDrive) -> PulseDrive:
+        """Return the pulses of the channels that have a pin."""
+        count = self._pins.count
+        levels = {channel: text for channel, text in pulses.levels.items() if channel < count}
+        return PulseDrive(pulses.rises[:count], pulses.widths[:count], pulses.steps, levels)

@@ -1,0 +1,107 @@
+"""A simulator in Python: SonicSurface's wire on a few pins, and what else a simulator may do.
+
+``python_simulator.py PINS [WHAT]``; WHAT is one of the ways to misbehave in :data:`WAYS`, which
+begins at the first frame.
+"""
+
+import sys
+import time
+
+PERIOD_NS, STEPS, START_NS = 25_000, 32, 100_000
+WAYS = ("dies", "hangs", "late", "back", "ahead", "stops", "garbage", "skips", "bad-pins", "echo")
+
+
+def period_text(codes, digits):
+    """Return the changes of a period in which every pin is high for half of it."""
+    changes = ["|"]
+    for step in range(STEPS):
+        high = sum(
+            1 << pin
+            for pin, code in enumerate(codes)
+            if code < STEPS and (step - code) % STEPS < 16
+        )
+        changes.append(f"P {step * PERIOD_NS // STEPS} {high:0{digits}x}")
+    return "\n".join(changes) + "\n"
+
+
+class Simulator:
+    """The board between the lines of its input."""
+
+    def __init__(self, pins, way):
+        self.pins, self.way, self.misbehaves = pins, way, False
+        self.bit_ns, self.line, self.reached, self.period = 0, [], 0, 0
+        self.codes, self.next, self.channel = [0] * pins, [0] * pins, 0
+        self.text = ""
+        self.show()
+
+    def show(self):
+        self.text = period_text(self.codes, -(-self.pins // 4))
+
+    def take(self, byte):
+        if byte == 0xFE:
+            self.channel = 0
+        elif byte == 0xFD:
+            self.codes, self.next = self.next, self.codes
+            self.show()
+            self.misbehaves = self.way is not None
+        else:
+            if self.channel < self.pins:
+                self.next[self.channel] = byte if byte == STEPS else byte % STEPS
+            self.channel += 1
+
+    def run(self, until):
+        """Return the lines of a grant."""
+        lines = []
+        while True:
+            due = self.line[0][0] + 10 * self.bit_ns if self.line else until + 1
+            while self.period <= min(due, until):
+                lines.append(self.text)
+                self.period += PERIOD_NS
+            if due > until:
+                break
+            byte = self.line.pop(0)[1]
+            self.take(byte)
+            if self.way == "echo":
+                self.reached = due
+                return "".join(lines) + f"R {due} {byte:02x}\n. {due}\n"
+        stop, self.reached = until, until
+        if self.misbehaves:
+            stop = self.misbehave(lines, until)
+        return "".join(lines) + f". {stop}\n"
+
+    def misbehave(self, lines, until):
+        if self.way == "dies":
+            sys.exit("out of memory in the 3rd process")
+        if self.way == "hangs":
+            time.sleep(600)
+        if self.way == "late":
+            time.sleep(0.2)
+        if self.way == "garbage":
+            lines.append("Warning: metavalue detected\n")
+        if self.way == "bad-pins":
+            lines.append("|\nP 30000 0\n")
+        if self.way == "skips":
+            lines.clear()
+        return until + {"back": -50_000_000, "ahead": 1_000, "stops": -1_000}.get(self.way, 0)
+
+
+def main(pins, way=None, version="1"):
+    simulator = Simulator(int(pins), way if way in WAYS else None)
+    names = " ".join(f"out{pin}" for pin in range(int(pins)))
+    hello = f"hello {version}\nby Python, a board of {pins} pins\npins {names}\n"
+    hello += f"period {PERIOD_NS}\nstart {START_NS}\n. 0\n"
+    for line in sys.stdin:
+        word, number, *rest = line.split()
+        answer = ""
+        if word == "L":
+            simulator.bit_ns, answer = int(number), hello
+        elif word == "B":
+            simulator.line.append((int(number), int(rest[0], 16)))
+        else:
+            answer = simulator.run(int(number))
+        sys.stdout.write(answer)
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

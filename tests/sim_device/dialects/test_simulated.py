@@ -1,0 +1,169 @@
+"""Boards that another process simulates, here a few lines of Python."""
+
+import os
+import shlex
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptogram.errors import ConfigurationError, LinkLostError
+from haptogram.settings.board import BoardConfig
+from haptogram.settings.board_url import PortConfig
+from haptogram_protocol.dialects.sonicsurface import OFF
+from sim_device.blueprint import blueprint_of
+from sim_device.dialects.simulated.pins import STEPS, SimulatedPins
+from sim_device.protocol_haptogram import open_virtual_port
+
+SCRIPT = Path(__file__).with_name("python_simulator.py")
+PINS = 16
+OFF_FRAME = b"\xfe" + bytes([OFF]) * 256 + b"\xfd"
+RAMP = b"\xfe" + bytes(n % 32 for n in range(256)) + b"\xfd"
+
+
+def command(*words):
+    return shlex.join(map(str, (sys.executable, SCRIPT, *words)))
+
+
+def opened(simulator, array="4x4", **options):
+    board = BoardConfig.of(dialect="sonicsurface", array=array, simulator=simulator, **options)
+    return open_virtual_port(PortConfig(board=board, clock="virtual", reconstruct=False))
+
+
+def records(frames, simulator=None):
+    port = opened(simulator)
+    for frame in frames:
+        port.write(frame)
+        port.flush()
+        port.wait_until_ns(port.now_ns() + 1_000_000)
+    port.close()
+    return port.records
+
+
+def latches(found):
+    return [record for record in found if record["kind"] == "pulses"]
+
+
+def children():
+    return Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split()
+
+
+def test_its_latches_are_those_of_the_emulation():
+    frames = [OFF_FRAME, RAMP, RAMP, OFF_FRAME]
+    emulated, simulated = latches(records(frames)), latches(records(frames, command(PINS)))
+    assert [seen["number"] for seen in simulated] == list(range(len(frames) + 1))
+    assert len(simulated) == len(emulated)
+    for ours, theirs in zip(simulated, emulated, strict=True):
+        late_us = ours["t_latch_us"] - theirs["t_latch_us"]
+        assert 0 <= late_us <= 26  # to the next period of the carrier
+        assert ours["steps"] == STEPS
+
+
+def test_a_frame_that_changes_no_pin_is_a_latch_all_the_same():
+    uniform = b"\xfe" + bytes(PINS) + bytes([OFF]) * (256 - PINS) + b"\xfd"
+    causes = [seen["cause"] for seen in latches(records([uniform, RAMP, RAMP], command(PINS)))]
+    assert causes == ["power-up", "swap", "pins", "swap"]
+
+
+def test_it_is_the_same_each_time():
+    frames = [OFF_FRAME, RAMP]
+    assert records(frames, command(PINS)) == records(frames, command(PINS))
+
+
+@pytest.mark.parametrize(
+    ("way", "seen"),
+    [
+        ("dies", "has ended: out of memory in the 3rd process"),
+        ("back", "went back in time"),
+        ("ahead", "went ahead of its time"),
+        ("stops", "and sent no byte"),
+        ("garbage", "wrote 'Warning: metavalue detected'"),
+        ("bad-pins", "periods of the carrier"),
+        ("skips", "periods of the carrier"),
+    ],
+)
+def test_one_that_misbehaves_is_named_once_and_what_it_showed_is_kept(way, seen):
+    before = children()
+    port = opened(command(PINS, way))
+    port.write(RAMP)
+    with pytest.raises(LinkLostError, match=seen) as caught:
+        port.wait_until_ns(port.now_ns() + 20_000_000)
+    assert "\n" not in str(caught.value)
+    port.write(OFF_FRAME)
+    port.wait_until_ns(port.now_ns() + 20_000_000)  # a board without power
+    port.close()
+    assert latches(port.records)[0]["cause"] == "power-up"
+    assert port.records[-1]["kind"] == "end"
+    assert children() == before
+
+
+def test_one_that_hangs_is_given_up(monkeypatch):
+    monkeypatch.setattr("sim_device.dialects.simulated.process.PATIENCE_S", 0.5)
+    port = opened(command(PINS, "hangs"))
+    port.write(RAMP)
+    with pytest.raises(LinkLostError, match=r"did not answer for 0\.5 s"):
+        port.wait_until_ns(port.now_ns() + 20_000_000)
+
+
+def test_one_that_answers_late_is_as_good():
+    assert records([RAMP], command(PINS, "late"))[1:] == records([RAMP], command(PINS))[1:]
+
+
+@pytest.mark.parametrize(
+    ("simulator", "seen"),
+    [
+        ("/nonexistent/simulator", "cannot be started: there is no such file"),
+        ("cat", "wrote 'L 4340'"),
+        ("yes", "wrote 'y'"),
+        ("false", "has ended: status 1"),
+        (command(PINS, "none", 2), "speaks version 2 of the protocol, must be 1"),
+        (command(12), "has 12 pins, and the array 16 channels"),
+        ("'", "No closing quotation"),
+    ],
+)
+def test_what_is_no_simulator_of_this_board_is_refused(simulator, seen):
+    before = children()
+    with pytest.raises(ConfigurationError, match=seen):
+        opened(simulator)
+    assert children() == before
+
+
+def period(changes, digits=1):
+    return b"|\n" + b"".join(b"P %d %0*x\n" % (t_ns, digits, high) for t_ns, high in changes)
+
+
+def test_the_fundamental_of_a_pin_is_that_of_its_pulse():
+    pins = SimulatedPins(3, 25_000)
+    text = period([(0, 1), (6_250, 3), (12_500, 2), (18_750, 0)])
+    (shown,) = list(pins.take(text * 4))
+    np.testing.assert_allclose(shown.pulses.weights(), [1j, -1, 0], atol=1e-3)
+
+
+def test_a_period_in_which_the_drive_changes_is_no_drive():
+    pins = SimulatedPins(1, 25_000)
+    before, after = period([(0, 1), (12_500, 0)]), period([(5_000, 1), (17_500, 0)])
+    torn = period([(0, 1), (5_000, 0), (10_000, 1), (17_500, 0)])
+    shown = list(pins.take(before * 3 + torn + after * 3))
+    assert [drive.t_ns for drive in shown] == [0, 100_000]
+
+
+def test_a_carrier_of_half_the_frequency_is_counted_and_radiates_nothing():
+    pins = SimulatedPins(1, 25_000)
+    shown = list(pins.take((period([(0, 1)]) + period([(0, 0)])) * 20))
+    assert pins.halved == 4
+    assert abs(shown[-1].pulses.weights()[0]) < 1e-3
+
+
+def test_pins_that_jitter_by_a_nanosecond_show_one_drive():
+    pins = SimulatedPins(1, 25_000)
+    text = b"".join(period([(n % 3, 1), (12_500 + n % 2, 0)]) for n in range(40))
+    assert len(list(pins.take(text))) == 1
+
+
+def test_slow_down_is_for_a_simulated_board_and_a_terminal():
+    with pytest.raises(ConfigurationError, match="slow_down is for a simulated board"):
+        blueprint_of(BoardConfig.of(slow_down=2.0))
+    board = BoardConfig.of(dialect="sonicsurface", array="4x4", simulator=command(PINS))
+    with pytest.raises(ConfigurationError, match="simulator needs clock=virtual"):
+        open_virtual_port(PortConfig(board=board, clock="wall"))
