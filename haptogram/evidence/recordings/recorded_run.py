@@ -132,7 +132,7 @@ def _why_recording_incomplete(recording: Recording, found: int, count: int | Non
 
 def intended_fields(frame: Intended) -> dict[str, Any]:
     """Return the fields by which every file holds *frame*, but for its drive."""
-    fields = {
+    return {
         **dataclasses.asdict(frame.key),
         "number": frame.number,
         "t_apply_us": frame.t_apply_us,
@@ -144,7 +144,6 @@ def intended_fields(frame: Intended) -> dict[str, Any]:
         "board_computed": frame.board_computed,
         "solver": frame.solver,
     }
-    return fields if frame.phase_steps is None else fields | {"phase_steps": frame.phase_steps}
 
 
 def intended_of_fields(fields: Mapping[str, Any], place: int, drives: dict[int, Drive]) -> Intended:
