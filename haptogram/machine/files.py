@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final, TextIO
 
-from haptogram.errors import ConfigurationError, plain_reason, unwritable_file
+from haptogram.errors import ConfigurationError, plain_reason, unreadable_file, unwritable_file
 
 #: The path that is standard output.
 STANDARD_OUTPUT: Final = Path("-")
@@ -108,6 +108,23 @@ def write_json_file(path: Path, document: Mapping[str, Any]) -> None:
 
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
     write_file_atomically(path, text.encode("ascii"))
+
+
+def check_file_has_content(path: Path, option: str) -> None:
+    """Refuse a path that is no readable file with content; *option* is the one that names it.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is none.
+    """
+    try:
+        with path.open("rb") as file:
+            is_empty = not file.read(1)
+    except (OSError, ValueError) as error:  # ValueError: a path with a null character
+        raise unreadable_file(path, error, option) from error
+    if is_empty:
+        raise ConfigurationError(f"{path}: the file is empty")
 
 
 def check_file_writable(path: Path) -> None:

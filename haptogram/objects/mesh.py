@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.errors import ConfigurationError, missing_extra, unreadable_file
+from haptogram.errors import ConfigurationError, missing_extra
+from haptogram.machine.files import check_file_has_content
 
 if TYPE_CHECKING:
     import trimesh
@@ -36,7 +37,7 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         import trimesh
     except ImportError as error:
         raise missing_extra(f"{path}: meshes need trimesh", "mesh") from error
-    _check_mesh_file(path)
+    check_file_has_content(path, "object")
     try:
         # Unprocessed: processing drops triangles that are not finite without a word.
         source = _mesh_as_text(path) if path.suffix.lower() == ".obj" else path
@@ -56,17 +57,6 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     if not area > 0.0:
         raise ConfigurationError(f"{path}: the mesh has no surface: its area is {area:g}")
     return mesh
-
-
-def _check_mesh_file(path: Path) -> None:
-    """Refuse a path that is no readable file with content."""
-    try:
-        with path.open("rb") as file:
-            is_empty = not file.read(1)
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        raise unreadable_file(path, error, "object") from error
-    if is_empty:
-        raise ConfigurationError(f"{path}: the file is empty")
 
 
 def _mesh_as_text(path: Path) -> io.StringIO:

@@ -7,6 +7,7 @@ import contextlib
 import functools
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import (
@@ -16,10 +17,12 @@ from haptogram.errors import (
     VersionMismatchError,
     WrongProtocolError,
 )
+from haptogram.machine.files import check_file_has_content
 from haptogram.settings.option import options_of
 from haptogram.settings.run.outputs import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
+from haptogram.settings.shape import SHAPES
 
 from ..acting_options import refuse_idle_options
 from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
@@ -124,6 +127,8 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         return verify_recorded_captures(config, outputs, quiet=arguments.quiet)
     boards = RunBoards.of(config, arguments, made)
     boards.virtual  # noqa: B018  it checks, before anything starts
+    if config.shape.object not in SHAPES:
+        check_file_has_content(Path(config.shape.object), "object")
     if arguments.view:
         check_html_page(pictures=False)
     with (
