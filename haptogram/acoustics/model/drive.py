@@ -285,9 +285,18 @@ def as_drive_sequence(weights: ArrayLike, count: int) -> ComplexArray:
     return drives
 
 
+_MOST_CODES: Final = {np.uint8: 0xFF, np.uint16: 0xFFFF}
+
+
 def _as_drive_codes(
     name: str, values: ArrayLike, limit: int, kind: type[np.uint8] | type[np.uint16]
 ) -> NDArray[Any]:
+    is_whole = isinstance(values, np.ndarray) and values.dtype == kind and values.ndim == 1
+    if is_whole and limit == _MOST_CODES[kind] and 1 <= len(values) <= MAX_TRANSDUCERS:
+        flags = values.flags  # nobody can change what is read-only and no view: it is shared
+        codes = values if flags.owndata and not flags.writeable else values.astype(kind)
+        read_only_array(codes)
+        return codes
     try:
         array = np.asarray(values)
     except ValueError as error:  # rows of different lengths
@@ -298,7 +307,7 @@ def _as_drive_codes(
         )
     if not 1 <= array.size <= MAX_TRANSDUCERS:
         raise ConfigurationError(f"{name} holds {array.size} codes, must be 1 to {MAX_TRANSDUCERS}")
-    if array.dtype != kind or limit < np.iinfo(kind).max:  # else there is nothing to find
+    if array.dtype != kind or limit < _MOST_CODES[kind]:  # else there is nothing to find
         low, high = int(array.min()), int(array.max())
         if low < 0 or high > limit:
             worst = low if low < 0 else high

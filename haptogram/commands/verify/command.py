@@ -17,6 +17,7 @@ from haptogram.errors import (
     VersionMismatchError,
     WrongProtocolError,
 )
+from haptogram.machine.process import process_without_garbage_collector
 from haptogram.machine.terminal import terminal_error_line
 from haptogram.settings.option import options_of
 from haptogram.settings.run.outputs import OutputConfig
@@ -133,6 +134,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         command_recording(
             config.outputs.record, "verify", boards.config.result_options()
         ) as writer,
+        process_without_garbage_collector(),  # it would look at every frame again and again
     ):
         status = _run_verify(arguments, boards, view, outputs, provenance, writer)
         return status if is_command_recorded("verify", writer) else USAGE
@@ -205,7 +207,8 @@ def _run_verify(
     if config.captures.capture:
         joined = verified_captures_at_port(config, found, result, begin_s, outputs, quiet=quiet)
         is_judged, result = joined is not None, joined or result
-    seen = verify_seen_by_number(found.intended, found.observations)
+    is_shown = config.outputs.html is not None
+    seen = verify_seen_by_number(found.intended, found.observations) if is_shown else {}
     if not write_run_files(config, verdict, result, found.model, seen, provenance, outputs):
         return USAGE
     if not is_judged:
