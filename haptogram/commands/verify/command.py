@@ -149,7 +149,6 @@ def _run_verify(
     writer: RecordingWriter | None,
 ) -> int:
     """Run the job on the board that the settings name; write and print its result."""
-    from haptogram.evidence.recordings.recorded_run import record_intended
     from haptogram.report import run as report
     from haptogram.verification import Verdict, tolerance_of, uncertainty_of
 
@@ -194,6 +193,8 @@ def _run_verify(
         environment=None if config.link.virtual_time else report.run_environment(),
     )
     if writer is not None:
+        from haptogram.evidence.recordings.recorded_run import record_intended
+
         if boards.dialect is None:  # captures are judged by frames of Haptogram's own boards
             record_intended(writer, found.model, found.intended)
         _record_verify_verdicts(writer, verdict, result)
