@@ -69,6 +69,12 @@ SECTIONS = [
         "test_reconstruction",
     ),
     (
+        "Focus and verdict of distinct drives",
+        "256 drives of jittered foci: reconstruction and all criteria, at once; against the same "
+        "one by one.",
+        "test_distinct_drives",
+    ),
+    (
         "Phase codes of foci",
         "Against numpy (norm, modulo, round); names are the number of foci in a call.",
         "test_codes",

@@ -62,13 +62,14 @@ def real_time_process(*, strict: bool = False) -> Iterator[list[str]]:
             stack.enter_context(_process_with_frozen_garbage())
             for asked in (_fixed_process_priority, _locked_process_memory):
                 refused += stack.enter_context(asked())
-        stack.enter_context(_process_without_garbage_collector())
+        stack.enter_context(process_without_garbage_collector())
         stack.enter_context(_exact_process_timers())
         yield refused
 
 
 @contextlib.contextmanager
-def _process_without_garbage_collector() -> Iterator[None]:
+def process_without_garbage_collector() -> Iterator[None]:
+    """Leave cycles of objects uncollected: for a while in which many are made, and none is left."""
     collected = gc.isenabled()
     gc.disable()
     try:

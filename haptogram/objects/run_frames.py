@@ -127,7 +127,7 @@ def targets_of_run(
     """
     foci = [
         Focus.at(point, amplitude / config.drive.foci)
-        for point, amplitude in zip(shown.points_m, shown.amplitudes, strict=True)
+        for point, amplitude in zip(shown.points_m.tolist(), shown.amplitudes.tolist(), strict=True)
     ]
     return foci if config.drive.foci == 1 else _run_foci_at_once(foci, config.drive.foci)
 

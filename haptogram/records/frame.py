@@ -145,6 +145,8 @@ def _as_focus_position(position_m: Any) -> tuple[float, float, float]:
 
 
 def _as_focus_coordinate(value: Any) -> float:
+    if isinstance(value, float) and math.isfinite(value):
+        return float(value)
     if isinstance(value, bool) or not (isinstance(value, Real) and math.isfinite(value)):
         raise TypeError
     return float(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import NoneType
 from typing import Final, TypeVar
 
@@ -134,7 +134,7 @@ def verify_run(
         uncertainty=uncertainty,
     )
     frames: list[FrameVerdict] = []
-    held: HeldFocus | None = None
+    hold: Callable[[], HeldFocus | None] = _nothing_held
     drives = functools.cache(functools.partial(_frames_by_drive, intended))
     missed = _MissedFrames(intended, seen, losses, unseen, cut)
     quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
@@ -151,25 +151,29 @@ def verify_run(
         else:
             verdict = missed.judge(wanted, due)
         if verdict.late or verdict.status in MISSED:
-            effect = consequence_of_held_focus(model, wanted, focus_still_held(held, due, quiet_us))
+            held = focus_still_held(hold(), due, quiet_us)
+            effect = consequence_of_held_focus(model, wanted, held)
             verdict = dataclasses.replace(verdict, consequence=effect)
         seen_by_board = sum(latch.evidence is not Evidence.WIRE for latch in latches)
         if verdict.latches != seen_by_board:
             verdict = dataclasses.replace(verdict, latches=seen_by_board)
         frames.append(verdict)
         if latches:
-            held = HeldFocus.after(wanted, latches[0], verdict)
+            hold = functools.partial(HeldFocus.after, wanted, latches[0], verdict)
             missed.losses.latched(latches[0].t_latch_us)
         elif unseen is not None and verdict.status is not FrameStatus.LOST:
-            held = HeldFocus(
-                None, verdict.target_m, due.latest_us
-            )  # who knows whether it was latched?
+            # Who knows whether it was latched?
+            hold = functools.partial(HeldFocus, None, verdict.target_m, due.latest_us)
         if progress is not None:
             progress(number + 1, len(intended))
     run = _conclude_run_verdict(frames, sorted(seen), min_verified, cut, quiet_us, not_kept, losses)
     return dataclasses.replace(
         run, tolerance=judge.tolerance, uncertainty=judge.uncertainty, ways=judge.ways
     )
+
+
+def _nothing_held() -> None:
+    """Return None: nothing was latched yet."""
 
 
 def check_run_judgement(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -134,7 +135,7 @@ class RunVerdict:
 
     def values(self, name: str) -> np.ndarray:
         """Return one measure of all frames that have it, e.g. ``"axial_error_mm"``."""
-        found = (getattr(frame, name) for frame in self.frames)
+        found = map(operator.attrgetter(name), self.frames)
         return np.array([value for value in found if value is not None], dtype=np.float64)
 
     @property

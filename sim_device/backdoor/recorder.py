@@ -130,7 +130,9 @@ def _weights_of_latch_record(latch: PulseLatch) -> ComplexArray:
 def _radiated_by_latch_record(latch: AnyLatch) -> Hashable:
     """Return the key that latches with the same radiated drive share."""
     if isinstance(latch, Latch):
-        return latch.radiated, latch.commanded_bits, latch.ramping
+        drive = latch.radiated  # as bytes, whose hash is computed once
+        codes = (drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes(), drive.phase_bits)
+        return *codes, latch.commanded_bits, latch.ramping
     return _weights_of_latch_record(latch).tobytes(), latch.pulses.steps
 
 

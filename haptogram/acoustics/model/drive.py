@@ -35,7 +35,6 @@ _CEILING: Final = 1.0 + 1e-6  # a magnitude of 1, with the rounding of single pr
 
 _MAX_WEIGHT: Final = 1e6  # the field is linear; far above, single precision is not
 
-_LARGEST: Final = {kind: int(np.iinfo(kind).max) for kind in (np.uint8, np.uint16)}
 
 _TURN_RAD: Final = 2.0 * math.pi
 _MAX_PHASE_RAD: Final = 1e9  # beyond it a float64 no longer resolves a 16-bit step well
@@ -289,9 +288,18 @@ def as_drive_sequence(weights: ArrayLike, count: int) -> ComplexArray:
     return drives
 
 
+_MOST_CODES: Final = {np.uint8: 0xFF, np.uint16: 0xFFFF}
+
+
 def _as_drive_codes(
     name: str, values: ArrayLike, limit: int, kind: type[np.uint8] | type[np.uint16]
 ) -> NDArray[Any]:
+    is_whole = isinstance(values, np.ndarray) and values.dtype == kind and values.ndim == 1
+    if is_whole and limit == _MOST_CODES[kind] and 1 <= len(values) <= MAX_TRANSDUCERS:
+        flags = values.flags  # nobody can change what is read-only and no view: it is shared
+        codes = values if flags.owndata and not flags.writeable else values.astype(kind)
+        read_only_array(codes)
+        return codes
     try:
         array = np.asarray(values)
     except ValueError as error:  # rows of different lengths
@@ -302,7 +310,7 @@ def _as_drive_codes(
         )
     if not 1 <= array.size <= MAX_TRANSDUCERS:
         raise ConfigurationError(f"{name} holds {array.size} codes, must be 1 to {MAX_TRANSDUCERS}")
-    if array.dtype != kind or limit < _LARGEST[kind]:  # else there is nothing to find
+    if array.dtype != kind or limit < _MOST_CODES[kind]:  # else there is nothing to find
         low, high = int(array.min()), int(array.max())
         if low < 0 or high > limit:
             worst = low if low < 0 else high

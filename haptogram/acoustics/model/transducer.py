@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, Protocol
 
@@ -10,6 +11,9 @@ import numpy as np
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.settings.arguments import check_number, check_positive
 
+#: 2 J1(x) / x as a power series in x^2 / 4, and how far up it is exact in float64.
+_SERIES: Final = [(-1) ** m / (math.factorial(m) * math.factorial(m + 1)) for m in range(18)]
+_SERIES_REACH: Final = 4.0
 #: Cosine of the angle to the axis below which a point is behind: far above what rounding makes of
 #: 0 for an array that is turned, in single precision too.
 GRAZING: Final = -1e-6
@@ -82,15 +86,26 @@ class CircularPiston:
 
     def gain(self, cos_theta: FloatArray, wavenumber: float) -> FloatArray:
         """Return D, of the shape of *cos_theta*."""
-        from scipy.special import (
-            j1,  # here, because it is slow to import and only a piston needs it
-        )
+        size = (wavenumber * self.radius_m / 2.0) ** 2
+        quarter = size * np.maximum(1.0 - cos_theta * cos_theta, 0.0)
+        small = quarter if size <= _SERIES_REACH else np.minimum(quarter, _SERIES_REACH)
+        gain = np.full_like(quarter, _SERIES[-1])
+        for coefficient in _SERIES[-2::-1]:
+            gain *= small
+            gain += coefficient
+        if size > _SERIES_REACH:
+            gain = np.where(quarter > _SERIES_REACH, _large_piston_gain(quarter), gain)
+        result: FloatArray = np.where(cos_theta >= GRAZING, gain, 0.0)
+        return result
 
-        sine = np.sqrt(np.maximum(1.0 - cos_theta * cos_theta, 0.0))
-        # 1e-9 stands in for 0, where 2 J1(x) / x is 1 - x^2 / 8: exact in float64.
-        argument = np.maximum(wavenumber * self.radius_m * sine, 1e-9)
-        gain: FloatArray = np.where(cos_theta >= GRAZING, 2.0 * j1(argument) / argument, 0.0)
-        return gain
+
+def _large_piston_gain(quarter: FloatArray) -> FloatArray:
+    """Return 2 J1(x) / x from x^2 / 4."""
+    from scipy.special import j1  # slow to import, and only pistons larger than usual need it
+
+    argument = 2.0 * np.sqrt(np.maximum(quarter, 1.0))
+    gain: FloatArray = 2.0 * j1(argument) / argument
+    return gain
 
 
 @dataclass(frozen=True, slots=True)

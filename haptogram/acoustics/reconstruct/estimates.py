@@ -67,7 +67,22 @@ class SingleFocus:
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields for JSON; infinite values become None."""
-        return _estimate_fields("single_focus", self)
+        if not math.isfinite(sum(self.std_m) + sum(self.bound_m) + self.force_n):
+            return _estimate_fields("single_focus", self)
+        return {
+            "kind": "single_focus",
+            "position_m": [*self.position_m],
+            "std_m": [*self.std_m],
+            "bound_m": [*self.bound_m],
+            "observable": [*self.observable],
+            "residual_rms_rad": self.residual_rms_rad,
+            "coherence": self.coherence,
+            "pressure_rms_pa": self.pressure_rms_pa,
+            "level_db_spl": self.level_db_spl,
+            "force_n": self.force_n,
+            "acquired": self.acquired,
+            "rivals_m": [[*place] for place in self.rivals_m],
+        }
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from haptogram.errors import (
     WrongProtocolError,
 )
 from haptogram.machine.files import check_file_has_content
+from haptogram.machine.process import process_without_garbage_collector
 from haptogram.settings.option import options_of
 from haptogram.settings.run.outputs import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
@@ -134,6 +135,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     with (
         live_view(wanted=arguments.view) as view,
         outputs.recording(boards.config.result_options()) as writer,
+        process_without_garbage_collector(),  # it would look at every frame again and again
     ):
         status = _run_verify(arguments, boards, view, outputs, writer)
         return status if outputs.is_recorded(writer) else USAGE
@@ -147,7 +149,6 @@ def _run_verify(
     writer: RecordingWriter | None,
 ) -> int:
     """Run the job on the board that the settings name; write and print its result."""
-    from haptogram.evidence.recordings.recorded_run import record_intended
     from haptogram.report import run as report
     from haptogram.verification import Verdict, tolerance_of, uncertainty_of
 
@@ -204,7 +205,8 @@ def _run_verify(
     if config.captures.capture:
         joined = verified_captures_at_port(config, found, result, begin_s, outputs, quiet=quiet)
         is_judged, result = joined is not None, joined or result
-    seen = verify_seen_by_number(found.intended, found.observations)
+    is_shown = config.outputs.html is not None
+    seen = verify_seen_by_number(found.intended, found.observations) if is_shown else {}
     if not write_run_files(config, verdict, result, found.model, seen, outputs):
         return USAGE
     if not is_judged:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_focus_target, focus_phases
+from haptogram.acoustics.arrays import read_only_array
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, quantise_phase
 from haptogram.acoustics.solvers.focus import check_focus_targets
 from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
@@ -167,6 +168,7 @@ class FrameBuilder:
     def _phases(self, foci: list[tuple[Focus, ...]], solver: Method) -> list[Frame]:
         codes = quantise_phase(frame_phases_rad(self._model, foci, solver), REGISTER_BITS)
         full = np.full(codes.shape[1], FULL_AMPLITUDE, dtype=np.uint8)
+        read_only_array(full)  # one for all drives
         return [
             Frame(
                 group,
