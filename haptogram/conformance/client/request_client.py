@@ -471,14 +471,8 @@ class RequestClient:
 
     def await_event(self, kind: type[_M], since: int, timeout_us: int) -> tuple[Header, _M] | None:
         """Return the first event of a kind from piece *since* on; None if none comes in time."""
-
-        def is_due(piece: ReceivedByClient) -> bool:
-            return isinstance(piece.message, kind)
-
-        found = self.wire.wait_for(is_due, since, timeout_us)
-        if found is None:
-            self.wire.idle_beyond(0)
-            found = self.wire.wait_for(is_due, since, 0)
+        timeout_us += 2 * self.wire.limits.slack_us
+        found = self.wire.wait_for(lambda piece: isinstance(piece.message, kind), since, timeout_us)
         if found is None or found.header is None or not isinstance(found.message, kind):
             return None
         return found.header, found.message

@@ -22,7 +22,7 @@ from haptogram_protocol.messages import (
     Message,
     Status,
     StatusReply,
-    parse_body,
+    parse_payload,
 )
 
 from ..outcome import HeldUpError, check, fail, inconclusive, require
@@ -35,8 +35,9 @@ _FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be 
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 _TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
-_LONGEST_TRIP_US: Final = 25_000  # that is reckoned with: others are of a line full of traces
+_LONGEST_LEAD_US: Final = 60_000
 _TRIP_KEPT: Final = 0.9  # of the longest trip, from one beginning to the next
+_STATUS: Final = (Status, StatusReply)
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 
@@ -93,10 +94,11 @@ class ClientWaitLimits:
 
     def with_trips(self, trip_us: int) -> Self:
         """Return limits for a board that has answered after *trip_us* at the latest."""
-        return replace(self, lead_us=self.lead_us + _TRIPS_IN_LEAD * trip_us * bool(self.slack_us))
+        lead_us = min(self.lead_us + _TRIPS_IN_LEAD * trip_us, _LONGEST_LEAD_US)
+        return replace(self, lead_us=lead_us) if self.slack_us else self
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)  # frozen would take four times as long to make
 class ReceivedByClient:
     """The bytes between two delimiters: a piece, which may be a frame.
 
@@ -209,7 +211,7 @@ class RawFrameClient:
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""
         self.forget_received()
-        trip_us = min(max(self.trip_us, self.held_up_us), _LONGEST_TRIP_US)
+        trip_us = min(max(self.trip_us, self.held_up_us), _LONGEST_LEAD_US // _TRIPS_IN_LEAD)
         self._usual_trip_us = max(trip_us, self._usual_trip_us * _TRIP_KEPT)
         self.limits = self._least_limits.with_trips(round(self._usual_trip_us))
         self.held_up_us = self.trip_us = 0
@@ -284,16 +286,18 @@ class RawFrameClient:
             If the port is gone, or takes no byte during the longest wait for an answer.
         """
         self._come_back()
+        now_us = self.now_us()
+        free_us = max(now_us, self._busy_until_us)
         self.ended_whole = data.endswith(DELIMITER)
-        self.recording.add(self.now_us(), TransferDirection.HOST, data)
+        self.recording.add(now_us, TransferDirection.HOST, data)
         if self.on_sent is not None:
-            self.on_sent(data, self.now_us() + self.backlog_us)
+            self.on_sent(data, free_us)
         self.sent_for_us = self.line_us(len(data))
-        self._busy_until_us = self.now_us() + self.backlog_us + self.sent_for_us
-        patience_us = self.limits.answer_us + self.backlog_us
-        stuck_us = self.now_us() + patience_us
+        self._busy_until_us = free_us + self.sent_for_us
+        patience_us = self.limits.answer_us + self._busy_until_us - now_us
+        stuck_us = now_us + patience_us
         rest = memoryview(data)
-        end_us = self.now_us() + self.line_us(len(data))
+        end_us = now_us + self.sent_for_us
         while rest:
             written = self._transport.write_some(bytes(rest[:MAX_ENCODED_BYTES]))
             rest = rest[written:]
@@ -426,16 +430,17 @@ class RawFrameClient:
         self.recording.add(now_us, TransferDirection.BOARD, data)
         self.heard += len(data)
         *ended, rest = data.split(DELIMITER)
+        rules = self.on_piece
         for number, part in enumerate(ended):
             piece = self._partial + part if number == 0 else part
             self._partial = b"" if number == 0 else self._partial
             if piece:
                 self.received.append(_received_by_client(now_us, piece, shared=self._zeros == 1))
                 self._zeros = 0
-                if isinstance(message := self.received[-1].message, Status | StatusReply):
+                if isinstance(message := self.received[-1].message, _STATUS):
                     self.counters = message.counters
-                if self.on_piece is not None:
-                    self.on_piece(self.received[-1])
+                if rules is not None:
+                    rules(self.received[-1])
             self._zeros += 1
         self._keep(rest)
         if self.heard > _FLOOD_BYTES or len(self.received) > _FLOOD_FRAMES:
@@ -458,9 +463,9 @@ def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> ReceivedByC
         body = decode_frame(piece)
     except RemoteProtocolError as error:
         return ReceivedByClient(t_us, piece, shared, fault=str(error), reason=error.reason)
-    header = Header.unpack(body[: Header.LAYOUT.size])
+    header = Header.of_body(body)
     try:
-        _, message = parse_body(body)
+        message = parse_payload(header, body)
     except RemoteProtocolError as error:
         return ReceivedByClient(
             t_us, piece, shared, header, None, body, fault=str(error), reason=error.reason
