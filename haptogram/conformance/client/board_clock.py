@@ -148,8 +148,16 @@ class ClockClient:
         What was sent for a time in this exchange has to have come before: else nothing is judged.
         """
         self.end_exchange()
-        left_us = t_device_us - self.device_estimate_us()
-        self._wire.idle(max(0, left_us) + self._wire.limits.slack_us + _SPARE_US)
+        left_us = max(0, t_device_us - self.device_estimate_us())
+        if self._wire.is_virtual:
+            self._wire.idle(left_us + _SPARE_US)
+            return
+        self._wire.idle(left_us)
+        while (shown_us := self._link.ask_time()) is not None:
+            if (left_us := t_device_us - self.unwrap(shown_us)) < 0:
+                return
+            self._wire.idle(left_us + 1)
+        self._wire.idle(self._wire.limits.slack_us + _SPARE_US)
 
     def idle_until(self, t_device_us: int) -> None:
         """Wait until a device time, by the host's estimate; go on if it has passed."""

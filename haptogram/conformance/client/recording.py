@@ -39,7 +39,7 @@ class TransferDirection(enum.StrEnum):
     BOARD = "board"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Transfer:
     """Bytes that one write or one read transferred."""
 

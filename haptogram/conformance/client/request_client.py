@@ -100,6 +100,8 @@ class RequestClient:
         self._unanswered_bytes = 0
         self._answers_of_pauses: deque[ReceivedByClient] = deque(maxlen=_PAUSES_KEPT)
         self._boots_until_us: int | None = None
+        self._answers_strangers = True
+        wire.ask_time = self.ask_time
 
     def expect_boot(self, timeout_s: float) -> None:
         """Repeat the next request until it is answered, for at most *timeout_s*."""
@@ -211,13 +213,31 @@ class RequestClient:
         fits = self._unanswered_bytes + size <= self.rx_window - _PING_BYTES
         if fits or not self._unanswered or not self._unanswered[-1][0].endswith(DELIMITER):
             return
+        self._answers_of_pauses.append(self.answer_to(Ping.TYPE, *self._pause()))
+        self._forget_unanswered()
+
+    def _pause(self) -> tuple[int, int]:
+        """Send the PING of no session; return its number and the mark before it."""
         self.pauses += 1
         seq, since = (self.seq - _PAUSE_BEHIND) & 0xFFFF, self.mark()
         ping = Ping(self.random.getrandbits(_ECHO_BITS))
-        body = self.body(ping.TYPE, ping.serialize(), seq=seq, session=0)
-        self._put([encode_frame(body)])
-        self._answers_of_pauses.append(self.answer_to(ping.TYPE, seq, since))
+        self._put([encode_frame(self.body(ping.TYPE, ping.serialize(), seq=seq, session=0))])
+        return seq, since
+
+    def ask_time(self) -> int | None:
+        """Return the device time in the refusal of a PING of no session, modulo 2^32.
+
+        None within a frame, whose rest is still to come, and for a board that refuses none.
+        """
+        if not (self._answers_strangers and self.wire.ended_whole):
+            return None
+        answer = self.try_answer(*self._pause())
+        if answer is None or answer.header is None:
+            self._answers_strangers = False
+            return None
+        self._answers_of_pauses.append(answer)
         self._forget_unanswered()
+        return answer.header.time_us
 
     def _forget_answered(self) -> None:
         """Forget what was sent before the last request that was answered, or long ago."""
@@ -322,7 +342,11 @@ class RequestClient:
         def answers(piece: ReceivedByClient) -> bool:
             return piece.header is not None and piece.is_response and piece.header.seq == seq
 
-        return self.wire.wait_for(answers, since, timeout_us)
+        asked_us = self.wire.now_us() + sent_us
+        found = self.wire.wait_for(answers, since, timeout_us)
+        if found is not None:
+            self.wire.trip_us = max(self.wire.trip_us, self.wire.begun_us(found) - asked_us)
+        return found
 
     def text_since(self, since: int, counted: Counters | None = None) -> str:
         """Return in words what has come from piece *since* on, and what moved since *counted*."""

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Final, NoReturn, Protocol, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Final, NoReturn, Protocol, Self, runtime_checkable
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
@@ -22,7 +22,7 @@ from haptogram_protocol.messages import (
     Message,
     Status,
     StatusReply,
-    parse_body,
+    parse_payload,
 )
 
 from ..outcome import HeldUpError, check, fail, inconclusive, require
@@ -34,6 +34,10 @@ _HOUR_US: Final = 3_600_000_000
 _FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be judged
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
+_TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
+_LONGEST_LEAD_US: Final = 60_000
+_TRIP_KEPT: Final = 0.9  # of the longest trip, from one beginning to the next
+_STATUS: Final = (Status, StatusReply)
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 
@@ -72,7 +76,7 @@ class ClientWaitLimits:
     slack_us : int
         Delay that the host's scheduling may add to a wait; 0 in virtual time.
     lead_us : int
-        Time between sending a frame and its t_apply.
+        Time between sending a frame and its t_apply, where answers come at once.
     """
 
     answer_us: int
@@ -86,10 +90,15 @@ class ClientWaitLimits:
         answer_us = round(timeout_s * 1e6)
         if virtual:
             return cls(answer_us, 12 * _HOUR_US, slack_us=0, lead_us=3_000)
-        return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=60_000)
+        return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=15_000)
+
+    def with_trips(self, trip_us: int) -> Self:
+        """Return limits for a board that has answered after *trip_us* at the latest."""
+        lead_us = min(self.lead_us + _TRIPS_IN_LEAD * trip_us, _LONGEST_LEAD_US)
+        return replace(self, lead_us=lead_us) if self.slack_us else self
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)  # frozen would take four times as long to make
 class ReceivedByClient:
     """The bytes between two delimiters: a piece, which may be a frame.
 
@@ -166,6 +175,11 @@ class RawFrameClient:
         Is given each piece as it comes.
     on_sent : callable or None
         Is given the bytes that are sent, and when the line is free for them.
+    ask_time : callable or None
+        Returns the device time in an answer to a question behind all that was sent; None: no
+        answer can show it.
+    trip_us : int
+        The longest time to an answer since :meth:`begin_case`.
     sent_for_us : int
         Time that the line needs for the bytes that were sent last.
     held_up_us : int
@@ -174,18 +188,21 @@ class RawFrameClient:
     """
 
     def __init__(self, transport: Transport, limits: ClientWaitLimits, *, baudrate: int) -> None:
-        self.limits = limits
+        self.limits = self._least_limits = limits
         self.baudrate = baudrate
         self.received: list[ReceivedByClient] = []
         self.on_piece: Callable[[ReceivedByClient], None] | None = None
         self.on_sent: Callable[[bytes, int], None] | None = None
+        self.ask_time: Callable[[], int | None] | None = None
         self.recording = DialogueRecording()
         self.heard = 0
         self.counters: Counters | None = None
         self._transport = transport
-        self.held_up_us = 0
+        self.held_up_us = self.trip_us = 0
+        self._usual_trip_us = 0.0
         self._leave(self.now_us())
         self._partial = b""
+        self.ended_whole = True
         self._zeros = 2  # delimiters since the last piece
         self._deadline_us = self.now_us() + limits.case_us
         self._busy_until_us = 0
@@ -194,7 +211,10 @@ class RawFrameClient:
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""
         self.forget_received()
-        self.held_up_us = 0
+        trip_us = min(max(self.trip_us, self.held_up_us), _LONGEST_LEAD_US // _TRIPS_IN_LEAD)
+        self._usual_trip_us = max(trip_us, self._usual_trip_us * _TRIP_KEPT)
+        self.limits = self._least_limits.with_trips(round(self._usual_trip_us))
+        self.held_up_us = self.trip_us = 0
         self._leave(self.now_us())
         self._deadline_us = self.now_us() + self.limits.case_us
 
@@ -266,15 +286,18 @@ class RawFrameClient:
             If the port is gone, or takes no byte during the longest wait for an answer.
         """
         self._come_back()
-        self.recording.add(self.now_us(), TransferDirection.HOST, data)
+        now_us = self.now_us()
+        free_us = max(now_us, self._busy_until_us)
+        self.ended_whole = data.endswith(DELIMITER)
+        self.recording.add(now_us, TransferDirection.HOST, data)
         if self.on_sent is not None:
-            self.on_sent(data, self.now_us() + self.backlog_us)
+            self.on_sent(data, free_us)
         self.sent_for_us = self.line_us(len(data))
-        self._busy_until_us = self.now_us() + self.backlog_us + self.sent_for_us
-        patience_us = self.limits.answer_us + self.backlog_us
-        stuck_us = self.now_us() + patience_us
+        self._busy_until_us = free_us + self.sent_for_us
+        patience_us = self.limits.answer_us + self._busy_until_us - now_us
+        stuck_us = now_us + patience_us
         rest = memoryview(data)
-        end_us = self.now_us() + self.line_us(len(data))
+        end_us = now_us + self.sent_for_us
         while rest:
             written = self._transport.write_some(bytes(rest[:MAX_ENCODED_BYTES]))
             rest = rest[written:]
@@ -322,8 +345,14 @@ class RawFrameClient:
         self.wait(lambda: False, duration_us)
 
     def idle_beyond(self, duration_us: int) -> None:
-        """Read for *duration_us*, and as long as the host's scheduling may delay what comes."""
-        self.idle(duration_us + self.limits.slack_us)
+        """Read for *duration_us*, and all that the board has sent by then.
+
+        A later answer shows that nothing more comes. Without one there may be more, as the host's
+        scheduling delays it.
+        """
+        self.idle(duration_us)
+        if self.is_virtual or self.ask_time is None or self.ask_time() is None:
+            self.idle(self.limits.slack_us)
 
     def idle_while_sending(self) -> None:
         """Read until the line has carried what was sent."""
@@ -371,6 +400,15 @@ class RawFrameClient:
         if data:
             self._take(data)
 
+    @property
+    def longest_delay_us(self) -> int:
+        """The longest time in which something was held up that is usually on time.
+
+        An answer that has taken a whole trip of those that the lead has room for was.
+        """
+        late_us = self.trip_us if self.trip_us > self.limits.lead_us // _TRIPS_IN_LEAD else 0
+        return max(self.held_up_us, late_us)
+
     def note_held_up(self, duration_us: int) -> None:
         """Note that something between host and board was held up for so long."""
         self.held_up_us = max(self.held_up_us, duration_us)
@@ -392,16 +430,17 @@ class RawFrameClient:
         self.recording.add(now_us, TransferDirection.BOARD, data)
         self.heard += len(data)
         *ended, rest = data.split(DELIMITER)
+        rules = self.on_piece
         for number, part in enumerate(ended):
             piece = self._partial + part if number == 0 else part
             self._partial = b"" if number == 0 else self._partial
             if piece:
                 self.received.append(_received_by_client(now_us, piece, shared=self._zeros == 1))
                 self._zeros = 0
-                if isinstance(message := self.received[-1].message, Status | StatusReply):
+                if isinstance(message := self.received[-1].message, _STATUS):
                     self.counters = message.counters
-                if self.on_piece is not None:
-                    self.on_piece(self.received[-1])
+                if rules is not None:
+                    rules(self.received[-1])
             self._zeros += 1
         self._keep(rest)
         if self.heard > _FLOOD_BYTES or len(self.received) > _FLOOD_FRAMES:
@@ -424,9 +463,9 @@ def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> ReceivedByC
         body = decode_frame(piece)
     except RemoteProtocolError as error:
         return ReceivedByClient(t_us, piece, shared, fault=str(error), reason=error.reason)
-    header = Header.unpack(body[: Header.LAYOUT.size])
+    header = Header.of_body(body)
     try:
-        _, message = parse_body(body)
+        message = parse_payload(header, body)
     except RemoteProtocolError as error:
         return ReceivedByClient(
             t_us, piece, shared, header, None, body, fault=str(error), reason=error.reason

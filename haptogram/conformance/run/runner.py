@@ -275,7 +275,7 @@ class SuiteRunner:
         except LinkError as error:
             return self._lost(_Outcome(Behaviour.FAILED, str(error)), board)
         board = self._connection.board  # the case may have restarted it
-        held_up_us = board.wire.held_up_us
+        held_up_us = board.wire.longest_delay_us
         outcome = self._afterwards(case, board, outcome)
         return dataclasses.replace(outcome, held_up_us=held_up_us)
 

@@ -118,15 +118,20 @@ def parse_body(body: bytes) -> tuple[Header, Message]:
     RemoteProtocolError
         With the reason ``unknown_type``, ``bad_length`` or ``bad_value``.
     """
-    size = Header.LAYOUT.size
     header = Header.of_body(body)
+    return header, parse_payload(header, body)
+
+
+def parse_payload(header: Header, body: bytes) -> Message:
+    """Return the message behind *header*; see :func:`parse_body`."""
     message = MESSAGES.get(header.type)
     if message is None:
         raise RemoteProtocolError(
             f"message type {header.type:#04x} is unknown", reason="unknown_type"
         )
     grows = header.type >= RESPONSE_RANGE.start and not message.TAIL
-    return header, message.deserialize(body[size : size + message.LAYOUT.size if grows else None])
+    size = Header.LAYOUT.size
+    return message.deserialize(body[size : size + message.LAYOUT.size if grows else None])
 
 
 def build_body(message: Message, *, flags: int, seq: int, time_us: int, session: int) -> bytes:
@@ -232,6 +237,7 @@ __all__ = [
     "build_body",
     "drive_codes",
     "parse_body",
+    "parse_payload",
     "signed_difference",
     "unwrap",
 ]
