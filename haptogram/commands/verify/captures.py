@@ -12,6 +12,7 @@ from haptogram.machine.terminal import terminal_error_line
 
 from ..shell.captures import read_capture_arguments, wait_for_capture_arguments
 from ..shell.exit_status import USAGE
+from ..shell.output_files import announce_output_file
 from .files import verify_seen_by_number, write_run_files
 from .progress import verify_bar
 
@@ -90,6 +91,7 @@ def verified_captures_at_port(
         print(terminal_error_line("haptogram verify", str(error), sys.stderr), file=sys.stderr)
         return None
     outputs.print(f"drive pins\n{verdict}")
+    _write_pin_calibration(config, verdict, found.model)
     return report.run_result_with_captures(result, verdict, is_run_judged=True)
 
 
@@ -128,10 +130,33 @@ def verify_recorded_captures(
     )
     result = report.run_result_with_captures(result, verdict, is_run_judged=verdict.run is not None)
     outputs.print(str(verdict))
+    _write_pin_calibration(config, verdict, recorded.model)
     seen = verify_seen_by_number(recorded.intended, verdict.observations)
     if not write_run_files(config, run, result, recorded.model, seen, provenance, outputs):
         return USAGE
     return verdict.exit_status
+
+
+def _write_pin_calibration(
+    config: VerifyConfig, verdict: JoinedCaptureVerdict, model: AcousticModel
+) -> None:
+    """Write what the captured pins show of the elements, if that was asked for.
+
+    Raises
+    ------
+    ConfigurationError
+        They show nothing, or the file cannot be written.
+    """
+    from haptogram.verification.pins.elements.offsets import calibration_of_pins
+
+    path = config.outputs.pin_calibration
+    if path is None:
+        return
+    shown = [one.offsets for one in verdict.pins if one.offsets is not None]
+    if not shown:
+        raise ConfigurationError(f"--pin-calibration {path}: the captures show no element")
+    calibration_of_pins(shown, model.array).to_file(path)
+    announce_output_file(path)
 
 
 def _verify_without_field(verdict: JoinedCaptureVerdict, model: AcousticModel) -> RunVerdict:

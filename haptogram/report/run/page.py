@@ -23,6 +23,7 @@ from .check import CheckOutcome
 from .checks import run_checks_of_result
 from .fieldmap import RunFieldPicture, frame_field_picture, run_finite_amplitude
 from .frame_rows import run_frame_place_text, run_frame_table
+from .pin_elements import PIN_COLUMNS, run_pin_elements, run_pin_pictures
 from .pins import run_capture_figures, run_result_sentence
 from .wording import NOTHING, run_figure_wording
 
@@ -69,7 +70,7 @@ def write_run_page(
     """
     check_html_page()
     effect = [] if run.effect is None else [f"The focus was {run.effect}."]
-    seen = observations or {}
+    seen, captures = observations or {}, result.get("captures")
     drives = {number: one.output for number, one in seen.items() if one.output is not None}
     shown = frame_field_picture(run, model, drives, _BITS)
     write_html_page(
@@ -88,7 +89,8 @@ def write_run_page(
         checks=run_checks_of_result(run, result),
         tones=_CHECK_TONES,
         focus=list(_run_focus_pictures(shown, model, result["board"].get("phase_steps"))),
-        pictures=list(_run_page_pictures(run, model)),
+        pictures=[*run_pin_pictures(captures), *_run_page_pictures(run, model)],
+        pins={"head": tuple(PIN_COLUMNS), "rows": run_pin_elements(captures)},
         frames=run_frame_table(run),
         judged=any(frame.criteria for frame in run.frames),
         criteria=prose.CRITERIA,

@@ -41,6 +41,11 @@ class LevelsInTime:
     levels_db: FloatArray
     is_busy: Any
 
+    def as_dict(self) -> dict[str, list[float | None]]:
+        """Return times and levels for JSON; null: silence."""
+        levels = [round(db, 2) if math.isfinite(db) else None for db in self.levels_db.tolist()]
+        return {"t_ms": [round(t * 1e3, 3) for t in self.times_s.tolist()], "level_db": levels}
+
     @property
     def text(self) -> str:
         """Loss of amplitude in words; empty: there is none."""
