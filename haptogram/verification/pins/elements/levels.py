@@ -17,7 +17,7 @@ from haptogram.records.pins import PinRecord
 
 _WINDOW_S: Final = 0.5e-3  # as long as a transducer rings
 _MOST_PINS: Final = 64
-_QUIET: Final = 0.003  # of the usual level: silence
+_QUIET: Final = 0.02  # of the usual level: silence
 _FULL: Final = 0.95  # of the windows, whose level is that of the undisturbed carrier
 _LEAST_DB: Final = 0.5
 _BUSY: Final = 0.5  # of a window, in which bytes arrive
