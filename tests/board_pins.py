@@ -102,6 +102,19 @@ class CapturedBoard:
                 found[channel].append(pulses + self.late_us.get(channel, 0.0) * 1e-6)
         return [np.concatenate(one) if one else np.zeros((0, 2)) for one in found]
 
+    def bytes_s(self):
+        """Return (P, 2) the times at which the line of the host is low: bytes 55h, at 115 200."""
+        bit_s = 1.0 / 115_200
+        periods = self.grid_s()[:, 0]
+        ends = periods[np.searchsorted(np.arange(len(periods)) / self.carrier_hz, self.swaps_s())]
+        starts = [np.arange(end - self.busy_s, end - 10 * bit_s, 10 * bit_s) for end in ends]
+        lows = np.concatenate(starts)[:, None] + bit_s * np.arange(0, 10, 2)
+        return np.stack([lows.ravel(), lows.ravel() + bit_s], axis=1)
+
+    def swaps_s(self):
+        """Return when the host's frames take their place, in undisturbed time."""
+        return np.array([latch.t_latch_us for latch in self.latches if latch.t_latch_us]) * 1e-6
+
     def levels(self):
         """Return (steps in all, channels) the levels of the pins, step by step."""
         step_s = 1.0 / self.carrier_hz / self.steps
@@ -122,6 +135,8 @@ class CapturedBoard:
         if clock:
             starts = self.grid_s()[:: self.every, [0, self.steps // 2]]
             found["sync"] = sampled(starts, rate_hz)
+        if self.busy_s:
+            found["rx"] = sampled(self.bytes_s(), rate_hz)[0], True
         write = write_sr if path.suffix == ".sr" else write_vcd
         write(path, found, analyser, self.end_s)
         return path

@@ -34,6 +34,8 @@ class PinPulses:
         Periods from one pulse to the next, usually: 2 if every second one is left out.
     edges : int
         Edges of the channel.
+    response : complex
+        Gain e^{+j lag} between the drive and the pin that is known, and taken off.
     """
 
     channel: str
@@ -44,6 +46,7 @@ class PinPulses:
     is_dead: bool = False
     every: int = 1
     edges: int = 0
+    response: complex = 1.0
 
     def between(self, begin: float, end: float) -> PinPulses:
         """Return the whole pulses from *begin* to *end*, in periods."""

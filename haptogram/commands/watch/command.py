@@ -53,6 +53,8 @@ examples:
       starts a board and a program that lists serial ports; ends with the program
   haptogram watch capture.bin --dialect ultraino-fpga
       bytes that a program wrote to its port
+  haptogram watch --dialect sonicsurface --capture pins.sr --channels map.toml
+      what a logic analyser saw at the drive pins of a real board
   haptogram watch unix:/tmp/board.sock --frames latches.jsonl
       the back door of a board that runs
 
@@ -114,6 +116,8 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
     parser.add_argument(
         "client", nargs="*", metavar="COMMAND", help="program of --as-device, with its arguments"
     )
+    own = options_of(WatchConfig)
+    add_setting_options(board, [own["capture"], own["channels"]])
     expected = parser.add_argument_group("expected foci")
     expected.add_argument(
         "--expect",
@@ -123,7 +127,6 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
         help="focus that is expected, in the axes of the board's own programs; may be repeated: "
         "one a frame, and after the last the first again [none]",
     )
-    own = options_of(WatchConfig)
     add_setting_options(expected, [own["expect_file"], *options_of(ToleranceConfig).values()])
     result = parser.add_argument_group("result", FILE_HELP)
     names = ("latches", "fail_on", "frames", *_FILES, "stamp")
@@ -157,12 +160,20 @@ def _check_watch_source(arguments: argparse.Namespace) -> None:
         return
     if arguments.client:
         raise ConfigurationError(f"{arguments.client[0]}: one source, or --as-device and a program")
+    if (arguments.capture is None) != (arguments.channels is None):
+        raise ConfigurationError(
+            "--capture needs the map of its --channels, and neither goes alone"
+        )
+    if arguments.capture is not None:
+        if arguments.dialect is None or arguments.source or arguments.link:
+            raise ConfigurationError("--capture needs --dialect, and neither --link nor a source")
+        return
     if arguments.source is not None and arguments.link is not None:
         raise ConfigurationError("--link starts a board; leave it out, or the source")
     if arguments.source is None and (arguments.link is None or arguments.dialect is None):
         raise ConfigurationError(
             "nothing to watch; give a back door (unix:PATH), a file of bytes with --dialect, or "
-            "--dialect and --link to start a board"
+            "--dialect and --link to start a board, or --dialect and --capture for its pins"
         )
 
 
@@ -304,6 +315,8 @@ def _shows_no_pattern(result: WatchResult) -> bool:
 
 
 def _why_watch_is_incomplete(end: Record) -> str | None:
+    if end.get("cut"):
+        return f"the capture was cut off: {end['cut']}"
     if not end["clean"]:
         return "the board was killed before its last latches were told"
     return f"{end['dropped']} latches found the queue full" if end["dropped"] else None

@@ -26,6 +26,12 @@ WATCHED_BOARD_OPTIONS: Final = (
 class WatchConfig(Settings):
     """The foci that are expected, the end of the watch, and what it writes."""
 
+    capture: Path | None = option(
+        None, unit="FILE", help="capture of the drive pins of a board (VCD, or .sr of sigrok)"
+    )
+    channels: Path | None = option(
+        None, unit="FILE", help="TOML map of the channels of --capture (docs/captures.md)"
+    )
     expect_file: Path | None = option(
         None,
         unit="FILE",

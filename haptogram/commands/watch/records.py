@@ -31,7 +31,7 @@ _PATIENCE_S: Final = 5.0
 
 def is_watched_latch(record: Record) -> bool:
     """Return True if *record* is that of a latch."""
-    return record["kind"] in ("pulses", "latch")
+    return record["kind"] in ("pulses", "latch", "pins")
 
 
 class WatchedRecords:
@@ -124,7 +124,9 @@ def open_watched_records(arguments: argparse.Namespace, replay: Replay) -> Itera
     from haptogram.evidence.backdoor_stream import BackdoorReader
 
     with contextlib.ExitStack() as parts:
-        if arguments.source is None:
+        if arguments.capture is not None:
+            found = _captured_to_watch(arguments, replay)
+        elif arguments.source is None:
             found = parts.enter_context(_started_watched_board(arguments))
         elif arguments.dialect is not None:
             found = _replayed_to_watch(
@@ -149,6 +151,20 @@ def reader_of_watched(
         return records if records or (stream.is_open and running) else None
 
     return read
+
+
+def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> WatchedRecords:
+    """Return the latches that a capture of the pins shows; the board itself says its array."""
+    from haptogram.evidence.captures.channel_map import ChannelMap
+    from haptogram.evidence.captures.files import read_capture
+    from haptogram.evidence.captures.pin_record import pin_record_of_capture
+    from haptogram.evidence.dialects.captured_latches import records_of_held_drives
+    from haptogram.verification.pins.held.drives import held_pin_drives
+
+    mapped = ChannelMap.from_file(arguments.channels)
+    held = held_pin_drives(pin_record_of_capture(read_capture(arguments.capture), mapped))
+    board = replay(_watched_board_settings(arguments), b"")[0]
+    return _replayed_to_watch(records_of_held_drives(held, board))
 
 
 def _replayed_to_watch(records: list[Record]) -> WatchedRecords:

@@ -66,6 +66,12 @@ class ChannelMapSettings(Settings):
         help="largest difference of the delays of two channels: of probes, drivers, and of the "
         "steps in which the board moves its pins",
     )
+    calibration: Path | None = option(
+        None,
+        unit="FILE",
+        help="gain and phase of the elements at their pins that are known (verify "
+        "--pin-calibration writes them): they are taken off, and what is left is judged",
+    )
     latch_window_us: float = option(
         200.0,
         unit="US",

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.records.pins import PinRecord
+from haptogram.verification.pins.elements.faults import grouped_pin_faults
 from haptogram.verification.pins.held.drives import HeldDrives, PinLatch
 
 from .capture import Capture
@@ -19,21 +20,20 @@ _NS: Final = 1e9
 
 
 def findings_of_capture(found: HeldDrives) -> list[str]:
-    """Return the defects in a capture, one line each."""
+    """Return the defects in a capture, one line for all pins that have the same."""
     record = found.record
-    lines = []
+    faults = []
     for element, pin in record.pins.items():
-        words = list(pin.defects)
-        if pin.every > 1:
-            words.append(pulses_left_out_text(pin.every, record))
-        lines += [f"element {element} ({pin.channel}): {text}" for text in words]
+        left_out = [_pulses_left_out_text(pin.every, record)] if pin.every > 1 else []
+        faults += [(element, pin.channel, text) for text in (*pin.defects, *left_out)]
+    lines = list(grouped_pin_faults(faults))
     for number, latch in enumerate(found.latches):
         if latch.is_torn:
             lines.append(f"latch {number} is torn: {_torn_capture_text(found, latch)}")
     return lines
 
 
-def pulses_left_out_text(every: int, record: PinRecord) -> str:
+def _pulses_left_out_text(every: int, record: PinRecord) -> str:
     """Return that pins have fewer pulses than the carrier has periods."""
     hz = 1.0 / record.period_s
     return f"{hz / every:.0f} Hz: a pulse in every {every} periods of the carrier of {hz:.0f} Hz"

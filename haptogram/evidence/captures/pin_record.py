@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptogram.acoustics.model.calibration import Calibration
 from haptogram.errors import ConfigurationError
 from haptogram.records.pins import CarrierPeriods, LineBytes, PinPulses, PinRecord
 
@@ -58,6 +60,7 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
     if reference is None and clock.is_steady:
         capture = capture_to_first_splice(capture, rises, sample)
         clock = CarrierClock(rises[rises <= capture.end], period, sample, is_clock=True)
+    responses = _known_responses_of_pins(mapped, elements)
     pins = {}
     silent = all(len(capture.channel(name).times) == 0 for name in elements)
     for name, element in elements.items():
@@ -76,7 +79,14 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         is_dead = not len(edges.times) and edges.first_level is settings.active_low
         every = round(float(np.median(np.diff(pulses[0])))) if len(begins) > 1 else 1
         pins[element] = PinPulses(
-            name, *pulses, defects, begin, is_dead, max(every, 1), len(edges.times)
+            name,
+            *pulses,
+            defects,
+            begin,
+            is_dead,
+            max(every, 1),
+            len(edges.times),
+            responses[element],
         )
     latches = None
     if settings.latch is not None:
@@ -107,6 +117,19 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
             is_steady=clock.is_steady,
         ),
     )
+
+
+def _known_responses_of_pins(mapped: ChannelMap, elements: Mapping[str, int]) -> dict[int, complex]:
+    """Return gain e^{+j lag} of each element, by the calibration that the map names; else 1."""
+    if mapped.settings.calibration is None:
+        return dict.fromkeys(elements.values(), 1.0)
+    known = Calibration.from_file(mapped.path.parent / mapped.settings.calibration)
+    for name, element in elements.items():
+        if element >= known.count:
+            raise ConfigurationError(
+                f"{known.name}: element {element} ({name}) is missing, which {mapped.path} names"
+            )
+    return {element: complex(known.response[element]) or 1.0 for element in elements.values()}
 
 
 def _phase_of_captured_clock(rises: _Floats, falls: _Floats) -> float:

@@ -11,6 +11,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.boards.layout import Z_UP, Rows
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
+from haptogram.evidence.dialects.captured_latches import PINS
 from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
 from haptogram.records.frame import Evidence
 from haptogram.verification.watch import SeenLatch
@@ -18,6 +19,7 @@ from haptogram.verification.watch.latch import MODULATED
 from haptogram_protocol.dialects.table import DIALECTS
 
 _OWN_DIALECT: Final = "haptogram"
+_OWN_STEPS: Final = 256
 
 
 class WatchedBoard:
@@ -102,6 +104,8 @@ class WatchedBoard:
             found = self._of_pulses(record)
         elif record["kind"] == "latch":
             found = self._of_codes(record)
+        elif record["kind"] == PINS:
+            found = self._of_pins(record)
         else:
             return None
         if self._next is not None:
@@ -121,6 +125,16 @@ class WatchedBoard:
             cause=self._cause_of_pulses(seen),
             counted=seen.counted,
             stray=tuple(int(channel) for channel in stray),
+            evidence=self._evidence,
+        )
+
+    def _of_pins(self, record: Mapping[str, Any]) -> SeenLatch:
+        steps = DIALECTS[self.dialect].steps if self.dialect in DIALECTS else _OWN_STEPS
+        return SeenLatch(
+            number=record["number"],
+            weights=record["weights"],
+            steps=min(filter(None, (steps, self._steps))),
+            t_us=record["t_latch_us"],
             evidence=self._evidence,
         )
 

@@ -28,6 +28,7 @@ from . import pictures, prose
 from .checks import run_checks_of_result
 from .fieldmap import RunFieldPicture, frame_field_picture, run_finite_amplitude
 from .frame_rows import run_frame_place_text, run_frame_table
+from .pin_elements import PIN_COLUMNS, run_pin_elements, run_pin_pictures
 from .pins import run_capture_figures, run_result_sentence
 from .wording import NOTHING, run_figure_wording
 
@@ -129,6 +130,9 @@ def _run_sections(result: Mapping[str, Any]) -> Iterator[Section]:
         ]
         table = Table(("counter (SPEC.md 9.2)", "board", "host"), counted, (1, 2))
         yield Section("Damage on the line", [table], folds=True)
+    if elements := run_pin_elements(result.get("captures")):
+        table = Table(tuple(PIN_COLUMNS), elements, (0, 2, 3, 4, 5, 6))
+        yield Section("Elements at their pins", [table], folds=True)
     if result["warnings"]:
         yield Section("Warnings", [Listing(result["warnings"])])
 
@@ -180,7 +184,7 @@ def _run_page_content(
         "tested": list(prose.run_tested_rows(result, model)),
         "scene": viewer_scene_of_run(run, model, seen).embedded() if run.frames else None,
         "focus": list(_run_focus_pictures(shown, model, result["board"].get("phase_steps"))),
-        "pictures": list(_run_page_pictures(run, model)),
+        "pictures": [*run_pin_pictures(result.get("captures")), *_run_page_pictures(run, model)],
         "frames": run_frame_table(run),
         "judged": any(frame.criteria for frame in run.frames),
         "criteria": prose.CRITERIA,

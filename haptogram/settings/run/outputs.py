@@ -32,6 +32,12 @@ class OutputConfig(Settings):
     summary: Path | None = option(
         None, unit="FILE", help="write a summary in Markdown, for the page of a CI job"
     )
+    pin_calibration: Path | None = option(
+        None,
+        unit="FILE",
+        help="write gain and phase of each element as the captured pins show them: the calibration "
+        "of a map of channels, which is taken off",
+    )
     stamp: str | None = option(
         None,
         unit="DATE",

@@ -57,6 +57,10 @@ class VerifyConfig(Settings):
             )
         if self.elements.compensate and self.captures.from_recording is None:
             self._check_compensation()
+        if self.outputs.pin_calibration is not None and not self.captures.capture:
+            raise SettingError(
+                "pin_calibration", "is of captured pins: name the --capture and its --channels"
+            )
         if self.link.port is not None:
             self._check_port(self.link.port)
         elif self.captures.capture and self.captures.from_recording is None:

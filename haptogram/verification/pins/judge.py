@@ -101,7 +101,7 @@ def verify_captured_pins(
         run = dataclasses.replace(run, held=held)
     shown = frames_shown_by_pins(record, run, offset)
     steps = max(frame.steps for frame in intended)
-    return _PinJudge(record, run, model, shown, steps).judge()
+    return _PinJudge(record, run, model, shown, steps, offset).judge()
 
 
 def _drives_told_apart(weights: ComplexArray, apart: float) -> int:
@@ -122,6 +122,7 @@ class _PinJudge:
     model: AcousticModel
     shown: FramesShownByPins
     steps: int
+    offset: float | None  # period at which the run begins, if its frames have no times
     findings: dict[str, list[str]] = field(default_factory=dict)
     not_judged: dict[str, str] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
@@ -321,7 +322,7 @@ class _PinJudge:
     def _shows_instead(self, phases: NDArray[np.uint8]) -> bool:
         """Return True if the pins show this run with other *phases*."""
         turned = dataclasses.replace(self.run, phases=phases)
-        shown = frames_shown_by_pins(self.record, turned)
+        shown = frames_shown_by_pins(self.record, turned, self.offset)
         return bool(shown.seen.any()) and float(shown.right[shown.seen].mean()) >= _NEARLY_ALL
 
     def _name_faults(self, judged: Bools) -> Bools:

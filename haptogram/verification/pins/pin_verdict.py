@@ -174,6 +174,7 @@ class PinVerdict:
             "carrier_hz": self.carrier_hz,
             "carrier_drift_ppm": self.drift_ppm,
             "carrier_jitter_ns": None if self.carrier is None else self.carrier.jitter_s * 1e9,
+            "levels": None if self.levels is None else self.levels.as_dict(),
             "elements_shown": [] if self.offsets is None else list(self.offsets.rows()),
             "late_us": {str(frame): late for frame, late in self.late_us.items()},
             "events": list(self.events),

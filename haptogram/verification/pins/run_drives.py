@@ -140,5 +140,6 @@ def fundamentals_of_run_drives(pulses: PinPulses) -> tuple[FloatArray, ComplexAr
     if found is None:
         sizes = np.sin(np.pi * np.minimum(pulses.falls - pulses.rises, 1.0))
         turns = np.exp(2j * np.pi * np.remainder(centres, 1.0))
-        found = _FUNDAMENTALS[pulses] = (sizes * turns).astype(np.complex64)
+        found = (sizes * turns / pulses.response).astype(np.complex64)
+        _FUNDAMENTALS[pulses] = found
     return centres, found

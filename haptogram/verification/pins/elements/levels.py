@@ -17,7 +17,7 @@ from haptogram.records.pins import PinRecord
 
 _WINDOW_S: Final = 0.5e-3  # as long as a transducer rings
 _MOST_PINS: Final = 64
-_QUIET: Final = 0.003  # of the usual level: silence
+_QUIET: Final = 0.02  # of the usual level: silence
 _FULL: Final = 0.95  # of the windows, whose level is that of the undisturbed carrier
 _LEAST_DB: Final = 0.5
 _BUSY: Final = 0.5  # of a window, in which bytes arrive
@@ -40,6 +40,11 @@ class LevelsInTime:
     times_s: FloatArray
     levels_db: FloatArray
     is_busy: Any
+
+    def as_dict(self) -> dict[str, list[float | None]]:
+        """Return times and levels for JSON; null: silence."""
+        levels = [round(db, 2) if math.isfinite(db) else None for db in self.levels_db.tolist()]
+        return {"t_ms": [round(t * 1e3, 3) for t in self.times_s.tolist()], "level_db": levels}
 
     @property
     def text(self) -> str:

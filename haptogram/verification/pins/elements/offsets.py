@@ -11,7 +11,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics import Calibration, TransducerArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.acoustics.model.calibration import MAX_GAIN
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.pins import PinRecord
 
@@ -39,6 +41,8 @@ class ElementOffsets:
         Amplitude over the one that was meant, and its standard deviation.
     duty : (E,) numpy.ndarray
         Share of a period for which the pin is driven, on average.
+    known : (E,) numpy.ndarray of complex
+        Gain and lag of each pin that were known, and taken off before.
     """
 
     elements: tuple[int, ...]
@@ -48,6 +52,7 @@ class ElementOffsets:
     gain: FloatArray
     gain_spread: FloatArray
     duty: FloatArray
+    known: ComplexArray
 
     @classmethod
     def of(cls, record: PinRecord, drives: PinDrives, judged: Any) -> ElementOffsets:
@@ -69,6 +74,7 @@ class ElementOffsets:
             gain,
             gain_spread,
             np.array(widths),
+            np.array([pin.response for pin in pins], dtype=np.complex128),
         )
 
     def rows(self) -> Iterator[dict[str, Any]]:
@@ -99,6 +105,21 @@ def _mean_and_spread(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     mean = np.where(known, values, 0.0).sum(axis=0) / count
     square = np.where(known, (values - mean) ** 2, 0.0).sum(axis=0) / count
     return np.where(none, np.nan, mean), np.where(none, np.nan, np.sqrt(square))
+
+
+def calibration_of_pins(every: Sequence[ElementOffsets], array: TransducerArray) -> Calibration:
+    """Return gain and lag of the elements of an array, as captures show them; places as they are.
+
+    An element of which no capture shows anything is as it was meant.
+    """
+    gain, phase = np.ones(array.count), np.zeros(array.count)
+    for one in every:
+        gain[np.array(one.elements)[np.isnan(one.duty)]] = 0.0  # no pulse at all: dead
+        shown = np.isfinite(one.phase_rad)
+        places = np.array(one.elements)[shown]
+        gain[places] = one.gain[shown] * np.abs(one.known[shown])
+        phase[places] = wrapped_phases(one.phase_rad[shown] + np.angle(one.known[shown]))
+    return Calibration(np.minimum(gain, MAX_GAIN), phase, array.positions_m)
 
 
 # --- structure -----------------------------------------------------------------------------------

@@ -112,6 +112,9 @@ def test_a_carrier_that_is_not_steady_is_no_latch(reference, tmp_path):
     (line,) = pins.findings["amplitudes"]
     assert re.fullmatch(r"for \d\d % of the time: -\d+\.\d dB; capture to_board to know why", line)
     assert not pins.carrier.is_steady
+    line = MEGA | {"reference": reference, "to_board": "rx", "baud": 115_200}
+    (pins,) = judged(board, tmp_path / "pins.sr", line).pins
+    assert re.fullmatch(r"while bytes arrive: -\d+\.\d dB", pins.findings["amplitudes"][0])
     assert pins.not_judged["torn"] == "the carrier is not steady while pins change"
 
 
