@@ -28,7 +28,8 @@ _DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new
 #: lack a kind, or have much of one, come further than those in which everything is likely.
 _WEIGHTS: Final = {
     "frame": 9.0,
-    "request": 9.0,
+    "request": 7.0,
+    "playback": 2.5,
     "configuration": 1.0,
     "value": 3.0,
     "HELLO": 1.5,
@@ -148,7 +149,7 @@ class DialogueGenerator:
     def _rarest(self) -> list[DialogueAction]:
         """Return the one of a few inputs that has followed the last one least often."""
         (kind,) = self._random.choices(list(_WEIGHTS), self._weights)
-        names = self._random.choices(self._inputs.kinds[kind] or ["nothing"], k=_CANDIDATES)
+        names = self._random.choices(self._inputs.kinds.get(kind, ["nothing"]), k=_CANDIDATES)
         name = min(names, key=lambda one: self._coverage.pairs[self._last, one])
         self._coverage.pairs[self._last, name] += 1
         self._last = name
@@ -164,7 +165,7 @@ class DialogueGenerator:
         return [
             one._replace(
                 slot=number,
-                text=one.text + _DAMAGE_TEXT[one.damage],
+                name=one.name + _DAMAGE_TEXT[one.damage],
                 seed=self._random.getrandbits(32),
             )
             for number, some in enumerate(told, first)
