@@ -15,7 +15,7 @@ from .scenes.inputs import SceneInputs
 from .scenes.scenes import RandomScenes
 
 #: Of the slots, with a scene: of a dialogue with timers, and of one without.
-_SCENE_SHARE: Final = {True: 0.75, False: 0.09}
+_SCENE_SHARE: Final = {True: 0.75, False: 0.07}
 _GREETING_SHARE: Final = 0.4  # of the dialogues, with numbers that wrap
 _PAIR_SHARE: Final = 0.12
 _UPLOAD_SHARE: Final = 0.12
@@ -137,7 +137,7 @@ class DialogueGenerator:
         self._script = self._script[steps:]
         if self._random.random() < _PAIR_SHARE:
             found += self._makers.pair()
-        for _ in range(self._random.choice((0, 1, 2, 2, 3, 4, 6))):
+        for _ in range(self._random.choice((0, 1, 2, 2, 3, 5))):
             found += map(self._damaged, self._rarest())
         found.sort(key=lambda told: not told.name.startswith(Mute.TYPE.name))
         seen = self._makers.probe() if self._random.random() < self._seen else []

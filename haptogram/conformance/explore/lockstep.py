@@ -231,7 +231,7 @@ class Lockstep:
             if found:
                 text = f"{found} ({shown_us} µs after the start)"
                 if batch and not host.unsent:
-                    end = "A request whose refusal shows that all was read"
+                    end = "a request whose refusal shows that all was read"
                     sent.append((shown_us, end, arrivals[-1].wires[-1]))
                 return Played(text, sent, slot, self._held_up())
             host.slot_us = self._next_slot(host.slot_us + silent * SLOT_US, may_cut=not timed)

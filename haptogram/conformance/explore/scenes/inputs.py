@@ -181,7 +181,7 @@ class SceneInputs:
             "frames of some slots": lambda: [self.frame(n + 0.5) for n in range(4)],
             "two frames at once": makers.pair,
             "a burst": makers.burst,
-            "a full queue": makers.full_queue,
+            "many frames far ahead": makers.many_far,
             "frames": lambda: makers.row(self._pick((1, 2, 3, 5)), SLOT_US // 2),
             "an upload": makers.upload,
             "a begun upload": lambda: makers.upload()[:2],
