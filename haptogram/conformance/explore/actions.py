@@ -73,8 +73,8 @@ class DialogueAction(NamedTuple):
     ----------
     slot : int
         Slot at whose beginning the frame is sent.
-    text : str
-        Description, for the dialogue that is printed.
+    name : str
+        By what dialogues tell actions apart, and what is printed before the frame.
     body : callable
         Given the host, returns header and payload.
     damage : int
@@ -86,19 +86,16 @@ class DialogueAction(NamedTuple):
     wait_us : int
         Time that passes between the arrival of the frame before, or the beginning of the slot, and
         that of this one; 0 where bytes do not arrive to the microsecond.
-    name : str
-        By what dialogues tell actions apart.
     ends_slot : bool
         Whether the frame may be latched right after its arrival.
     """
 
     slot: int
-    text: str
+    name: str
     body: Callable[[DialogueHost], bytes]
     damage: int = 0
     seed: int = 0
     wait_us: int = 0
-    name: str = ""
     ends_slot: bool = False
 
     def wire(self, host: DialogueHost) -> bytes:

@@ -15,7 +15,7 @@ from .scenes.inputs import SceneInputs
 from .scenes.scenes import RandomScenes
 
 #: Of the slots, with a scene: of a dialogue with timers, and of one without.
-_SCENE_SHARE: Final = {True: 0.75, False: 0.09}
+_SCENE_SHARE: Final = {True: 0.75, False: 0.07}
 _GREETING_SHARE: Final = 0.4  # of the dialogues, with numbers that wrap
 _PAIR_SHARE: Final = 0.12
 _UPLOAD_SHARE: Final = 0.12
@@ -28,7 +28,8 @@ _DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new
 #: lack a kind, or have much of one, come further than those in which everything is likely.
 _WEIGHTS: Final = {
     "frame": 9.0,
-    "request": 9.0,
+    "request": 7.0,
+    "playback": 2.5,
     "configuration": 1.0,
     "value": 3.0,
     "HELLO": 1.5,
@@ -136,7 +137,7 @@ class DialogueGenerator:
         self._script = self._script[steps:]
         if self._random.random() < _PAIR_SHARE:
             found += self._makers.pair()
-        for _ in range(self._random.choice((0, 1, 2, 2, 3, 4, 6))):
+        for _ in range(self._random.choice((0, 1, 2, 2, 3, 5))):
             found += map(self._damaged, self._rarest())
         found.sort(key=lambda told: not told.name.startswith(Mute.TYPE.name))
         seen = self._makers.probe() if self._random.random() < self._seen else []
@@ -148,7 +149,7 @@ class DialogueGenerator:
     def _rarest(self) -> list[DialogueAction]:
         """Return the one of a few inputs that has followed the last one least often."""
         (kind,) = self._random.choices(list(_WEIGHTS), self._weights)
-        names = self._random.choices(self._inputs.kinds[kind] or ["nothing"], k=_CANDIDATES)
+        names = self._random.choices(self._inputs.kinds.get(kind, ["nothing"]), k=_CANDIDATES)
         name = min(names, key=lambda one: self._coverage.pairs[self._last, one])
         self._coverage.pairs[self._last, name] += 1
         self._last = name
@@ -164,7 +165,7 @@ class DialogueGenerator:
         return [
             one._replace(
                 slot=number,
-                text=one.text + _DAMAGE_TEXT[one.damage],
+                name=one.name + _DAMAGE_TEXT[one.damage],
                 seed=self._random.getrandbits(32),
             )
             for number, some in enumerate(told, first)

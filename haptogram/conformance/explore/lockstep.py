@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from haptogram.machine.process import time_without_processor_us
-from haptogram_protocol.framing import MAX_ENCODED_BYTES
+from haptogram_protocol.annotation.frames import annotated_frame_text
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 from haptogram_protocol.messages import (
     RESPONSE_RANGE,
     Config,
@@ -69,7 +70,7 @@ class Played:
     ----------
     difference : str
         First difference between board and model; empty if there is none.
-    lines : tuple of str
+    sent : list of tuple
         The dialogue: time, description and bytes of each frame sent.
     slot : int
         Slot of the difference.
@@ -78,9 +79,17 @@ class Played:
     """
 
     difference: str
-    lines: tuple[str, ...]
+    sent: Sequence[tuple[int, str, bytes]]
     slot: int = 0
     held_up_us: int = 0
+
+    @property
+    def lines(self) -> list[str]:
+        """The dialogue as text: each frame with its time, in words and as bytes."""
+        return [
+            f"{t_us:>8} µs  {name} = {_annotated_in_dialogue(wire)}: {wire.hex()}"
+            for t_us, name, wire in self.sent
+        ]
 
 
 @dataclass(slots=True)
@@ -170,7 +179,7 @@ class Lockstep:
         finally:
             # Where the client goes on.
             self._board.link.seq, self._board.link.session = host.seq + 1, host.session
-        return replace(found, lines=(*played.lines, *found.lines)) if powers_up else found
+        return replace(found, sent=[*played.sent, *found.sent]) if powers_up else found
 
     def _open(self, config: Config, seed: int, *, is_known: bool) -> DialogueHost:
         """Open the session of a dialogue, at a wall clock twice if the board was held up."""
@@ -196,7 +205,7 @@ class Lockstep:
         self._near_us = self._least_near_us
         self._early: list[FrameInDialogue] = []
         self._since = self._board.link.mark()
-        lines: list[str] = []
+        sent: list[tuple[int, str, bytes]] = []
         room_bytes = self._board.wire.baudrate * SLOT_US // _SHARES[timed] // 10_000_000
         first = min(0, *(action.slot for action in actions), 0)
         slots = max((action.slot for action in actions), default=0) + _TAIL * timed + 1
@@ -210,8 +219,8 @@ class Lockstep:
             batch = frames_of_slot(host, told, room_bytes, exact=self.is_exact)
             shown_us = host.slot_us - start_us
             arrived_us = itertools.accumulate(action.wait_us for action, _ in batch)
-            lines += [
-                f"{shown_us + wait_us:>8} µs  {action.text}: {wire.hex()}"
+            sent += [
+                (shown_us + wait_us, action.name, wire)
                 for (action, wire), wait_us in zip(batch, arrived_us, strict=True)
             ]
             arrivals = _arrivals_of_slot(batch, b"" if host.unsent else end_of_slot(host))
@@ -222,9 +231,9 @@ class Lockstep:
             if found:
                 text = f"{found} ({shown_us} µs after the start)"
                 if batch and not host.unsent:
-                    end = "a PING of another session, whose refusal shows that all was read"
-                    lines.append(f"{shown_us:>8} µs  {end}: {arrivals[-1].wires[-1].hex()}")
-                return Played(text, tuple(lines), slot, self._held_up())
+                    end = "a request whose refusal shows that all was read"
+                    sent.append((shown_us, end, arrivals[-1].wires[-1]))
+                return Played(text, sent, slot, self._held_up())
             host.slot_us = self._next_slot(host.slot_us + silent * SLOT_US, may_cut=not timed)
             slot += 1 + silent
             waited_us += sum(arrival.wait_us for arrival in arrivals)
@@ -234,7 +243,7 @@ class Lockstep:
         self._models.advance(host.slot_us + SLOT_US)
         behind = self._models.due(host, base[1], self._near_us, is_last=True)
         text = superfluous_in_dialogue(self._early[len(behind) :])
-        return Played(text, tuple(lines), slots, self._held_up())
+        return Played(text, sent, slots, self._held_up())
 
     def _silent_slots(self, slot: int, slots: int, by_slot: Container[int]) -> int:
         """Return how many slots behind one pass together: nothing is sent in them.
@@ -450,6 +459,10 @@ class Lockstep:
         self._early = comparison.early()
         altered = self._memory.first_altered(said.responses, wanted.responses)
         return comparison.difference() or altered
+
+
+def _annotated_in_dialogue(wire: bytes) -> str:
+    return "; ".join(annotated_frame_text(piece) for piece in wire.split(DELIMITER) if piece)
 
 
 def _arrivals_of_slot(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:

@@ -72,9 +72,9 @@ class RandomFrames(DialogueMaker):
         """
         kind, is_stream = message.TYPE.name, message.TYPE in STREAM_RANGE
         due_us = self._ahead_us(at) + apart_us
-        odd = words_of_oddities(number=number, flags=flags, session=session, length=length)
+        is_odd = any((number, flags, session, length))
+        is_remembered = not (is_odd or is_stream or isinstance(message, UploadChunk))
         flags |= Flag.IMMEDIATE if at is None else 0
-        is_remembered = not (odd or is_stream or isinstance(message, UploadChunk))
 
         def body(host: DialogueHost) -> bytes:
             render = host.stream if is_stream else host.request
@@ -86,10 +86,8 @@ class RandomFrames(DialogueMaker):
             host.last = host.last if is_stream else made[:MAX_BODY_BYTES]
             return made[:MAX_BODY_BYTES]
 
-        when = " at once" if at is None else f", due {due_us} µs after the slot begins"
         name = f"{kind} for {at}" if is_stream else kind
-        text = words_of_message(message) + when * (is_stream or kind == "PLAY") + odd
-        return DialogueAction(0, text, body, name=name, ends_slot=at in _LATCHED_AS_IT_COMES)
+        return DialogueAction(0, name, body, ends_slot=at in _LATCHED_AS_IT_COMES)
 
     def defective(self, message: Message, *defects: str) -> DialogueAction:
         """Return a request with some of :data:`DEFECTS`."""
@@ -103,7 +101,7 @@ class RandomFrames(DialogueMaker):
 
     def again(self, which: str, age: int) -> DialogueAction:
         """Return a request of the session open *age* ago once more; see DialogueHost.of_session."""
-        text = f"the {which} request of the session {age} before once more"
+        name = f"the {which} request of the session {age} before once more"
 
         def body(host: DialogueHost) -> bytes:
             found = host.of_session(which, age)
@@ -111,17 +109,17 @@ class RandomFrames(DialogueMaker):
                 host.go_on_in(Hello.deserialize(found[HEADER_BYTES:]).nonce)
             return found or host.request(Ping(1))
 
-        return DialogueAction(0, text, body, name=text, ends_slot=True)
+        return DialogueAction(0, name, body, ends_slot=True)
 
     def repeated(self, which: str = "remembered") -> DialogueAction:
         """Return the request that the board remembers, or the last one, once more."""
-        text = f"the {which} request once more"
+        name = f"the {which} request once more"
         again = Ping(0)
 
         def body(host: DialogueHost) -> bytes:
             return getattr(host, which) or host.request(again)
 
-        return DialogueAction(0, text, body, name=text, ends_slot=True)
+        return DialogueAction(0, name, body, ends_slot=True)
 
     def hello(self, which: str) -> DialogueAction:
         """Return a HELLO with the open nonce, one of sessions before, a new one or none."""
@@ -141,8 +139,7 @@ class RandomFrames(DialogueMaker):
             message = Hello(VERSION_MAJOR + (which == "next major"), minor, nonce, table)
             return host.hello(message, takes=takes)
 
-        text = f"HELLO, nonce: {which}, minor {minor}, {back} back"
-        return DialogueAction(0, text, body, name=f"HELLO {which}")
+        return DialogueAction(0, f"HELLO {which}", body)
 
     def greeting(self) -> DialogueAction:
         """Return a HELLO of a new session, whose numbers soon wrap, or pass the middle."""
@@ -153,8 +150,7 @@ class RandomFrames(DialogueMaker):
             host.seq = seq
             return host.hello(hello)
 
-        text = f"HELLO with the number {seq + 1:#x}"
-        return DialogueAction(0, text, body, name="HELLO new")
+        return DialogueAction(0, "HELLO new", body)
 
     def _ahead_us(self, at: At) -> int:
         horizon_us = self._identity.max_horizon_us
@@ -176,40 +172,3 @@ class RandomFrames(DialogueMaker):
         windows = [lead_us - window_us for window_us in LATE_WINDOWS_US] * 3
         edge = self._pick((horizon_us + 1, *windows, 1, 2**31 - 1, -(2**31)))
         return edge + self._pick((0, -1))
-
-
-def words_of_message(message: Message) -> str:
-    """Return name and fields of *message*; of what fills the rest of it only the length.
-
-    Examples
-    --------
-    >>> from haptogram_protocol.messages import ReadTrace, UploadChunk
-    >>> words_of_message(ReadTrace(first=7, count=2))
-    'READ_TRACE first=7 count=2'
-    >>> words_of_message(UploadChunk(64, b"abc"))
-    'UPLOAD_CHUNK offset=64 data: 3'
-    """
-    shown = [message.TYPE.name, *(f"{name}={getattr(message, name)}" for name in message.WIRE)]
-    if message.TAIL is not None:
-        shown.append(f"{message.TAIL.name}: {len(getattr(message, message.TAIL.name))}")
-    return " ".join(shown)
-
-
-def words_of_oddities(*, number: int = 0, flags: int = 0, session: int = 0, length: int = 0) -> str:
-    """Return words for all in which a frame differs from the one that a host should send.
-
-    Examples
-    --------
-    >>> words_of_oddities(number=-1, length=300)
-    ', number -1, 300 bytes more'
-    """
-    odd = []
-    if number:
-        odd.append(f"number {number:+}")
-    if flags:
-        odd.append(f"flags {flags:#04x}")
-    if session:
-        odd.append("no session" if session == NO_SESSION else f"session ^ {session:#06x}")
-    if length:
-        odd.append(f"{abs(length)} bytes {'more' if length > 0 else 'less'}")
-    return "".join(f", {text}" for text in odd)

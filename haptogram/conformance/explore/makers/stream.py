@@ -46,9 +46,9 @@ class RandomStream(RandomFrames):
         step, session = self._pick(((0, 0), (0, 0), (1, 0), (-1, 0), (0, 1)))
         return self.row(min(number, most), first_us, step_us, number=step, session=session)
 
-    def full_queue(self) -> list[DialogueAction]:
-        """Return frames, far ahead, that fill the queue."""
-        return self.row(min(self._identity.queue_depth, _BURST), _FAR_US)
+    def many_far(self) -> list[DialogueAction]:
+        """Return as many frames, far ahead, as a slot carries: some slots fill the queue."""
+        return self.row(_BURST, _FAR_US)
 
     def row(
         self, count: int, first_us: int, step_us: int = 100, *, number: int = 0, session: int = 0

@@ -76,7 +76,7 @@ class RandomUploads(RandomStream):
         elif how == "odd":
             end = UploadChunk(len(data), b"")
             steps[-1:] = [end, pick(chunks), UploadChunk(len(data), b"x"), commit, commit]
-        return [self._step(step, how) for step in steps]
+        return [self.frame(step) for step in steps]
 
     def long_upload(self) -> list[DialogueAction]:
         """Return the requests of an upload of more than 64 KiB, if there is much more room."""
@@ -86,11 +86,7 @@ class RandomUploads(RandomStream):
         if _ROOM * len(data) > identity.max_upload_bytes:
             return self.upload()
         steps = upload_in_dialogue(UploadKind.PHASES, REPLACED, data, identity.max_chunk)
-        return [self._step(step, "long") for step in steps]
-
-    def _step(self, message: Message, how: str) -> DialogueAction:
-        made = self.frame(message)
-        return made._replace(text=f"{made.text} ({how})")
+        return [self.frame(step) for step in steps]
 
     def _kinds(self) -> list[UploadKind]:
         has_room = has_room_in_dialogue(self._identity)

@@ -21,6 +21,7 @@ from haptogram_protocol.messages import (
     Mute,
     Ping,
     SetConfig,
+    Stop,
     TraceMode,
 )
 
@@ -73,7 +74,7 @@ _PLAYS: Final[dict[str, tuple[float, tuple[int, ...]]]] = {
 }
 _TIMERS: Final = "timers "  # lease and hold in slots, ramp in ms (-: it never ends, any)
 _Makers: TypeAlias = dict[str, Callable[[], DialogueAction]]
-_FAULT: Final = DialogueAction(0, "the hardware fails", lambda _: b"", FAULT, name="a fault")
+_FAULT: Final = DialogueAction(0, "the hardware fails", lambda _: b"", FAULT)
 
 
 class SceneInputs:
@@ -100,6 +101,7 @@ class SceneInputs:
         of_kind: dict[str, _Makers] = {
             "frame": self._frames(),
             "request": self._requests(),
+            "playback": self._playbacks(),
             "configuration": self._configs(),
             "value": {"a frame with any value": self.with_any_value},
             "HELLO": {f"HELLO {which}": partial(makers.hello, which) for which in HELLOS},
@@ -110,7 +112,8 @@ class SceneInputs:
             },
             "fault": {"a fault": lambda: _FAULT} if exact else {},
         }
-        self.kinds = {kind: list(some) for kind, some in of_kind.items()} | {"burst": ["a burst"]}
+        self.kinds = {kind: list(some) for kind, some in of_kind.items() if some}
+        self.kinds["burst"] = ["a burst"]
         self.names = [name for names in self.kinds.values() for name in names]
         self.names += ("nothing", "frames of some slots", "two frames at once", "an upload")
         self.groups: dict[str, list[str]] = {}
@@ -178,7 +181,7 @@ class SceneInputs:
             "frames of some slots": lambda: [self.frame(n + 0.5) for n in range(4)],
             "two frames at once": makers.pair,
             "a burst": makers.burst,
-            "a full queue": makers.full_queue,
+            "many frames far ahead": makers.many_far,
             "frames": lambda: makers.row(self._pick((1, 2, 3, 5)), SLOT_US // 2),
             "an upload": makers.upload,
             "a begun upload": lambda: makers.upload()[:2],
@@ -213,14 +216,17 @@ class SceneInputs:
     # --- requests --------------------------------------------------------------------------------
 
     def _requests(self) -> _Makers:
+        messages = self.makers.messages().items()
+        return {name: partial(self._plain, make) for name, make in messages}
+
+    def _playbacks(self) -> _Makers:
         makers = self.makers
         found: _Makers = {
-            name: partial(self._plain, make) for name, make in makers.messages().items()
+            "PLAY": makers.any_play,
+            "PLAY in half a slot": partial(makers.start, 0.5),
+            "STOP of a playback": lambda: makers.frame(Stop()),
         }
-        if makers.plays:
-            found["PLAY"] = makers.any_play
-            found["PLAY in half a slot"] = partial(makers.start, 0.5)
-        return found
+        return found if makers.plays else {}
 
     def _plain(self, make: Callable[[], Message]) -> DialogueAction:
         return self.makers.frame(make())
@@ -274,7 +280,6 @@ class SceneInputs:
         told = self.makers.frame(message, 0.5, session=session)
         return told._replace(
             name=f"type {kind:#x}",
-            text=f"type {kind:#x} with {size} bytes, session ^ {session:#x}",
             body=lambda host: bytes([kind]) + told.body(host)[1:HEADER_BYTES] + payload,
         )
 
@@ -298,11 +303,8 @@ class SceneInputs:
 
         # A MUTE has a write of its own: it may overtake what is sent with it.
         is_mute = (offset, value[0]) == (Header.WIRE["type"].offset, Mute.TYPE)
-        text = f"{told.text}, from byte {offset} of the body on {value.hex()}"
-        name = f"{told.name} with a value"
-        return told._replace(
-            name=name, text=text, body=body, wait_us=int(is_mute and makers.conditions.exact)
-        )
+        wait_us = int(is_mute and makers.conditions.exact)
+        return told._replace(name=f"{told.name} with a value", body=body, wait_us=wait_us)
 
     def values(self) -> list[FieldValue]:
         """Return every frame that :meth:`with_any_value` may return."""

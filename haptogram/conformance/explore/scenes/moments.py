@@ -79,7 +79,7 @@ class MomentScenes(SceneMaker):
         long_us = [slots * SLOT_US for slots in _LONG_PAUSES] if timed else []
         pause_us = self._random.choice((*_SHORT_PAUSES, *long_us))
         if told:
-            text = f"the rest, {pause_us} µs later"
-            rest = DialogueAction(0, text, lambda _: b"", REST, wait_us=pause_us)
+            name = f"the rest, {pause_us} µs later"
+            rest = DialogueAction(0, name, lambda _: b"", REST, wait_us=pause_us)
             told[:1] = [told[0]._replace(damage=told[0].damage or PARTS), rest]
         return [*self._state(state), told]

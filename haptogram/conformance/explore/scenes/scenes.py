@@ -141,9 +141,9 @@ class RandomScenes(SceneMaker):
             for _ in range(self._random.choice(_FILLED))
         ]
         if self._random.random() < _DISTURBED:
-            group = self._random.choice(list(self._inputs.groups.values()))
+            kind = self._random.choice(list(self._inputs.kinds.values()))
             place = self._random.randrange(len(slots))
-            slots[place] = self._inputs.told(self._random.choice(group))
+            slots[place] = self._inputs.told(self._random.choice(kind))
         return [*self._inputs.slots(row), [], *slots]
 
     # --- without ---------------------------------------------------------------------------------

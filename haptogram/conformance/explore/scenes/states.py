@@ -13,7 +13,7 @@ QUICK_STATES: Final = {
     "armed": "ARM",
     "sounding": "ARM + a frame at once",
     "with a frame in the queue": "ARM + a frame far ahead",
-    "with a full queue": "ARM | a full queue",
+    "with a full queue": "ARM" + 4 * " | many frames far ahead",
     "muted": "ARM + a frame at once | MUTE",
     "muted by another host": "ARM + a frame at once | foreign MUTE",
     "with a ring that has a hole": ("a ring + frames | no trace + frames | a ring + frames"),
