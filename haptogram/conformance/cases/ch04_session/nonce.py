@@ -44,7 +44,7 @@ from ..ch05_stream.every_state import output_states
 from ..ch06_output.mute import check_flushes
 from ..ch07_configuration.playback import judge_ended_playback
 
-_SEQUENCE: Final = 5
+_SEQUENCE: Final = 4
 _FRAMES: Final = 4
 _PLAYED: Final = 6
 _EDGES: Final = (0x7FFF, 0x8000, 0x00FF, 0xFF00, 0xFFFF, 0x0100)
@@ -215,10 +215,9 @@ def every_session_keeps_settings(board: BoardClient) -> None:
         upload_correction(board)
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     _session_with_everything_set(board)
-    uploads = {"during an upload": partial(_uploading_session, board)}
-    for name, bring in (output_states(board) | uploads).items():
+    for name, bring in (*output_states(board), ("during an upload", _uploading_session)):
         board.arm()
-        bring()
+        bring(board)
         _judge_kept_settings(board, name)
         board.arm()
         text = f"{name}: the stored sequence in a new session"
@@ -322,8 +321,6 @@ def every_repeated_hello_reply_stays(board: BoardClient) -> None:
     changed = {"sound_speed_mm_s": 0, "config_crc": 0, "state": OutputState.MUTED, "nonce": 1}
     same = [dataclasses.replace(reply, **changed) for reply in (first, last)]  # type: ignore[arg-type]
     check_equal(same[1], same[0], "the identity has changed with settings")
-    if board.has(Feature.CORRECTION):
-        upload_correction(board, bytes(board.identity.transducers))
 
 
 # --- What belongs to a session, and does not come back with it -----------------------------------

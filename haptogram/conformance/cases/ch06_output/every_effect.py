@@ -42,7 +42,6 @@ from ...client.playback import (
     let_play,
     period_to_play,
     phases_that_fit,
-    play_later,
     play_now,
     send_phases_to_store_if_supported,
 )
@@ -52,15 +51,20 @@ from ...judge import effects, events
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
 from ...judge.timers import judge_in_time
-from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, named
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_fields, named
 from ...verdict import Behaviour
-from ..ch05_stream.every_drop import DROPS, fill_queue
-from ..ch05_stream.every_state import BEFORE_STATE
-from ..ch10_errors.refusals import (
+from ..ch05_stream.every_drop import DROPS
+from ..ch05_stream.every_state import (
+    BEFORE_STATE,
+    OUTPUT_STATES,
     PLAYING,
-    QUEUED,
+    PLAYING_SLOWLY,
+    QUEUED_FRAMES,
+    QUEUES,
     SILENT,
-    WAITING,
+    WAITS,
+)
+from ..ch10_errors.refusals import (
     Situation,
     brought_to_refusal,
     is_situation_old,
@@ -74,14 +78,12 @@ _FOREIGN: Final = 0x0550
 _UPLOADS: Final = Feature.SEQUENCE_PHASES
 _REUSED: Final = ErrorCode.SEQUENCE_REUSED
 _UNKNOWN_FLAG: Final = 0x40
-_ON: Final = (QUEUED, PLAYING, WAITING)
+_ON: Final = (QUEUES, PLAYING_SLOWLY, WAITS)
 _CONFIG: Final = Feature.CONFIG
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 _NO_EFFECT: Final = effects.no_effect
 _MS: Final = 1000
-_ENDED: Final = 7
 _STORED: Final = 2  # frames of it, if one upload takes them
-_QUEUED: Final = 2
 _AFTER_MS: Final = 20  # how long the board is watched afterwards, behind its hold if that is short
 _HOLD_MS: Final = 200
 _RAMP_MS: Final = 900
@@ -210,11 +212,11 @@ def _every_event() -> Iterator[Effect]:
     corrected, plays = effects.effect_of_correction, effects.effect_of_play
     correct, play = events.event_of_correction, events.event_of_waiting_playback
     yield Effect("HG-7.4/1", "a new correction", correct, corrected, Feature.CORRECTION)
-    yield Effect("HG-7.6/3", "PLAY", play, plays, _UPLOADS, (QUEUED,))
+    yield Effect("HG-7.6/3", "PLAY", play, plays, _UPLOADS, (QUEUES,))
     yield _timer(MuteReason.HOLD_EXPIRED, events.event_of_hold, _CONFIG, *_ON)
-    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, _CONFIG, QUEUED)
+    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, _CONFIG, QUEUES)
     alone = events.event_of_unattended_time
-    yield _timer(MuteReason.UNATTENDED, alone, _PLAYS, QUEUED, WAITING)
+    yield _timer(MuteReason.UNATTENDED, alone, _PLAYS, QUEUES, WAITS)
     yield Effect("HG-6.6/1", "a fault", fail_hardware, effects.effect_of_fault)
 
 
@@ -341,7 +343,7 @@ class Moment:
 
     name: str
     config: dict[str, Any]
-    bring: Callable[[BoardClient], None]
+    bring: Callable[[BoardClient], Any]
     queued: int = 0
     frames: int | None = None
     needs: Feature = Feature.CONFIG
@@ -352,17 +354,9 @@ class _TooLateError(CaseEndedError):
     """A moment was over before its end was answered: host, line or emulator were held up."""
 
 
-def _output_of_nothing(_: BoardClient) -> None:
-    """Leave the board ARMED and silent."""
-
-
-def _output_of_sound(board: BoardClient) -> None:
-    latch_now(board)
-
-
 def _output_with_queue(board: BoardClient) -> None:
-    _output_of_sound(board)
-    fill_queue(board, _QUEUED, 3_000_000)
+    latch_now(board)
+    OUTPUT_STATES[QUEUES](board)
     board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
 
 
@@ -372,30 +366,20 @@ def _output_in_ramp(board: BoardClient) -> None:
     board.wire.idle(120 * _MS)
 
 
-def _output_before_playback(board: BoardClient) -> None:
-    _output_of_sound(board)
-    play_later(board, _ENDED, 3_000_000, unattended_ms=5000)
-
-
 def _output_of_playback(board: BoardClient) -> None:
-    play_now(board, _ENDED, loops=0, unattended_ms=9_999)
+    OUTPUT_STATES[PLAYING](board)
     let_play(board, 5)
 
 
-def _output_of_slow_playback(board: BoardClient) -> None:
-    play_now(board, _ENDED, loops=2, period_us=9_000_000)
-    board.clock.wait_latched()
-
-
 def _output_of_playback_in_ramp(board: BoardClient) -> None:
-    play_now(board, _ENDED, loops=0, unattended_ms=40)
+    play_now(board, STORED, loops=0, unattended_ms=40)
     board.wire.idle(100 * _MS)
 
 
 def _ramp_moment(
     name: str,
     config: dict[str, Any],
-    bring: Callable[[BoardClient], None],
+    bring: Callable[[BoardClient], Any],
     queued: int = 0,
     frames: int | None = None,
 ) -> Moment:
@@ -404,14 +388,14 @@ def _ramp_moment(
 
 
 _MOMENTS: Final = (
-    Moment("ARMED, silent", {}, _output_of_nothing),
-    Moment("sounding", {"hold_ms": _HOLD_MS}, _output_of_sound, lasts_ms=_HOLD_MS),
-    Moment("with frames queued", {}, _output_with_queue, _QUEUED),
-    _ramp_moment("in the hold's ramp", {"hold_ms": 30}, _output_in_ramp, _QUEUED),
-    _ramp_moment("in a ramp of the lease", {"host_timeout_ms": 40}, _output_in_ramp, _QUEUED),
-    Moment("while a playback waits", {}, _output_before_playback, 0, 0, _PLAYS),
-    Moment("while a sequence plays", {}, _output_of_playback, 0, 3, _PLAYS, 8000),
-    Moment("within a long period", {}, _output_of_slow_playback, 0, 1, _PLAYS),
+    Moment(SILENT, {}, OUTPUT_STATES[SILENT]),
+    Moment("sounding", {"hold_ms": _HOLD_MS}, latch_now, lasts_ms=_HOLD_MS),
+    Moment(QUEUES, {}, _output_with_queue, QUEUED_FRAMES),
+    _ramp_moment("in the hold's ramp", {"hold_ms": 30}, _output_in_ramp, QUEUED_FRAMES),
+    _ramp_moment("in a ramp of the lease", {"host_timeout_ms": 40}, _output_in_ramp, QUEUED_FRAMES),
+    Moment(WAITS, {}, OUTPUT_STATES[WAITS], 0, 0, _PLAYS),
+    Moment(PLAYING, {}, _output_of_playback, 0, 3, _PLAYS, 8000),
+    Moment(PLAYING_SLOWLY, {}, OUTPUT_STATES[PLAYING_SLOWLY], 0, 1, _PLAYS),
     _ramp_moment("in a ramp of a playback", {}, _output_of_playback_in_ramp, frames=20),
 )
 
@@ -500,11 +484,9 @@ def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) 
         if least > 1:
             least = max(1, least * PERIOD_US // period_to_play(board))
         least_most = least if moment.frames in (0, 1) else event.frames
-        check_equal(event.sequence, _ENDED, f"PLAYBACK_ENDED of sequence {event.sequence}")
-        check(
-            least <= event.frames <= least_most and event.loops == event.frames // stored,
-            f"PLAYBACK_ENDED says {event.frames} frames, {event.loops} passes of {stored}",
-        )
+        passes = event.frames // stored
+        check_fields(event, "PLAYBACK_ENDED", sequence=STORED, loops=passes)
+        check(least <= event.frames <= least_most, f"PLAYBACK_ENDED says {event.frames} frames")
 
 
 def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> None:
@@ -521,7 +503,7 @@ def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> No
 
 def _case_of_output_end(end: End) -> Case:
     def body(board: BoardClient) -> None:
-        send_phases_to_store_if_supported(board, _ENDED, frames=_STORED)
+        send_phases_to_store_if_supported(board, STORED, frames=_STORED)
         for moment in _MOMENTS:
             if not board.has(moment.needs):
                 continue

@@ -169,7 +169,8 @@ def the_first_timer_wins(board: BoardClient) -> None:
     for first, second, lengths_ms in ((HOLD, LEASE, (60, 120)), (LEASE, HOLD, (80, 160))):
         first_ms, second_ms = map(board.clock.timer_ms, lengths_ms)
         with board.counting(timeouts=1):
-            first.judge_whole(board, first_ms, ramp_ms=ramp_ms, **{second.name: second_ms})
+            second_length = {second.name: second_ms}
+            first.judge_whole(board, first_ms, first.name, ramp_ms=ramp_ms, **second_length)
 
 
 def wrapping_timer_lengths(least_ms: int, most_ms: int, *, thorough: bool = True) -> list[int]:
