@@ -47,6 +47,7 @@ from ...client.uploads import require_room_for_upload
 from ...client.wire import ReceivedByClient
 from ...judge.repetition import judge_repeated_reply
 from ...outcome import SELF_REPORTED, check, check_equal, named
+from ..ch04_session.requests import judge_stale_requests
 from ..ch04_session.responses import check_answer_session
 
 _SEQUENCE: Final = 3
@@ -121,19 +122,6 @@ def session_of_every_type(board: BoardClient) -> None:
     """a request of every type of another session, or of none, is refused: STALE_SESSION"""
     requests, session = _requests_of_every_type(board), board.link.session
     judge_stale_requests(board, requests, [0, *(session ^ 1 << bit for bit in range(16))])
-
-
-def judge_stale_requests(
-    board: BoardClient, messages: Iterable[Message], sessions: Sequence[int]
-) -> None:
-    """FAILED unless requests of these sessions are refused, by frames of no session."""
-    number, code = len(sessions), ErrorCode.STALE_SESSION
-    for message in messages:
-        with board.counting(frames=number, requests=number):
-            for session in sessions:
-                answer = board.link.ask(message, session=session)
-                board.link.error_in(answer, message.TYPE, code, board.link.session)
-                check_answer_session(answer, 0, message.TYPE.name)
 
 
 @case("HG-3.4/1-requests")

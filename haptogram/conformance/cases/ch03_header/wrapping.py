@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
@@ -31,6 +30,7 @@ from ...client.latching import (
 from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
 from ...judge.events import judge_event_numbers
 from ...outcome import SELF_REPORTED, check, check_equal, require
+from ..ch05_stream.queue import judge_gaps
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
 _PLAYED_TRACE: Final = Feature.TRACE | Feature.SEQUENCE_PHASES | Feature.CONFIG
@@ -160,18 +160,6 @@ def first_number_of_events(board: BoardClient) -> None:
 def sequence_numbers_are_unwrapped(board: BoardClient) -> None:
     """after gaps of up to 65 503 and several wraps STATUS reports the unwrapped number"""
     judge_gaps(board, (0, *_GAPS))
-
-
-def judge_gaps(board: BoardClient, gaps: Iterable[int]) -> None:
-    """FAILED unless the frame behind each gap is latched at once, and both are told as they are."""
-    board.arm()
-    check_equal(board.status().last_seq, 0, "last_seq is not 0 before the first latch")
-    for gap in gaps:
-        board.link.stream_next += gap
-        with board.counting(gap=gap, latched=1):
-            index = latch_now(board)
-        got = board.status().last_seq
-        check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")
 
 
 def _advance_to_number(board: BoardClient, number: int) -> None:

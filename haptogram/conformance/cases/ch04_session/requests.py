@@ -7,7 +7,7 @@ if that number is ahead of the newest one.  Nothing sets the newest number back.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -66,7 +66,7 @@ from ...judge.repetition import (
     requests_to_repeat,
 )
 from ...outcome import SELF_REPORTED, check, check_fields, named
-from ..ch03_header.every_frame_type import judge_stale_requests
+from .responses import check_answer_session
 
 OF_HOST: Final = tuple(case_about_host(f"HG-4.8/{number}") for number in range(1, 6))
 _SEQUENCE: Final = 4
@@ -189,6 +189,19 @@ def refuses_stale_requests(board: BoardClient) -> None:
     requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
     judge_stale_requests(board, requests, (0, board.link.session ^ 0x8001))
     board.check_status("a DISARM of another session", state=OutputState.ARMED)
+
+
+def judge_stale_requests(
+    board: BoardClient, messages: Iterable[Message], sessions: Sequence[int]
+) -> None:
+    """FAILED unless requests of these sessions are refused, by frames of no session."""
+    number, code = len(sessions), ErrorCode.STALE_SESSION
+    for message in messages:
+        with board.counting(frames=number, requests=number):
+            for session in sessions:
+                answer = board.link.ask(message, session=session)
+                board.link.error_in(answer, message.TYPE, code, board.link.session)
+                check_answer_session(answer, 0, message.TYPE.name)
 
 
 def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,7 +23,6 @@ from ...client.latching import (
 from ...client.playback import PERIOD_US, play_now, send_phases_that_fit
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, require
-from ..ch03_header.wrapping import judge_gaps
 from .every_drop import judge_first_drop
 
 _MAX_LATE_US: Final = 100_000  # HG-7.1
@@ -57,6 +56,18 @@ def counts_stream_gaps(board: BoardClient) -> None:
     once
     """
     judge_gaps(board, (1, 15, 16, 255, 256, 300, 32_767, 32_768, 40_000, 65_503))
+
+
+def judge_gaps(board: BoardClient, gaps: Iterable[int]) -> None:
+    """FAILED unless the frame behind each gap is latched at once, and both are told as they are."""
+    board.arm()
+    check_equal(board.status().last_seq, 0, "last_seq is not 0 before the first latch")
+    for gap in gaps:
+        board.link.stream_next += gap
+        with board.counting(gap=gap, latched=1):
+            index = latch_now(board)
+        got = board.status().last_seq
+        check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")
 
 
 @case("HG-5.6/1", evidence=SELF_REPORTED)
