@@ -61,13 +61,12 @@ def counts_stream_gaps(board: BoardClient) -> None:
 def judge_gaps(board: BoardClient, gaps: Iterable[int]) -> None:
     """FAILED unless the frame behind each gap is latched at once, and both are told as they are."""
     board.arm()
-    check_equal(board.status().last_seq, 0, "last_seq is not 0 before the first latch")
+    board.check_status("before the first latch", last_seq=0)
     for gap in gaps:
         board.link.stream_next += gap
         with board.counting(gap=gap, latched=1):
             index = latch_now(board)
-        got = board.status().last_seq
-        check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")
+        board.check_status(f"a frame behind a gap of {gap}", last_seq=index)
 
 
 @case("HG-5.6/1", evidence=SELF_REPORTED)
