@@ -338,6 +338,10 @@ class RequestClient:
         """Send a request and return its reply; FAILED if it is refused or not answered."""
         return self.reply_in(self.ask(message, **header), reply, message.TYPE)
 
+    def ping(self, echo: int, **header: Any) -> Pong:
+        """Send PING and return PONG; see :meth:`call`."""
+        return self.call(Ping(echo), Pong, **header)
+
     def reply_in(self, answer: ReceivedByClient, reply: type[_M], kind: int | None = None) -> _M:
         """Return the reply in *answer*; FAILED if the answer is something else."""
         if isinstance(answer.message, reply):

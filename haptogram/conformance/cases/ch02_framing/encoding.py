@@ -31,7 +31,7 @@ from ...case import Depth, case
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
 from ...client.introduction import introduce_to_board
-from ...client.latching import full_client_drive, is_board_silent, latch_now
+from ...client.latching import full_client_drive, latch_now, read_back_radiated
 from ...client.malformed_frames import (
     BLOCK,
     malformed_checksums,
@@ -336,7 +336,7 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
         for holds, wrong in (
             (found.state is OutputState.ARMED, f"{found.state.name}, {found.reason.name}"),
             (found.queued == (not is_played), f"{found.queued} frames wait"),
-            (not shows or not is_board_silent(board), "the output is off"),
+            (not shows or read_back_radiated(board).loudest > 0, "the output is off"),
             (not told, f"the board tells {told[0][1] if told else ''}"),
         ):
             judge_within_hold(board, latched_us, holds, f"a MUTE with {name}: {wrong}")

@@ -26,7 +26,6 @@ from haptogram_protocol.messages import (
     MuteReply,
     Ping,
     Play,
-    Pong,
     UploadBegin,
     UploadChunk,
 )
@@ -383,7 +382,7 @@ def defects_leave_the_number(board: BoardClient) -> None:
             frame = _spoil(board, _right_request(board, message), [defect])
             with named(f"{_name_with_defects(message.TYPE.name, [defect])}, then its number"):
                 board.link.ask_raw(frame.kind, frame.payload, **frame.header)
-                board.link.call(Ping(frame.seq), Pong)
+                board.link.ping(frame.seq)
 
 
 @case("HG-3.8/1-formats", evidence=SELF_REPORTED)

@@ -27,7 +27,6 @@ from haptogram_protocol.messages import (
     Phases,
     Ping,
     Play,
-    Pong,
     ReadDrive,
     SetConfig,
     TraceMode,
@@ -117,7 +116,7 @@ def drops_unknown_header_flags(board: BoardClient) -> None:
 def ignores_low_flags(board: BoardClient) -> None:
     """PING with each bit of the low nibble is answered; a stream frame is latched"""
     for flag in (1, 2, 4, 8, 15):
-        board.link.call(Ping(flag), Pong, flags=flag)
+        board.link.ping(flag, flags=flag)
     board.arm()
     with board.counting(latched=1):
         board.link.stream(board.flat_phases(), flags=Flag.IMMEDIATE | 0x0F)
@@ -205,7 +204,7 @@ def junk_headers_are_survived(board: BoardClient) -> None:
         board.wire.idle_while_sending()
         if board.wire.now_us() - asked_us > 250 * board.config.host_timeout_ms:
             asked_us = board.wire.now_us()
-            board.link.call(Ping(size), Pong)  # junk restarts no lease
+            board.link.ping(size)  # junk restarts no lease
     board.check_status("junk", state=OutputState.ARMED)
     board.check_counters_kept(before, "junk")
     check_fields(board.hello(), "junk restarts the board: HELLO_REPLY", boot_id=boot_id)
@@ -219,7 +218,7 @@ def junk_leaks_no_memory(board: BoardClient) -> None:
     while left > 0:
         junk = [_counted_junk_headers(board) for _ in range(_JUNK_PIECES)]
         board.link.send(*junk)
-        board.link.call(Ping(left), Pong)
+        board.link.ping(left)
         left -= sum(map(len, junk))
     board.check_status("junk leaks", free_bytes=before.free_bytes)
 
@@ -257,7 +256,7 @@ def header_counts_add_up(board: BoardClient) -> None:
         for number in range(each):
             board.link.stream(good)
             board.link.stream(good, seq=board.link.stream_next - 1)
-            board.link.call(Ping(number), Pong)
+            board.link.ping(number)
             board.link.stream(good, flags=Flag.IMMEDIATE | 0x40)
 
 
@@ -267,7 +266,7 @@ def values_are_little_endian(board: BoardClient) -> None:
     nonce = 0x1FE2 if board.link.session != 0x1FE2 else 0x1FE3
     check_fields(board.hello(nonce), "HELLO_REPLY", nonce=nonce, clock_hz=1_000_000)
     echo = 0x0123456789ABCDEF
-    pong = board.link.call(Ping(echo), Pong)
+    pong = board.link.ping(echo)
     check_fields(pong, "PONG", echo=echo)
     apart_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
     check(0 <= apart_us < 1_000_000, f"t_rx {pong.t_rx_us:#x} and t_tx {pong.t_tx_us:#x} disagree")
@@ -390,7 +389,7 @@ def reads_unaligned_values(board: BoardClient) -> None:
         for zeros in range(_ADDRESSES):  # the frame before it ends at another address each time
             echo = 0x0102030405060708 + zeros
             board.link.send(b"\x00" * zeros)
-            check_fields(board.link.call(Ping(echo), Pong), f"behind {zeros} zeros", echo=echo)
+            check_fields(board.link.ping(echo), f"behind {zeros} zeros", echo=echo)
             check_equal(board.read_config(), board.config, f"GET_CONFIG behind {zeros} zeros")
             latch_now(board)
 

@@ -10,8 +10,6 @@ from haptogram_protocol.messages import (
     DriveKind,
     Feature,
     Phases,
-    Ping,
-    Pong,
     Status,
     TraceMode,
     TracePlayback,
@@ -59,7 +57,7 @@ def request_sequence_numbers_wrap(board: BoardClient) -> None:
     board.link.seq = 0xFFFC
     board.hello()
     for _ in range(8):
-        board.link.call(Ping(board.link.seq), Pong)
+        board.link.ping(board.link.seq)
 
 
 @case(
@@ -83,9 +81,7 @@ def header_times_wrap(board: BoardClient) -> None:
     with board.counting(latched=len(times)):
         board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
         board.clock.wait_until(times[-1] + 1000)
-        last_us = board.status().last_latch_us
-    due_us = times[-1] & 0xFFFFFFFF
-    check(last_us == due_us, f"last_latch_us is {last_us}, {times[-1]} modulo 2^32 is {due_us}")
+        board.check_status("across 2^32 µs", last_latch_us=times[-1] & 0xFFFFFFFF)
 
 
 @case("HG-3.6/2")
@@ -96,7 +92,7 @@ def numbers_three_header_sequences(board: BoardClient) -> None:
     with board.counting(dropped_state=8):
         for number in range(8):
             board.link.stream(board.flat_phases())
-            board.link.call(Ping(number), Pong)
+            board.link.ping(number)
 
 
 @case("HG-3.6/2-wrap", needs=_PLAYED_TRACE, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
@@ -205,7 +201,7 @@ def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -
     counted = board.counted_since(before)
     used = counted["bad_length"] + sent
     due = (board.link.stream_next - first - used) % _WRAP
-    check(counted["gap"] == due, f"gap grew by {counted['gap']}, due is {due}")
+    check_equal(counted["gap"], due, "frames that gap counts")
 
 
 @case("HG-3.6/5-widths", evidence=SELF_REPORTED)

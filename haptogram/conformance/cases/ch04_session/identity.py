@@ -14,9 +14,7 @@ from haptogram_protocol.messages import (
     FocalPoint,
     Hello,
     HelloReply,
-    Mute,
     Ping,
-    Pong,
     UploadChunk,
 )
 from haptogram_protocol.state import OutputState
@@ -59,7 +57,7 @@ def greets_in_every_state(board: BoardClient) -> None:
     board.hello()
     board.arm()
     board.hello()
-    board.link.ask(Mute())
+    board.mute()
     check_fields(board.hello(), "HELLO_REPLY of a muted board", state=OutputState.MUTED)
 
 
@@ -131,7 +129,7 @@ def window_fits_rx_window(board: BoardClient) -> None:
 def refuses_nonce_0(board: BoardClient) -> None:
     """HELLO with the nonce 0 is refused with BAD_VALUE, detail 2; nothing changes"""
     board.link.refused(board.hello_message(0), ErrorCode.BAD_VALUE, 2)
-    board.link.call(Ping(1), Pong)
+    board.link.ping(1)
 
 
 @case("HG-4.1/4")
@@ -191,7 +189,7 @@ def _judge_majors(board: BoardClient, majors: Sequence[int]) -> None:
 def no_event_without_session(board: BoardClient) -> None:
     """for 0.3 s after a reset and a PING without a session no event comes"""
     board.link.refused(Ping(0), ErrorCode.STALE_SESSION, 0, session=77)
-    board.link.ask(Mute())
+    board.mute()
     board.wire.idle(_LISTEN_US)
     events = [piece for piece in board.wire.received if piece.is_event]
     check(not events, f"{len(events)} events came before the first HELLO")

@@ -9,7 +9,6 @@ from typing import Final
 from haptogram_protocol.messages import (
     Feature,
     Message,
-    Mute,
     Ping,
     Pong,
     StatusReply,
@@ -109,7 +108,7 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
     t_us = board.clock.soon_us(bytes(3000), ahead_us=50_000)
     board.link.send(*(board.link.stream_wire(good, t_us + 1000 * number) for number in range(2)))
     board.link.barrier()  # or MUTE may overtake them
-    board.link.ask(Mute())
+    board.mute()
     _check_accepted_stream_frames(first, board.status(), 9, queued=0)
 
 

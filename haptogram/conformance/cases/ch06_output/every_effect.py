@@ -26,7 +26,6 @@ from haptogram_protocol.messages import (
     PlaybackEnded,
     SetConfig,
     StateChanged,
-    Stop,
     UploadBegin,
     UploadChunk,
     UploadCommit,
@@ -36,7 +35,7 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 
 from ...case import NOTHING, Case, Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import is_board_silent, latch_now
+from ...client.latching import check_silent, latch_now
 from ...client.playback import (
     PERIOD_US,
     let_play,
@@ -51,11 +50,11 @@ from ...judge import effects, events
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
 from ...judge.timers import judge_in_time
-from ...outcome import SELF_REPORTED, CaseEndedError, check, check_fields, named
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, check_fields, named
 from ...verdict import Behaviour
-from ..ch05_stream.every_drop import DROPS
-from ..ch05_stream.every_state import (
+from ..ch05_stream.every_drop import (
     BEFORE_STATE,
+    DROPS,
     OUTPUT_STATES,
     PLAYING,
     PLAYING_SLOWLY,
@@ -136,7 +135,7 @@ def _configure_again(board: BoardClient) -> None:
 
 
 def _stop(board: BoardClient) -> None:
-    board.link.ask(Stop())
+    board.stop()
 
 
 def _begin_upload_for_effect(board: BoardClient) -> None:
@@ -176,7 +175,7 @@ def _input(clause: str, name: str, message: Message, **header: int) -> Effect:
 
 
 def _foreign_mute(board: BoardClient) -> None:
-    board.link.ask(Mute(), session=board.link.session ^ _FOREIGN)
+    board.mute(session=board.link.session ^ _FOREIGN)
 
 
 def _timer(reason: MuteReason, happen: events.Event, needs: Feature, *where: str) -> Effect:
@@ -427,15 +426,15 @@ class End:
 
 
 def _mute_output_as_another(board: BoardClient) -> None:
-    board.link.ask(Mute(), session=board.link.session ^ _OTHER_SESSION)
+    board.mute(session=board.link.session ^ _OTHER_SESSION)
 
 
 _ENDS: Final = (
     End("HG-4.6/3", "moments", "a new session", OutputInput.NEW_SESSION, lambda b: b.hello()),
-    End("HG-6.4/2", "moments", "MUTE", OutputInput.MUTE, lambda b: b.link.ask(Mute())),
+    End("HG-6.4/2", "moments", "MUTE", OutputInput.MUTE, lambda b: b.mute()),
     End("HG-6.4/2", "others", "MUTE of another session", OutputInput.MUTE, _mute_output_as_another),
     End("HG-6.5/1", "moments", "DISARM", OutputInput.DISARM, lambda b: b.link.ask(Disarm())),
-    End("HG-7.7/1", "moments", "STOP", OutputInput.STOP, lambda b: b.link.ask(Stop())),
+    End("HG-7.7/1", "moments", "STOP", OutputInput.STOP, lambda b: b.stop()),
 )
 
 
@@ -453,13 +452,10 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
         if took_ms >= lasts_ms:
             text = f"answered after {took_ms} ms; the board leaves this state after {lasts_ms} ms"
             raise _TooLateError(Behaviour.INCONCLUSIVE, text)
-        found = board.status()
-    due = OUTPUT_TRANSITIONS[OutputState.ARMED, end.event]
-    check(found.state is due, f"the state is {found.state.name}, due is {due.name}")
-    queued = 0 if is_over else moment.queued
-    check(found.queued == queued, f"{found.queued} frames are queued, due are {queued}")
-    if is_over and board.has(Feature.READ_RADIATED):
-        check(is_board_silent(board), "transducers are driven")
+        due = OUTPUT_TRANSITIONS[OutputState.ARMED, end.event]
+        board.check_status("behind it", state=due, queued=0 if is_over else moment.queued)
+    if is_over:
+        check_silent(board, "behind it")
     _check_end_of_played_output(board, moment, since)
     if is_over:
         _check_output_stays_off(board, since, moment.config.get("hold_ms", 0) + _AFTER_MS)
@@ -477,8 +473,8 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
     board.link.barrier()
     told = [event for _, event in board.link.events(PlaybackEnded, since)]
-    due, stored = int(moment.frames is not None), phases_that_fit(board, _STORED)
-    check(len(told) == due, f"{len(told)} PLAYBACK_ENDED, due are {due}")
+    stored = phases_that_fit(board, _STORED)
+    check_equal(len(told), int(moment.frames is not None), f"{len(told)} PLAYBACK_ENDED")
     for event in told:
         least = moment.frames or 0
         if least > 1:
@@ -495,10 +491,9 @@ def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> No
     board.arm()
     with board.counting(latched=0):
         board.wire.idle(watch_ms * _MS)
-        if board.has(Feature.READ_RADIATED):
-            check(is_board_silent(board), "ARM sounds what was latched before")
-    late = board.link.events(StateChanged, since)[before:]
-    check(not late, f"ARMED again, {late[0][1].reason.name if late else ''} mutes the board")
+        check_silent(board, "behind it and ARM")
+    late = [event.reason.name for _, event in board.link.events(StateChanged, since)[before:]]
+    check(not late, f"ARMED again, {', '.join(late)} mutes the board")
 
 
 def _case_of_output_end(end: End) -> Case:

@@ -20,7 +20,6 @@ from haptogram_protocol.messages import (
     SetConfigReply,
     Status,
     Stop,
-    StopReply,
     Trace,
     TraceDrive,
     TraceMode,
@@ -207,7 +206,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
         judge_in_time(board, late_us == 0, f"{name}: a latch is {late_us} µs behind its time")
         check_fields(status, f"{name}: STATUS_REPLY", state=OutputState.ARMED)
     asked_us = board.clock.device_us() - board.clock.carrier_us
-    board.link.call(Stop(), StopReply)
+    board.stop()
     ended = await_playback_end(board, since, 0)
     header, _ = board.link.events(PlaybackEnded, since)[0]
     least, most = (

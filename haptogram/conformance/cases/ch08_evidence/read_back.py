@@ -13,10 +13,7 @@ from haptogram_protocol.messages import (
     Feature,
     LatchKey,
     Message,
-    Mute,
     ReadDrive,
-    Stop,
-    StopReply,
     TraceMode,
     TraceRecord,
     TraceReply,
@@ -102,14 +99,14 @@ class _TraceRing:
         """Let something happen between two trace modes."""
         board = self.board
         if event == "MUTE":
-            board.link.ask(Mute())
+            board.mute()
         elif event == "DISARM":
             board.disarm()
         elif event == "an upload":
             self.store()
         elif event == "a playback":
             self.play()
-            board.link.call(Stop(), StopReply)  # what plays no longer
+            board.stop()  # what plays no longer
         board.arm()
 
     def kept(self) -> list[int]:
@@ -292,8 +289,8 @@ def reads_back_one_latch(board: BoardClient) -> None:
         last = {"key": LatchKey(0, 0, index), "t_latch_us": board.status().last_latch_us}
         check_fields(shown.reply, "DRIVE_REPLY", **last)
         if mode is not TraceMode.OFF:
-            seen = latches_received_from_board(board, since, mode)
-            check(bool(seen) and seen[-1].crc == shown.crc, "trace and read-back disagree")
+            seen = latches_received_from_board(board, since, mode)[-1:]
+            check_equal([latch.crc for latch in seen], [shown.crc], "CRC-32 in trace and read-back")
 
 
 # --- Before the first latch --------------------------------------------------------------------
@@ -324,7 +321,7 @@ def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
     yield "a frame dropped while DISARMED", lambda board: board.link.stream(board.flat_phases(9))
     yield "ARMED", BoardClient.arm
     yield "with a frame that waits", _wait_with_a_frame
-    yield "MUTED", lambda board: board.link.ask(Mute())
+    yield "MUTED", lambda board: board.mute()
     if board.has(Feature.CORRECTION):
         yield "with another correction", upload_correction
     if board.has(Feature.SEQUENCE_PHASES):
@@ -337,7 +334,7 @@ def _ends_of_session_before(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
     yield "a drive", lambda board: latch_random(board, 1)
     if board.has(Feature.SEQUENCE_PHASES):
         yield "a playback", lambda board: play_now(board, _PLAYED, loops=0)
-    yield "MUTE", lambda board: board.link.ask(Mute())
+    yield "MUTE", lambda board: board.mute()
     yield "nothing", BoardClient.status
 
 

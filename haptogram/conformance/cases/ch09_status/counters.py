@@ -195,8 +195,8 @@ def _counter_preserving_events(board: BoardClient) -> Iterator[tuple[str, Callab
     yield "ARM", board.arm
     for message in valid_requests_to_send(board, _SEQUENCE):
         yield message.TYPE.name, partial(board.link.ask_at_once, message)
-    yield "MUTE", partial(board.link.ask, Mute())
-    yield "MUTE without a session", partial(board.link.ask, Mute(), session=0)
+    yield "MUTE", board.mute
+    yield "MUTE without a session", partial(board.mute, session=0)
     yield "a new session while MUTED", board.hello
     yield "ARM while MUTED", board.arm
     if board.has(Feature.CONFIG):
@@ -212,7 +212,7 @@ def _move_all_counters(board: BoardClient) -> None:
         with contextlib.suppress(CaseEndedError):  # a queue too deep to be filled
             board.link.send(*frames_to_drop(board, drop, kind)[1])
             board.link.barrier()
-        board.link.ask(Mute())  # flushes what is queued
+        board.mute()  # flushes what is queued
         before = board.check_counters_kept(before, f"a new session and frames {drop.summary}")
     board.link.send(*malformed_frames.malformed_by_counter(board.link).values())
     board.link.stream_next += _GAP
@@ -310,7 +310,7 @@ def margins_count_from_ready(board: BoardClient) -> None:
         from_us, to_us = send_between_pings(board, message, t_us)
         due_us = t_us - from_us - board.clock.ready_us(0, points_of_stream_kind(message))
         _check_margins(board.status(), 1, due_us, due_us, to_us - from_us)
-        board.link.ask(Mute())  # or the next frame would not be in order
+        board.mute()  # or the next frame would not be in order
         board.arm()
 
 
@@ -360,7 +360,7 @@ def every_dropped_margin(board: BoardClient) -> None:
         board.link.send(*wires)
         due = len(wires) if drop.counter in _WITH_MARGIN else 0
         board.check_status(f"{len(wires)} frames {drop.summary}", margins=due)
-        board.link.ask(Mute())
+        board.mute()
 
 
 @case("HG-9.3/1-status", needs=Feature.CONFIG, evidence=SELF_REPORTED)

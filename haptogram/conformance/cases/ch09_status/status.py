@@ -17,7 +17,6 @@ from haptogram_protocol.messages import (
     Play,
     Status,
     StatusReply,
-    Stop,
     TraceMode,
 )
 from haptogram_protocol.state import MuteReason
@@ -148,7 +147,7 @@ def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
     if board.has(Feature.SEQUENCE_PHASES):
         wait = partial(play_later, loops=1, unattended_ms=5000)
         yield "a playback that waits", partial(wait, board, _SEQUENCE, 3_000_000)
-        yield "STOP before its start", partial(ask, Stop())
+        yield "STOP before its start", board.stop
     if board.has(Feature.CORRECTION):
         yield "a correction", partial(upload_correction, board)
     if board.has(Feature.CONFIG):
@@ -189,7 +188,7 @@ def every_latchless_event(board: BoardClient) -> None:
         else:
             play_now(board, _SEQUENCE, loops=0)
             let_play(board, 5)
-            board.link.ask(Stop())
+            board.stop()
         board.check_status("after a playback", last_seq=index)
         if board.has(Feature.READ_LATCHED):
             key = read_back(board).reply.key

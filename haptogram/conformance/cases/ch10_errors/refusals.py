@@ -65,7 +65,7 @@ from ...judge.refused_requests import (
 )
 from ...judge.timers import LEASE, UNATTENDED, judge_within_hold
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, fail
-from ..ch05_stream.every_state import (
+from ..ch05_stream.every_drop import (
     MUTED,
     OFF,
     OUTPUT_STATES,
