@@ -21,7 +21,6 @@ from haptogram_protocol.messages import (
     Header,
     Hello,
     Message,
-    MessageType,
     Mute,
     Ping,
     Play,
@@ -456,10 +455,6 @@ class RequestClient:
         if found is None or found.header is None or not isinstance(found.message, kind):
             return None
         return found.header, found.message
-
-    def type_of(self, answer: ReceivedByClient) -> int:
-        """Return the type byte of an answer."""
-        return answer.header.type if answer.header is not None else MessageType.ERROR
 
 
 def _header_of_frame(wire: bytes) -> Header | None:

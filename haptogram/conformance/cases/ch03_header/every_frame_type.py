@@ -46,8 +46,8 @@ from ...client.uploads import require_room_for_upload
 from ...client.wire import ReceivedByClient
 from ...judge.repetition import judge_repeated_reply
 from ...outcome import SELF_REPORTED, check, check_equal, named
+from ..ch04_session.identity import check_answer_session
 from ..ch04_session.requests import judge_stale_requests
-from ..ch04_session.responses import check_answer_session
 
 _SEQUENCE: Final = 3
 _LONG: Final = 3000

@@ -64,7 +64,7 @@ from ...judge.repetition import (
     requests_to_repeat,
 )
 from ...outcome import SELF_REPORTED, check, check_fields, named
-from .responses import check_answer_session
+from .identity import check_answer_session
 
 OF_HOST: Final = tuple(case_about_host(f"HG-4.8/{number}") for number in range(1, 6))
 _SEQUENCE: Final = 4

@@ -77,11 +77,8 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
         board.clock.wait_latched()
         board.arm_anew()  # or the hold of the last latch may end before these are computed
         first, second = (board.link.stream_wire(message) for _ in range(2))
-        ping, seq = board.link.request_wire(Ping(0))
-        since = board.link.mark()
-        board.link.send(ping, first, second)
-        answer = board.link.answer_to(Ping.TYPE, seq, since)
-        from_us = board.clock.unwrap(board.link.reply_in(answer, Pong, Ping.TYPE).t_rx_us)
+        (answer,) = board.link.exchange(board.link.request_wire(Ping(0))[0], first, second)
+        from_us = board.clock.unwrap(board.link.reply_in(answer, Pong).t_rx_us)
         board.clock.wait_latched()
         board.clock.wait_latched()
         got_us = board.last_latch_us()

@@ -447,9 +447,7 @@ def every_playback_end_is_told(board: BoardClient) -> None:
     end
     """
     send_phases_to_store(board, _ENDED, frames=_FRAMES)
-    for (moment, (bring, least)), (name, end) in itertools.product(
-        _MOMENTS.items(), ENDS_OF_PLAYBACK.items()
-    ):
+    for (moment, (bring, least)), (name, end) in _ENDED_AT:
         board.arm()
         since, before = board.link.mark(), board.status().counters
         bring(board)
@@ -466,9 +464,7 @@ def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
     mode = ask_for_board_latches(board)
     send_phases_to_store(board, _ENDED, frames=_FRAMES)
     period_us = board.clock.on_carrier(period_to_play(board))
-    for (moment, (bring, _)), (name, end) in itertools.product(
-        _MOMENTS.items(), ENDS_OF_PLAYBACK.items()
-    ):
+    for (moment, (bring, _)), (name, end) in _ENDED_AT:
         board.arm()
         bring(board)
         end(board)

@@ -30,6 +30,7 @@ from ...client.latching import (
     latch_in_time,
     latch_now,
     latch_random,
+    latch_timed,
     latches_received_from_board,
     read_back,
 )
@@ -372,8 +373,7 @@ def every_latch_restarts_the_hold(board: BoardClient) -> None:
     board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
     for path in _paths_of_latches(board):
         since = board.arm()
-        latch_now(board)
-        begun_us = board.last_latch_us()
+        begun_us = latch_timed(board)
         board.wire.idle(hold_ms * _MS // 3)
         _latch_on_path(board, path, stored)
         start_us = board.last_latch_us()
