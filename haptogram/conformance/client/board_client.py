@@ -35,11 +35,13 @@ from haptogram_protocol.messages import (
     HelloReply,
     Message,
     Mute,
+    MuteReply,
     Phases,
     Points,
     SetConfig,
     SetConfigReply,
     StatusReply,
+    Stop,
     TraceMode,
     UploadBegin,
     UploadChunk,
@@ -389,6 +391,14 @@ class BoardClient:
         state = self.link.call(Disarm(), DisarmReply).state
         check(state is not OutputState.ARMED, "DISARM_REPLY says ARMED; due is DISARMED or MUTED")
         return state
+
+    def mute(self, **header: Any) -> MuteReply:
+        """Mute, whatever the session, and return the reply; FAILED if there is none."""
+        return self.link.call(Mute(), MuteReply, **header)
+
+    def stop(self) -> ReceivedByClient:
+        """Send STOP, which a board without playback refuses, and return its answer."""
+        return self.link.ask(Stop())
 
     def leaves_fault(self) -> bool:
         """Ask for DISARM until it leads out of FAULT; return False if the fault lasts longer."""

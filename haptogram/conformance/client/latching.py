@@ -27,7 +27,7 @@ from haptogram_protocol.messages import (
 )
 from haptogram_protocol.rules import TRACE_CAPABILITIES
 
-from ..outcome import check_equal, unimplemented
+from ..outcome import check_equal, check_fields, unimplemented
 from .board_client import BoardClient
 from .capabilities import TRACES, trace_modes
 from .playback import play_out
@@ -97,9 +97,10 @@ def read_back_radiated(board: BoardClient) -> ClientDrive:
     return read_back(board, DriveKind.RADIATED)
 
 
-def is_board_silent(board: BoardClient) -> bool:
-    """Return True if the read-back shows that no transducer is driven."""
-    return read_back_radiated(board).loudest == 0
+def check_silent(board: BoardClient, text: str) -> None:
+    """FAILED if a read-back shows that a transducer is driven; without one nothing is known."""
+    if board.has(Feature.READ_RADIATED):
+        check_fields(read_back_radiated(board), f"{text}: the radiated drive", loudest=0)
 
 
 def latch_now(board: BoardClient, message: Message | None = None) -> int:

@@ -21,7 +21,6 @@ from haptogram_protocol.messages import (
     Header,
     Hello,
     Message,
-    MessageType,
     Mute,
     Ping,
     Play,
@@ -362,6 +361,10 @@ class RequestClient:
         """Send a request and return its reply; FAILED if it is refused or not answered."""
         return self.reply_in(self.ask(message, **header), reply, message.TYPE)
 
+    def ping(self, echo: int, **header: Any) -> Pong:
+        """Send PING and return PONG; see :meth:`call`."""
+        return self.call(Ping(echo), Pong, **header)
+
     def reply_in(self, answer: ReceivedByClient, reply: type[_M], kind: int | None = None) -> _M:
         """Return the reply in *answer*; FAILED if the answer is something else."""
         if isinstance(answer.message, reply):
@@ -476,10 +479,6 @@ class RequestClient:
         if found is None or found.header is None or not isinstance(found.message, kind):
             return None
         return found.header, found.message
-
-    def type_of(self, answer: ReceivedByClient) -> int:
-        """Return the type byte of an answer."""
-        return answer.header.type if answer.header is not None else MessageType.ERROR
 
 
 def _header_of_frame(wire: bytes) -> Header | None:

@@ -73,10 +73,8 @@ def _advertised_drives(board: BoardClient) -> Drives:
 def _is_advertised_drive_latched(board: BoardClient, message: Message) -> None:
     board.arm()
     with board.counting(latched=1):
-        latch_now(board, message)
-    check(
-        board.status().last_seq != 0, f"{message.TYPE.name} are advertised, but nothing is latched"
-    )
+        index = latch_now(board, message)
+    board.check_status(f"{message.TYPE.name} are advertised", last_seq=index)
 
 
 def _traces_as_advertised(board: BoardClient, mode: TraceMode, kind: type[Message]) -> None:

@@ -171,7 +171,7 @@ def line_carries_every_byte(board: BoardClient) -> None:
     """all 256 byte values come back from PING as they were sent"""
     for start in range(0, 256, 8):
         echo = int.from_bytes(bytes(range(start, start + 8)), "little")
-        got = board.link.call(Ping(echo), Pong).echo
+        got = board.link.ping(echo).echo
         check_equal(got, echo, f"sent {echo:016x}, came back {got:016x}: the line changes bytes")
 
 

@@ -30,7 +30,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import is_board_silent, latch_now
+from ...client.latching import check_silent, latch_now
 from ...client.playback import (
     play_request,
     send_phases_that_fit,
@@ -40,7 +40,7 @@ from ...client.playback import (
 from ...client.request_client import flags_at_once
 from ...client.stream_kinds import stream_kinds
 from ...client.wire import ReceivedByClient
-from ...outcome import SELF_REPORTED, check, check_fields
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields
 from .every_frame_type import (
     judge_mute,
     judge_two_defects_of_requests,
@@ -91,7 +91,7 @@ def checks_queue_in_order(board: BoardClient) -> None:
             board.link.stream(good, t_us)
         board.link.barrier()  # or MUTE may overtake them
         board.clock.end_exchange()
-        board.link.call(Mute(), MuteReply)
+        board.mute()
 
 
 @case("HG-3.8/2")
@@ -105,7 +105,7 @@ def answers_in_arrival_order(board: BoardClient) -> None:
     board.adopt(board.link.reply_in(greeting, HelloReply))
     board.link.reply_in(pong, Pong)
     numbers = [piece.frame_header.seq for piece in board.link.responses(since)]
-    check(numbers == [first, second], f"sent were {first}, {second}; answered {numbers}")
+    check_equal(numbers, [first, second], "numbers of the answers")
 
 
 @case("HG-3.8/4", evidence=SELF_REPORTED)
@@ -157,8 +157,7 @@ def _judge_silence_behind_mute(board: BoardClient) -> None:
     """FAILED unless the board is MUTED, silent, and stays so."""
     muted: dict[str, object] = {"state": OutputState.MUTED, "reason": MuteReason.MUTE, "queued": 0}
     before = board.check_status("behind MUTE", **muted).counters
-    if board.has(Feature.READ_RADIATED):
-        check(is_board_silent(board), "behind MUTE the board radiates")
+    check_silent(board, "behind MUTE")
     wait_for_no_latch(board, 5000)
     behind = board.check_status("a while behind MUTE", **muted).counters
     check_fields(behind, "what arrived before MUTE, behind it", latched=before.latched)

@@ -26,7 +26,6 @@ from haptogram_protocol.messages import (
     MuteReply,
     Ping,
     Play,
-    Pong,
     UploadBegin,
     UploadChunk,
 )
@@ -47,7 +46,8 @@ from ...client.uploads import require_room_for_upload
 from ...client.wire import ReceivedByClient
 from ...judge.repetition import judge_repeated_reply
 from ...outcome import SELF_REPORTED, check, check_equal, named
-from ..ch04_session.responses import check_answer_session
+from ..ch04_session.identity import check_answer_session
+from ..ch04_session.requests import judge_stale_requests
 
 _SEQUENCE: Final = 3
 _LONG: Final = 3000
@@ -121,19 +121,6 @@ def session_of_every_type(board: BoardClient) -> None:
     """a request of every type of another session, or of none, is refused: STALE_SESSION"""
     requests, session = _requests_of_every_type(board), board.link.session
     judge_stale_requests(board, requests, [0, *(session ^ 1 << bit for bit in range(16))])
-
-
-def judge_stale_requests(
-    board: BoardClient, messages: Iterable[Message], sessions: Sequence[int]
-) -> None:
-    """FAILED unless requests of these sessions are refused, by frames of no session."""
-    number, code = len(sessions), ErrorCode.STALE_SESSION
-    for message in messages:
-        with board.counting(frames=number, requests=number):
-            for session in sessions:
-                answer = board.link.ask(message, session=session)
-                board.link.error_in(answer, message.TYPE, code, board.link.session)
-                check_answer_session(answer, 0, message.TYPE.name)
 
 
 @case("HG-3.4/1-requests")
@@ -395,7 +382,7 @@ def defects_leave_the_number(board: BoardClient) -> None:
             frame = _spoil(board, _right_request(board, message), [defect])
             with named(f"{_name_with_defects(message.TYPE.name, [defect])}, then its number"):
                 board.link.ask_raw(frame.kind, frame.payload, **frame.header)
-                board.link.call(Ping(frame.seq), Pong)
+                board.link.ping(frame.seq)
 
 
 @case("HG-3.8/1-formats", evidence=SELF_REPORTED)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Final
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
@@ -11,8 +10,6 @@ from haptogram_protocol.messages import (
     DriveKind,
     Feature,
     Phases,
-    Ping,
-    Pong,
     Status,
     TraceMode,
     TracePlayback,
@@ -31,6 +28,7 @@ from ...client.latching import (
 from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
 from ...judge.events import judge_event_numbers
 from ...outcome import SELF_REPORTED, check, check_equal, require
+from ..ch05_stream.queue import judge_gaps
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
 _PLAYED_TRACE: Final = Feature.TRACE | Feature.SEQUENCE_PHASES | Feature.CONFIG
@@ -59,7 +57,7 @@ def request_sequence_numbers_wrap(board: BoardClient) -> None:
     board.link.seq = 0xFFFC
     board.hello()
     for _ in range(8):
-        board.link.call(Ping(board.link.seq), Pong)
+        board.link.ping(board.link.seq)
 
 
 @case(
@@ -83,9 +81,7 @@ def header_times_wrap(board: BoardClient) -> None:
     with board.counting(latched=len(times)):
         board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
         board.clock.wait_until(times[-1] + 1000)
-        last_us = board.status().last_latch_us
-    due_us = times[-1] & 0xFFFFFFFF
-    check(last_us == due_us, f"last_latch_us is {last_us}, {times[-1]} modulo 2^32 is {due_us}")
+        board.check_status("across 2^32 µs", last_latch_us=times[-1] & 0xFFFFFFFF)
 
 
 @case("HG-3.6/2")
@@ -96,7 +92,7 @@ def numbers_three_header_sequences(board: BoardClient) -> None:
     with board.counting(dropped_state=8):
         for number in range(8):
             board.link.stream(board.flat_phases())
-            board.link.call(Ping(number), Pong)
+            board.link.ping(number)
 
 
 @case("HG-3.6/2-wrap", needs=_PLAYED_TRACE, depth=Depth.DEFAULT, wall_depth=Depth.FULL)
@@ -162,18 +158,6 @@ def sequence_numbers_are_unwrapped(board: BoardClient) -> None:
     judge_gaps(board, (0, *_GAPS))
 
 
-def judge_gaps(board: BoardClient, gaps: Iterable[int]) -> None:
-    """FAILED unless the frame behind each gap is latched at once, and both are told as they are."""
-    board.arm()
-    check_equal(board.status().last_seq, 0, "last_seq is not 0 before the first latch")
-    for gap in gaps:
-        board.link.stream_next += gap
-        with board.counting(gap=gap, latched=1):
-            index = latch_now(board)
-        got = board.status().last_seq
-        check_equal(got, index, f"unwrapped number {index}: last_seq is {got}")
-
-
 def _advance_to_number(board: BoardClient, number: int) -> None:
     """Use up numbers, by frames without codes that are a jump apart, until *number* is the next."""
     link = board.link
@@ -217,7 +201,7 @@ def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -
     counted = board.counted_since(before)
     used = counted["bad_length"] + sent
     due = (board.link.stream_next - first - used) % _WRAP
-    check(counted["gap"] == due, f"gap grew by {counted['gap']}, due is {due}")
+    check_equal(counted["gap"], due, "frames that gap counts")
 
 
 @case("HG-3.6/5-widths", evidence=SELF_REPORTED)

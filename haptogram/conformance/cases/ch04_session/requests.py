@@ -7,7 +7,7 @@ if that number is ahead of the newest one.  Nothing sets the newest number back.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -26,13 +26,11 @@ from haptogram_protocol.messages import (
     Hello,
     Message,
     Mute,
-    MuteReply,
     Ping,
     Pong,
     ReadDrive,
     ReadTrace,
     SetConfig,
-    Stop,
     TraceMode,
     UploadChunk,
     UploadChunkReply,
@@ -66,7 +64,7 @@ from ...judge.repetition import (
     requests_to_repeat,
 )
 from ...outcome import SELF_REPORTED, check, check_fields, named
-from ..ch03_header.every_frame_type import judge_stale_requests
+from .identity import check_answer_session
 
 OF_HOST: Final = tuple(case_about_host(f"HG-4.8/{number}") for number in range(1, 6))
 _SEQUENCE: Final = 4
@@ -91,7 +89,7 @@ def repeats_the_reply(board: BoardClient) -> None:
     1
     """
     board.link.ask(Arm())
-    board.link.ask(Mute(), session=0, seq=board.link.seq + 1000)
+    board.mute(session=0, seq=board.link.seq + 1000)
     with board.counting(repeated=2):
         # GET_STATUS would be the last request: the repetitions come first.
         board.check_status("after MUTE without a session", state=OutputState.MUTED)
@@ -100,7 +98,7 @@ def repeats_the_reply(board: BoardClient) -> None:
         for _ in range(2):
             judge_repeated_reply(board, Ping(7), first, "PING")
     first = board.link.ask(Arm())
-    board.link.ask(Mute(), session=0, seq=board.link.seq + 1000)
+    board.mute(session=0, seq=board.link.seq + 1000)
     judge_repeated_reply(board, Arm(), first, "ARM and a MUTE without a session")
     board.check_status("ARM sent again was carried out again", state=OutputState.MUTED)
 
@@ -129,7 +127,7 @@ def refuses_delayed_copy(board: BoardClient) -> None:
 def refusals_use_no_number(board: BoardClient) -> None:
     """after refusals for flags, length and type the same number is still free"""
     _judge_remembered_reply(board, [Arm()], REFUSALS_BETWEEN)
-    board.link.call(Ping(2), Pong)
+    board.link.ping(2)
 
 
 @case("HG-4.9/5")
@@ -138,28 +136,28 @@ def mute_passes_pending_request(board: BoardClient) -> None:
     lost
     """
     first = board.link.ask(Ping(9))
-    board.link.call(Mute(), MuteReply)
+    board.mute()
     judge_repeated_reply(board, Ping(9), first, "PING and MUTE")
     for lost in (Arm(), Ping(1)):
         board.link.next_seq()
-        board.link.call(Mute(), MuteReply)
+        board.mute()
         board.link.refused_as_used(lost, board.link.seq - 1)
     board.check_status("an ARM that was lost before MUTE", state=OutputState.MUTED)
-    board.link.call(Ping(2), Pong)
+    board.link.ping(2)
 
 
 @case("HG-4.10/1")
 def repeated_mute_is_done(board: BoardClient) -> None:
     """MUTE is carried out each time; its number in the session counts as used"""
     board.arm()
-    board.link.ask(Mute())
+    board.mute()
     seq = board.link.seq
     board.link.refused_as_used(Ping(1))
     board.arm()
-    board.link.ask(Mute(), seq=seq)
+    board.mute(seq=seq)
     board.check_status("the same MUTE again", state=OutputState.MUTED)
-    board.link.call(Mute(), MuteReply, session=0, seq=board.link.seq + 500)
-    board.link.call(Ping(1), Pong)  # the number of a MUTE of no session is not used up
+    board.mute(session=0, seq=board.link.seq + 500)
+    board.link.ping(1)  # the number of a MUTE of no session is not used up
 
 
 @case("HG-4.10/1-behind")
@@ -191,6 +189,19 @@ def refuses_stale_requests(board: BoardClient) -> None:
     board.check_status("a DISARM of another session", state=OutputState.ARMED)
 
 
+def judge_stale_requests(
+    board: BoardClient, messages: Iterable[Message], sessions: Sequence[int]
+) -> None:
+    """FAILED unless requests of these sessions are refused, by frames of no session."""
+    number, code = len(sessions), ErrorCode.STALE_SESSION
+    for message in messages:
+        with board.counting(frames=number, requests=number):
+            for session in sessions:
+                answer = board.link.ask(message, session=session)
+                board.link.error_in(answer, message.TYPE, code, board.link.session)
+                check_answer_session(answer, 0, message.TYPE.name)
+
+
 def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
     """Yield the requests whose replies are as long as the board makes them."""
     yield GetGeometry(0, 0xFFFF)
@@ -207,7 +218,7 @@ def _fill_ring(board: BoardClient) -> None:
     period_us = shortest_period_to_play_us(board, PERIOD_US // 4)
     play_now(board, _SEQUENCE, loops=100, period_us=period_us)
     board.wire.idle(min(250 * period_us, _FILLED_US))
-    board.link.ask(Stop())
+    board.stop()
 
 
 def _judge_remembered_reply(
@@ -274,7 +285,7 @@ def every_jump_of_numbers(board: BoardClient) -> None:
     for bits in range(16):
         for jump in {1 << bits, (1 << bits) - 1} - {0, 1 << 15}:
             board.link.seq += jump - 1
-            board.link.call(Ping(jump), Pong)
+            board.link.ping(jump)
             board.link.refused_as_used(Ping(jump), board.link.seq - (1 << bits))
 
 
@@ -288,7 +299,7 @@ def every_number_is_remembered(board: BoardClient) -> None:
         board.link.reply_in(first, Pong)
         judge_repeated_reply(board, Ping(number), first, f"PING of number {number:#06x}")
         board.link.refused_as_used(Ping(~number & 0xFFFF))
-        board.link.call(Ping(1), Pong)
+        board.link.ping(1)
 
 
 @case("HG-4.9/4-values")
@@ -312,7 +323,7 @@ def every_refusal_leaves_the_number(board: BoardClient) -> None:
                 if code is ErrorCode.BAD_VALUE:
                     board.link.refused_as_used(Ping(seq), seq)
                 else:
-                    board.link.call(Ping(seq), Pong, seq=seq)
+                    board.link.ping(seq, seq=seq)
 
 
 # --- What is another request -------------------------------------------------------------------
@@ -379,7 +390,7 @@ def every_half_of_a_crc_is_refused(board: BoardClient) -> None:
     """a PING with the number of the last one, and half of its CRC-32, is refused"""
     for half, bits in _SAME_HALF_OF_CRC.items():
         echo = board.random.getrandbits(64)
-        board.link.call(Ping(echo), Pong)
+        board.link.ping(echo)
         with named(f"a PING with the {half} half of the last one's CRC"):
             board.link.refused_as_used(Ping(echo ^ bits))
 
@@ -499,4 +510,4 @@ def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
         state = board.status().state
         check(state is not OutputState.ARMED, f"{text} a delayed copy of ARM was carried out")
     board.link.seq = max(newest, board.link.seq)
-    board.link.call(Ping(1), Pong)  # the next number is not used
+    board.link.ping(1)  # the next number is not used

@@ -1,17 +1,27 @@
-"""HG-3.2, HG-3.4, HG-3.7, HG-5.5, HG-5.7: dropped stream frames, at every format."""
+"""HG-3.2, HG-3.4, HG-3.7, HG-3.8, HG-5.5, HG-5.7, HG-9.1:
+dropped stream frames, at every format.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
-from haptogram_protocol.messages import Feature, Flag, Mute, MuteReply, Points
+from haptogram_protocol.messages import Feature, Flag, Points
+from haptogram_protocol.state import OutputState
 
 from ...case import Case, Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import ask_for_board_latches_if_supported, latches_received_from_board
+from ...client.latching import (
+    ask_for_board_latches_if_supported,
+    latch_now,
+    latches_received_from_board,
+)
+from ...client.playback import play_later, play_now, send_phases_to_store_if_supported
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
+from ...judge.refused_requests import STORED
+from ...judge.timers import judge_status_period
 from ...outcome import SELF_REPORTED, check, named, require
 
 _STALE: Final = 0x0F0F
@@ -23,6 +33,20 @@ _BEFORE_US: Final = 2  # a carrier boundary
 
 #: Given board, kind and the t_apply of the last queued frame: the frames that have to be dropped.
 Frames: TypeAlias = Callable[[BoardClient, StreamKind, int], Iterable[bytes]]
+_MS: Final = 1000
+_GAP: Final = 7
+_FAR_US: Final = 8_000_000  # queued frames and a waiting playback are due then
+QUEUED_FRAMES: Final = 3
+OFF: Final = "while DISARMED"
+MUTED: Final = "while MUTED"
+SILENT: Final = "while ARMED and silent"
+SOUNDS: Final = "while it sounds"
+PLAYING: Final = "while a sequence plays"
+PLAYING_SLOWLY: Final = "within a long period of a playback"
+WAITS: Final = "while a playback waits for its start"
+QUEUES: Final = "with frames queued"
+#: Counters of steps 6 to 10 of HG-3.8, which come before the output state.
+BEFORE_STATE: Final = ("stale_session", "duplicate", "unsupported", "bad_length", "bad_value")
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +163,7 @@ def judge_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> None:
     with board.counting(**{drop.counter: len(wires)}, latched=0):
         board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
         board.check_status(f"{waiting} frames wait, then others are dropped", queued=waiting)
-    board.link.call(Mute(), MuteReply)
+    board.mute()
 
 
 def judge_first_drop(board: BoardClient, clause: str) -> None:
@@ -202,3 +226,111 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
                 board.clock.wait_latched()
     late = sum(latch.late for latch in latches_received_from_board(board, since, mode))
     check(late == 0, f"{late} traces say LATE; no frame was late, some had flags or a time past")
+
+
+def _play_slowly(board: BoardClient) -> None:
+    play_now(board, STORED, loops=0, period_us=9_000_000, unattended_ms=9_999)
+    board.clock.wait_latched()
+
+
+#: What brings an ARMED board into each state of its output; :data:`STORED` is what plays.
+OUTPUT_STATES: Final[dict[str, Callable[[BoardClient], Any]]] = {
+    OFF: lambda board: board.bring_to(OutputState.DISARMED),
+    MUTED: lambda board: board.bring_to(OutputState.MUTED),
+    SILENT: BoardClient.arm_anew,
+    SOUNDS: latch_now,
+    PLAYING: lambda board: play_now(board, STORED, loops=0, unattended_ms=9_999),
+    PLAYING_SLOWLY: _play_slowly,
+    WAITS: lambda board: play_later(board, STORED, _FAR_US, unattended_ms=9_999),
+    QUEUES: lambda board: fill_queue(board, QUEUED_FRAMES, _FAR_US),
+}
+
+
+def output_states(
+    board: BoardClient, *, queues: bool = True
+) -> Iterator[tuple[str, Callable[[BoardClient], Any]]]:
+    """Yield the states that a board can be in, each with what brings it there from ARMED.
+
+    What plays has the usual period, which no hold ends; a long one if nothing *queues*: no frame
+    of it is latched soon.
+    """
+    send_phases_to_store_if_supported(board, STORED, frames=1)
+    names, reached = [OFF, MUTED, SILENT, SOUNDS], board.clock.horizon_us > _FAR_US
+    if board.has(Feature.SEQUENCE_PHASES):
+        names += [PLAYING if queues else PLAYING_SLOWLY, *[WAITS] * reached]
+    for name in names + [QUEUES] * (queues and reached):
+        yield name, OUTPUT_STATES[name]
+
+
+@case("HG-5.7/1-states", evidence=SELF_REPORTED)
+def no_other_state_takes_stream_frames(board: BoardClient) -> None:
+    """frames while DISARMED, MUTED, while a sequence plays or waits: dropped_state, none is
+    latched
+    """
+    kinds = stream_kinds(board)
+    for name, bring in output_states(board, queues=False):
+        if name in (SILENT, SOUNDS):
+            continue
+        board.arm()
+        bring(board)
+        t_us = board.clock.soon_us(bytes(2000))
+        messages = [kind.make() for kind in (kinds if board.thorough else kinds[:1])]
+        with named(name), board.counting(dropped_state=2 * len(messages), latched=0):
+            for message in messages:
+                board.link.stream(message)
+                board.link.stream(message, t_us)
+            board.clock.wait_latched()
+            board.check_status("frames dropped", queued=0)
+        board.mute()
+
+
+@case("HG-3.8/1-states", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
+    """stale, old, flagged, wrong frames of every format count alike off, on, playing and waiting"""
+    for name, bring in output_states(board, queues=False):
+        board.hello()
+        board.arm()
+        latch_now(board)  # a number is used
+        for kind in stream_kinds(board):
+            for drop in DROPS:
+                if drop.counter not in BEFORE_STATE:
+                    continue
+                board.mute()
+                board.arm()
+                bring(board)  # anew: on a slow line its timers would end meanwhile
+                wires = board.within_timers(drop.frames(board, kind, 0))
+                counts = {drop.counter: len(wires), "latched": 0, "accepted": 0}
+                with named(f"{name}, {kind.name} {drop.summary}"), board.counting(**counts):
+                    board.link.unanswered(f"{kind.name} {drop.summary}", *wires)
+        board.mute()
+
+
+@case("HG-5.5/2-states", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+def every_state_counts_gaps_of_the_stream(board: BoardClient) -> None:
+    """gaps before frames that are taken or dropped count alike off, on, playing and waiting"""
+    for name, bring in output_states(board, queues=False):
+        board.arm()
+        bring(board)
+        for kind in stream_kinds(board):
+            for flags in ({}, {"flags": 0x40}):
+                before = board.status().counters
+                board.link.stream_next += _GAP
+                board.link.stream(kind.make(), **flags)
+                board.link.stream(kind.make(), **flags)
+                text = f"{name}, a gap of {_GAP} before {kind.name}"
+                board.check_counted(before, text, {"gap": _GAP})
+        board.mute()
+
+
+@case("HG-9.1/1-states", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+def every_state_of_the_stream_sends_status(board: BoardClient) -> None:
+    """STATUS comes at its time off, on, playing and waiting"""
+    period_ms = board.quick_status_ms
+    for name, bring in output_states(board, queues=False):
+        board.arm(status_period_ms=period_ms)
+        bring(board)
+        since = board.link.mark()
+        board.wire.idle_beyond(7 * period_ms * _MS // 2)
+        board.link.barrier()
+        judge_status_period(board, since, period_ms, 3, f"{name}, 3.5 periods")
+        board.mute()

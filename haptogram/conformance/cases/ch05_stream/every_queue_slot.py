@@ -10,11 +10,7 @@ from haptogram_protocol.messages import (
     Feature,
     Flag,
     Message,
-    Mute,
-    Ping,
     PlayReply,
-    Pong,
-    Stop,
     TraceMode,
 )
 
@@ -167,7 +163,7 @@ def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
         within, text = ahead_us <= horizon_us, f"a frame {ahead_us} of {horizon_us} µs ahead"
         check_fields(found, f"{text}: STATUS_REPLY", queued=int(within))
         board.check_counted(before, text, {"dropped_future": int(not within)})
-        board.link.ask(Mute())
+        board.mute()
 
 
 @case("HG-5.7/4-lengths", evidence=SELF_REPORTED)
@@ -190,7 +186,7 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
         found = board.status()
         board.clock.require_before(now_us + ahead_us[0], "a look at frames that wait")
         check_fields(found, "frames wait: STATUS_REPLY", queued=len(ahead_us))
-        board.link.ask(Mute())
+        board.mute()
 
 
 # --- The time in a frame with IMMEDIATE ----------------------------------------------------------
@@ -263,7 +259,7 @@ def _send_behind_immediate(
         board.link.stream_wire(first, time_us, flags=Flag.IMMEDIATE),
         board.link.stream_wire(second, at_us),
     )
-    rx_us = board.clock.unwrap(board.link.call(Ping(0), Pong).t_rx_us)
+    rx_us = board.clock.unwrap(board.link.ping(0).t_rx_us)
     board.clock.wait_until(due_us + board.clock.lead_us)
     board.check_status("a frame with IMMEDIATE and one without", margins=1)
     return due_us, rx_us
@@ -292,4 +288,4 @@ def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None
         check(least_us <= times[0] <= most_us, f"{text}: latches at {times} µs")
         due = [times[0] + period_us * place for place in range(_FRAMES)]
         check_equal(times, due, f"{text}: latches, {period_us} µs apart")
-        board.link.ask(Stop())
+        board.stop()

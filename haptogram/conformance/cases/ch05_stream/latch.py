@@ -256,7 +256,7 @@ def every_flushed_frame_is_not_late(board: BoardClient) -> None:
         if "MUTE" in name:  # which may have overtaken the frame: HG-3.8/4
             due.append(none | {"dropped_state": 1})
         board.check_counted(before, f"a late frame and {name} at once", *due)
-        board.link.ask(Stop())
+        board.stop()
 
 
 @case("HG-5.7/6-first", needs=Feature.CONFIG, evidence=SELF_REPORTED)
@@ -338,8 +338,8 @@ def replace_in_period(
         got = seen.get(number + 2 * place + 1)
         registers = drive_codes(message, board.identity.transducers)
         due_crc = seen.get(alone[place]) if registers is None else zlib.crc32(b"".join(registers))
-        text = f"{pairs[place][1].name} that replaces {pairs[place][0].name} is latched as "
-        check(got == due_crc, text + ("nothing" if got is None else "another drive"))
+        text = f"CRC-32 of {pairs[place][1].name} that replaces {pairs[place][0].name}"
+        check_equal(got, due_crc, text)
 
 
 @case("HG-5.8/3-pairs", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -449,7 +449,7 @@ def _judge_latches_around_off(
     send_to_arrive_at(board, boundary_us + off_us, first + rest)
     board.clock.wait_latched()
     _check_one_latch_a_period(board, since, mode, f"latch, {name}, ARM, latch at once")
-    board.link.ask(Stop())
+    board.stop()
 
 
 def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
@@ -469,7 +469,7 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
         wires += board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
         send_to_arrive_at(board, boundary_us + off_us, wires)
         board.clock.wait_latched()
-        board.link.ask(Stop())
+        board.stop()
         start_us = board.clock.soon_us(bytes(200))
         play_at(board, _SEQUENCE, start_us, loops=0)
         passed_us = board.clock.soon_us(bytes(2000)) - start_us

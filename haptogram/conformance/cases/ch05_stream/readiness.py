@@ -9,7 +9,6 @@ from typing import Final
 from haptogram_protocol.messages import (
     Feature,
     Message,
-    Mute,
     Ping,
     Pong,
     StatusReply,
@@ -78,11 +77,8 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
         board.clock.wait_latched()
         board.arm_anew()  # or the hold of the last latch may end before these are computed
         first, second = (board.link.stream_wire(message) for _ in range(2))
-        ping, seq = board.link.request_wire(Ping(0))
-        since = board.link.mark()
-        board.link.send(ping, first, second)
-        answer = board.link.answer_to(Ping.TYPE, seq, since)
-        from_us = board.clock.unwrap(board.link.reply_in(answer, Pong, Ping.TYPE).t_rx_us)
+        (answer,) = board.link.exchange(board.link.request_wire(Ping(0))[0], first, second)
+        from_us = board.clock.unwrap(board.link.reply_in(answer, Pong).t_rx_us)
         board.clock.wait_latched()
         board.clock.wait_latched()
         got_us = board.last_latch_us()
@@ -109,7 +105,7 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
     t_us = board.clock.soon_us(bytes(3000), ahead_us=50_000)
     board.link.send(*(board.link.stream_wire(good, t_us + 1000 * number) for number in range(2)))
     board.link.barrier()  # or MUTE may overtake them
-    board.link.ask(Mute())
+    board.mute()
     _check_accepted_stream_frames(first, board.status(), 9, queued=0)
 
 

@@ -36,7 +36,7 @@ class _OutputClockWatch:
         """FAILED if the device clock has left the band that clock_ppm allows."""
         board = self._board
         start_us = board.wire.now_us()
-        pong = board.link.call(Ping(start_us), Pong)
+        pong = board.link.ping(start_us)
         trip_us = board.wire.now_us() - start_us
         if self._first is None:
             self._device_us = pong.t_rx_us
@@ -79,7 +79,7 @@ def output_clock_crosses_the_wrap(board: BoardClient) -> None:
 
 def _clock_to_the_wrap_us(board: BoardClient) -> int:
     """Return the time until the clock passes 2^32; negative if that was not long ago."""
-    return -signed_difference(board.link.call(Ping(0), Pong).t_rx_us, 0, 32)
+    return -signed_difference(board.link.ping(0).t_rx_us, 0, 32)
 
 
 @case("HG-6.9/4", needs_reset=True)
@@ -117,7 +117,7 @@ def clock_stamps_pings(board: BoardClient) -> None:
     """t_rx is not after t_tx, and both lie within the round trip"""
     for number in range(_SAMPLES):
         start_us = board.wire.now_us()
-        pong = board.link.call(Ping(number), Pong)
+        pong = board.link.ping(number)
         trip_us = board.wire.now_us() - start_us
         inside_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
         check(
@@ -176,7 +176,7 @@ def clock_stamps_exactly(board: BoardClient) -> None:
     ping, _ = board.link.request_wire(Ping(1))
     encoded, _ = malformed_frames.malformed_mute_of_size(board.link, 4000)
     sent_us = board.wire.now_us()
-    base_us = board.link.call(Ping(0), Pong).t_rx_us - sent_us - board.wire.period_us(len(ping))
+    base_us = board.link.ping(0).t_rx_us - sent_us - board.wire.period_us(len(ping))
     ping, first = board.link.request_wire(Ping(2))
     before = b"\x00" + encoded + b"\x00"
     sent_us = board.wire.now_us()

@@ -26,7 +26,6 @@ from haptogram_protocol.messages import (
     PlaybackEnded,
     SetConfig,
     StateChanged,
-    Stop,
     UploadBegin,
     UploadChunk,
     UploadCommit,
@@ -36,13 +35,12 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 
 from ...case import NOTHING, Case, Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import is_board_silent, latch_now
+from ...client.latching import check_silent, latch_now
 from ...client.playback import (
     PERIOD_US,
     let_play,
     period_to_play,
     phases_that_fit,
-    play_later,
     play_now,
     send_phases_to_store_if_supported,
 )
@@ -52,15 +50,20 @@ from ...judge import effects, events
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
 from ...judge.timers import judge_in_time
-from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, named
+from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, check_fields, named
 from ...verdict import Behaviour
-from ..ch05_stream.every_drop import DROPS, fill_queue
-from ..ch05_stream.every_state import BEFORE_STATE
-from ..ch10_errors.refusals import (
+from ..ch05_stream.every_drop import (
+    BEFORE_STATE,
+    DROPS,
+    OUTPUT_STATES,
     PLAYING,
-    QUEUED,
+    PLAYING_SLOWLY,
+    QUEUED_FRAMES,
+    QUEUES,
     SILENT,
-    WAITING,
+    WAITS,
+)
+from ..ch10_errors.refusals import (
     Situation,
     brought_to_refusal,
     is_situation_old,
@@ -74,14 +77,12 @@ _FOREIGN: Final = 0x0550
 _UPLOADS: Final = Feature.SEQUENCE_PHASES
 _REUSED: Final = ErrorCode.SEQUENCE_REUSED
 _UNKNOWN_FLAG: Final = 0x40
-_ON: Final = (QUEUED, PLAYING, WAITING)
+_ON: Final = (QUEUES, PLAYING_SLOWLY, WAITS)
 _CONFIG: Final = Feature.CONFIG
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
 _NO_EFFECT: Final = effects.no_effect
 _MS: Final = 1000
-_ENDED: Final = 7
 _STORED: Final = 2  # frames of it, if one upload takes them
-_QUEUED: Final = 2
 _AFTER_MS: Final = 20  # how long the board is watched afterwards, behind its hold if that is short
 _HOLD_MS: Final = 200
 _RAMP_MS: Final = 900
@@ -134,7 +135,7 @@ def _configure_again(board: BoardClient) -> None:
 
 
 def _stop(board: BoardClient) -> None:
-    board.link.ask(Stop())
+    board.stop()
 
 
 def _begin_upload_for_effect(board: BoardClient) -> None:
@@ -174,7 +175,7 @@ def _input(clause: str, name: str, message: Message, **header: int) -> Effect:
 
 
 def _foreign_mute(board: BoardClient) -> None:
-    board.link.ask(Mute(), session=board.link.session ^ _FOREIGN)
+    board.mute(session=board.link.session ^ _FOREIGN)
 
 
 def _timer(reason: MuteReason, happen: events.Event, needs: Feature, *where: str) -> Effect:
@@ -210,11 +211,11 @@ def _every_event() -> Iterator[Effect]:
     corrected, plays = effects.effect_of_correction, effects.effect_of_play
     correct, play = events.event_of_correction, events.event_of_waiting_playback
     yield Effect("HG-7.4/1", "a new correction", correct, corrected, Feature.CORRECTION)
-    yield Effect("HG-7.6/3", "PLAY", play, plays, _UPLOADS, (QUEUED,))
+    yield Effect("HG-7.6/3", "PLAY", play, plays, _UPLOADS, (QUEUES,))
     yield _timer(MuteReason.HOLD_EXPIRED, events.event_of_hold, _CONFIG, *_ON)
-    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, _CONFIG, QUEUED)
+    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, _CONFIG, QUEUES)
     alone = events.event_of_unattended_time
-    yield _timer(MuteReason.UNATTENDED, alone, _PLAYS, QUEUED, WAITING)
+    yield _timer(MuteReason.UNATTENDED, alone, _PLAYS, QUEUES, WAITS)
     yield Effect("HG-6.6/1", "a fault", fail_hardware, effects.effect_of_fault)
 
 
@@ -341,7 +342,7 @@ class Moment:
 
     name: str
     config: dict[str, Any]
-    bring: Callable[[BoardClient], None]
+    bring: Callable[[BoardClient], Any]
     queued: int = 0
     frames: int | None = None
     needs: Feature = Feature.CONFIG
@@ -352,17 +353,9 @@ class _TooLateError(CaseEndedError):
     """A moment was over before its end was answered: host, line or emulator were held up."""
 
 
-def _output_of_nothing(_: BoardClient) -> None:
-    """Leave the board ARMED and silent."""
-
-
-def _output_of_sound(board: BoardClient) -> None:
-    latch_now(board)
-
-
 def _output_with_queue(board: BoardClient) -> None:
-    _output_of_sound(board)
-    fill_queue(board, _QUEUED, 3_000_000)
+    latch_now(board)
+    OUTPUT_STATES[QUEUES](board)
     board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
 
 
@@ -372,30 +365,20 @@ def _output_in_ramp(board: BoardClient) -> None:
     board.wire.idle(120 * _MS)
 
 
-def _output_before_playback(board: BoardClient) -> None:
-    _output_of_sound(board)
-    play_later(board, _ENDED, 3_000_000, unattended_ms=5000)
-
-
 def _output_of_playback(board: BoardClient) -> None:
-    play_now(board, _ENDED, loops=0, unattended_ms=9_999)
+    OUTPUT_STATES[PLAYING](board)
     let_play(board, 5)
 
 
-def _output_of_slow_playback(board: BoardClient) -> None:
-    play_now(board, _ENDED, loops=2, period_us=9_000_000)
-    board.clock.wait_latched()
-
-
 def _output_of_playback_in_ramp(board: BoardClient) -> None:
-    play_now(board, _ENDED, loops=0, unattended_ms=40)
+    play_now(board, STORED, loops=0, unattended_ms=40)
     board.wire.idle(100 * _MS)
 
 
 def _ramp_moment(
     name: str,
     config: dict[str, Any],
-    bring: Callable[[BoardClient], None],
+    bring: Callable[[BoardClient], Any],
     queued: int = 0,
     frames: int | None = None,
 ) -> Moment:
@@ -404,14 +387,14 @@ def _ramp_moment(
 
 
 _MOMENTS: Final = (
-    Moment("ARMED, silent", {}, _output_of_nothing),
-    Moment("sounding", {"hold_ms": _HOLD_MS}, _output_of_sound, lasts_ms=_HOLD_MS),
-    Moment("with frames queued", {}, _output_with_queue, _QUEUED),
-    _ramp_moment("in the hold's ramp", {"hold_ms": 30}, _output_in_ramp, _QUEUED),
-    _ramp_moment("in a ramp of the lease", {"host_timeout_ms": 40}, _output_in_ramp, _QUEUED),
-    Moment("while a playback waits", {}, _output_before_playback, 0, 0, _PLAYS),
-    Moment("while a sequence plays", {}, _output_of_playback, 0, 3, _PLAYS, 8000),
-    Moment("within a long period", {}, _output_of_slow_playback, 0, 1, _PLAYS),
+    Moment(SILENT, {}, OUTPUT_STATES[SILENT]),
+    Moment("sounding", {"hold_ms": _HOLD_MS}, latch_now, lasts_ms=_HOLD_MS),
+    Moment(QUEUES, {}, _output_with_queue, QUEUED_FRAMES),
+    _ramp_moment("in the hold's ramp", {"hold_ms": 30}, _output_in_ramp, QUEUED_FRAMES),
+    _ramp_moment("in a ramp of the lease", {"host_timeout_ms": 40}, _output_in_ramp, QUEUED_FRAMES),
+    Moment(WAITS, {}, OUTPUT_STATES[WAITS], 0, 0, _PLAYS),
+    Moment(PLAYING, {}, _output_of_playback, 0, 3, _PLAYS, 8000),
+    Moment(PLAYING_SLOWLY, {}, OUTPUT_STATES[PLAYING_SLOWLY], 0, 1, _PLAYS),
     _ramp_moment("in a ramp of a playback", {}, _output_of_playback_in_ramp, frames=20),
 )
 
@@ -443,15 +426,15 @@ class End:
 
 
 def _mute_output_as_another(board: BoardClient) -> None:
-    board.link.ask(Mute(), session=board.link.session ^ _OTHER_SESSION)
+    board.mute(session=board.link.session ^ _OTHER_SESSION)
 
 
 _ENDS: Final = (
     End("HG-4.6/3", "moments", "a new session", OutputInput.NEW_SESSION, lambda b: b.hello()),
-    End("HG-6.4/2", "moments", "MUTE", OutputInput.MUTE, lambda b: b.link.ask(Mute())),
+    End("HG-6.4/2", "moments", "MUTE", OutputInput.MUTE, lambda b: b.mute()),
     End("HG-6.4/2", "others", "MUTE of another session", OutputInput.MUTE, _mute_output_as_another),
     End("HG-6.5/1", "moments", "DISARM", OutputInput.DISARM, lambda b: b.link.ask(Disarm())),
-    End("HG-7.7/1", "moments", "STOP", OutputInput.STOP, lambda b: b.link.ask(Stop())),
+    End("HG-7.7/1", "moments", "STOP", OutputInput.STOP, lambda b: b.stop()),
 )
 
 
@@ -469,13 +452,10 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
         if took_ms >= lasts_ms:
             text = f"answered after {took_ms} ms; the board leaves this state after {lasts_ms} ms"
             raise _TooLateError(Behaviour.INCONCLUSIVE, text)
-        found = board.status()
-    due = OUTPUT_TRANSITIONS[OutputState.ARMED, end.event]
-    check(found.state is due, f"the state is {found.state.name}, due is {due.name}")
-    queued = 0 if is_over else moment.queued
-    check(found.queued == queued, f"{found.queued} frames are queued, due are {queued}")
-    if is_over and board.has(Feature.READ_RADIATED):
-        check(is_board_silent(board), "transducers are driven")
+        due = OUTPUT_TRANSITIONS[OutputState.ARMED, end.event]
+        board.check_status("behind it", state=due, queued=0 if is_over else moment.queued)
+    if is_over:
+        check_silent(board, "behind it")
     _check_end_of_played_output(board, moment, since)
     if is_over:
         _check_output_stays_off(board, since, moment.config.get("hold_ms", 0) + _AFTER_MS)
@@ -493,18 +473,16 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
     board.link.barrier()
     told = [event for _, event in board.link.events(PlaybackEnded, since)]
-    due, stored = int(moment.frames is not None), phases_that_fit(board, _STORED)
-    check(len(told) == due, f"{len(told)} PLAYBACK_ENDED, due are {due}")
+    stored = phases_that_fit(board, _STORED)
+    check_equal(len(told), int(moment.frames is not None), f"{len(told)} PLAYBACK_ENDED")
     for event in told:
         least = moment.frames or 0
         if least > 1:
             least = max(1, least * PERIOD_US // period_to_play(board))
         least_most = least if moment.frames in (0, 1) else event.frames
-        check_equal(event.sequence, _ENDED, f"PLAYBACK_ENDED of sequence {event.sequence}")
-        check(
-            least <= event.frames <= least_most and event.loops == event.frames // stored,
-            f"PLAYBACK_ENDED says {event.frames} frames, {event.loops} passes of {stored}",
-        )
+        passes = event.frames // stored
+        check_fields(event, "PLAYBACK_ENDED", sequence=STORED, loops=passes)
+        check(least <= event.frames <= least_most, f"PLAYBACK_ENDED says {event.frames} frames")
 
 
 def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> None:
@@ -513,15 +491,14 @@ def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> No
     board.arm()
     with board.counting(latched=0):
         board.wire.idle(watch_ms * _MS)
-        if board.has(Feature.READ_RADIATED):
-            check(is_board_silent(board), "ARM sounds what was latched before")
-    late = board.link.events(StateChanged, since)[before:]
-    check(not late, f"ARMED again, {late[0][1].reason.name if late else ''} mutes the board")
+        check_silent(board, "behind it and ARM")
+    late = [event.reason.name for _, event in board.link.events(StateChanged, since)[before:]]
+    check(not late, f"ARMED again, {', '.join(late)} mutes the board")
 
 
 def _case_of_output_end(end: End) -> Case:
     def body(board: BoardClient) -> None:
-        send_phases_to_store_if_supported(board, _ENDED, frames=_STORED)
+        send_phases_to_store_if_supported(board, STORED, frames=_STORED)
         for moment in _MOMENTS:
             if not board.has(moment.needs):
                 continue

@@ -12,7 +12,7 @@ from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
-from ...client.latching import FULL, is_board_silent, latch_now, read_back_radiated
+from ...client.latching import FULL, check_silent, latch_now, read_back_radiated
 from ...client.playback import (
     play_now,
     send_phases_that_fit,
@@ -29,7 +29,7 @@ from ...judge.timers import (
     judged_mute_by_timer,
     timer_kinds,
 )
-from ...outcome import SELF_REPORTED, check, check_fields, named
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, named
 from ..ch05_stream.every_drop import DROPS
 from ..ch07_configuration.every_setting import every_other_setting
 from ..ch12_timers.every_restart import SLOW_US, judge_no_renewals, judge_renewals, stale_pings
@@ -415,11 +415,10 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
         by_hold = pair.renewed_by == _FRAME or (pair.is_hold_first and not pair.renewed_by)
         timer = HOLD if by_hold else pair.other
         timer.judge(board, since, begins_us, pair.ramp_ms, timer.reason.name)
-    if board.has(Feature.READ_RADIATED):
-        check(is_board_silent(board), "transducers are driven behind the end")
+    check_silent(board, "behind the end")
     for kind, due in (StateChanged, 1), (PlaybackEnded, int(pair.other is UNATTENDED)):
         got = len(board.link.events(kind, since))
-        check(got == due, f"{got} {kind.TYPE.name}, due are {due}")
+        check_equal(got, due, f"{got} {kind.TYPE.name}")
 
 
 def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:

@@ -1,19 +1,23 @@
-"""HG-7.1, HG-7.9: bounds, effect and life of the configuration, correction and ceiling."""
+"""HG-7.1, HG-7.5, HG-7.9: the configuration, the correction and the ceiling; the geometry."""
 
 from __future__ import annotations
 
 import dataclasses
 import zlib
+from collections.abc import Sequence
 from typing import Any, Final
 
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.messages import (
     Config,
     ConfigReply,
+    Element,
     ErrorCode,
     Feature,
     FocalPoint,
+    GeometryReply,
     GetConfig,
+    GetGeometry,
     Points,
     SetConfig,
     SetConfigReply,
@@ -21,7 +25,7 @@ from haptogram_protocol.messages import (
     StatusReply,
     TraceMode,
 )
-from haptogram_protocol.rules import TRACE_CAPABILITIES
+from haptogram_protocol.rules import READ_BACKS, TRACE_CAPABILITIES
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -30,8 +34,8 @@ from ...client.latching import latch_now, latch_timed, read_back, read_back_radi
 from ...client.uploads import upload_correction
 from ...judge.refused_requests import OUT_OF_BOUNDS, other_config_than_judged
 from ...judge.timers import HOLD, LEASE, judge_ramp_with_configuration, judge_status_period
-from ...judge.witness import expect_witnessed_drive
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, informational, require
+from ..ch05_stream.drives import judge_corrected_drive
 
 _MS: Final = 1000
 _DEFAULT_MS: Final = 1500  # of default timers that are awaited
@@ -44,6 +48,7 @@ _JUST_RIGHT: Final[tuple[dict[str, Any], ...]] = (
 )
 _FOCUS: Final = FocalPoint(11_000, -7_000, 120_000, 0xFFFF, 0x1234)
 _STATUS_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + StatusReply.LAYOUT.size)))
+_ELEMENTS_IN_FRAME: Final = (4075 - 14) // 18
 
 
 @case("HG-7.1/1", needs=Feature.CONFIG)
@@ -221,34 +226,20 @@ def refuses_configuration_of_other_traces(board: BoardClient) -> None:
     check_equal(board.read_config(), board.base_config, text)
 
 
-@case(
-    "HG-7.9/1",
-    needs=Feature.CORRECTION | Feature.READ_RADIATED | Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.9/1", needs=READ_BACKS | Feature.CORRECTION, evidence=SELF_REPORTED)
 def adds_the_phase_correction(board: BoardClient) -> None:
     """the correction is added to the radiated phases, modulo 256; the latched drive stays"""
-    count = board.identity.transducers
-    correction = board.random_registers()
+    registers, correction = board.random_registers(), board.random_registers()
     upload_correction(board, correction)
-    registers = board.random_registers()
     board.arm()
     latch_now(board, board.phases(registers))
-    full = b"\xff" * count
-    expect_witnessed_drive(board, read_back(board), registers, full)
-    shown = read_back_radiated(board)
-    due = bytes((a + b) % 256 for a, b in zip(registers, correction, strict=True))
-    check_equal(shown.phases, due, "radiated phases are not latched + correction")
-    upload_correction(board, bytes(count))
-    shown = read_back_radiated(board)
-    check_equal(shown.phases, registers, "a correction of 0 is not in force after its commit")
+    due = {"phases": registers, "amplitudes": b"\xff" * len(registers)}
+    for codes in (correction, bytes(len(registers))):
+        upload_correction(board, codes)
+        check_fields(judge_corrected_drive(board, codes, "PHASES"), "the latched drive", **due)
 
 
-@case(
-    "HG-7.9/2",
-    needs=Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED | Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.9/2", needs=READ_BACKS | Feature.CONFIG | Feature.AMPLITUDE, evidence=SELF_REPORTED)
 def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
     """with a ceiling of 100 no radiated amplitude is above 100; the latched drive stays"""
     board.arm()
@@ -258,3 +249,65 @@ def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
         loudest = read_back_radiated(board).loudest
         check(0 < loudest <= ceiling, f"ceiling {ceiling}: amplitude {loudest} is radiated")
         check_equal(read_back(board).loudest, 255, f"ceiling {ceiling} changes the latched drive")
+
+
+def _judge_span(board: BoardClient, whole: Sequence[Element], first: int, asked: int) -> None:
+    """FAILED unless GET_GEOMETRY shows the elements of a span that *whole* shows."""
+    reply = board.link.call(GetGeometry(first, asked), GeometryReply)
+    count = board.identity.transducers
+    shown = tuple(whole[first : first + min(asked, _ELEMENTS_IN_FRAME)])
+    text = f"GEOMETRY_REPLY of {asked} from {first}"
+    check_fields(reply, text, total=count, first=first, elements=shown)
+
+
+@case("HG-7.5/2")
+def geometry_has_no_more_transducers(board: BoardClient) -> None:
+    """GET_GEOMETRY from N on is refused with NOT_FOUND, detail N"""
+    count = board.identity.transducers
+    for first in (count, count + 1, 0xFFFF):
+        board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, count)
+
+
+@case("HG-7.5/3")
+def geometry_is_the_grid(board: BoardClient) -> None:
+    """GET_GEOMETRY is the grid of HELLO_REPLY: pitch, z = 0, normals (0, 0, 32767)"""
+    nx, ny, pitch_um = board.identity.grid_nx, board.identity.grid_ny, board.identity.pitch_um
+    require(bool(nx * ny), "this board is no grid")
+    for n, element in enumerate(board.read_geometry()):
+        ix, iy = divmod(n, ny)
+        due_um = ((ix - (nx - 1) / 2) * pitch_um, (iy - (ny - 1) / 2) * pitch_um, 0)
+        got_um = (element.x_um, element.y_um, element.z_um)
+        near = all(abs(got - due) < 1 for got, due in zip(got_um, due_um, strict=True))
+        grid = f"a grid of {nx} x {ny} and {pitch_um} µm"
+        check(near, f"transducer {n} is at {got_um} µm, due by {grid} is {due_um}")
+        normal = (element.nx, element.ny, element.nz)
+        check_equal(normal, (0, 0, 32_767), f"the normal of transducer {n} is {normal}")
+
+
+def spans_of_elements(count: int) -> list[tuple[int, int]]:
+    """Return (first, count) at and around every edge of an array of *count*."""
+    firsts = {0, 1, count // 2, count - 1} & set(range(count))
+    counts = {0, 1, 2, count - 1, count, count + 1, 0xFFFF}
+    return sorted((first, number) for first in firsts for number in counts if number >= 0)
+
+
+def _judge_geometry(board: BoardClient) -> None:
+    """FAILED unless spans at and around every edge show the elements that the whole shows."""
+    whole, total = board.read_geometry(), board.identity.transducers
+    for first, count in spans_of_elements(total):
+        _judge_span(board, whole, first, count)
+
+
+@case("HG-7.5/1")
+def shows_its_geometry(board: BoardClient) -> None:
+    """GET_GEOMETRY of one, some and too many transducers shows those from first on"""
+    _judge_geometry(board)
+
+
+@case("HG-7.5/1-spans")
+def every_span_of_the_geometry(board: BoardClient) -> None:
+    """GET_GEOMETRY of spans at and around every edge shows the elements that the whole shows"""
+    _judge_geometry(board)
+    total = board.identity.transducers
+    for first in (total, 0xFFFF):
+        board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, total)

@@ -21,7 +21,6 @@ from haptogram_protocol.messages import (
     PlayReply,
     ReadTrace,
     Stop,
-    StopReply,
     TraceMode,
     TraceReply,
     UploadBegin,
@@ -161,7 +160,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     if board.has(Feature.CORRECTION):
         upload_correction(board, bytes(board.identity.transducers))
     board.wire.idle(_SEEN * period_us)
-    board.link.ask(Mute())
+    board.mute()
     got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
     due = store.crcs[second] * len(got)
     check(len(got) >= _SEEN, f"{len(got)} latches while others are uploaded")
@@ -264,7 +263,7 @@ def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
     play = play_request(board, sequence, loops=1, unattended_ms=9_999)
     answer = board.link.ask(play, time_us=start_us)
     if isinstance(answer.message, PlayReply):
-        board.link.call(Stop(), StopReply)
+        board.stop()
         return None
     return board.link.error_in(answer, Play.TYPE, ErrorCode.NOT_FOUND).detail
 
@@ -328,7 +327,7 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     require((len(stored) - 1) * period_us > seen_us, text)
     play_now(board, _PLAYED, loops=1, period_us=period_us)
     board.wire.idle(seen_us)
-    board.link.call(Stop(), StopReply)
+    board.stop()
     ended = await_playback_end(board, since, 0)
     name = f"{form.kind.name}, {len(stored)} frames"
     check_fields(ended, f"{name}: PLAYBACK_ENDED within 20 ms", loops=0)
@@ -418,7 +417,7 @@ def _check_playback_in_the_ring(board: BoardClient) -> None:
     due.append((_MANY_PLAYED, 0, 0, last, int(Flag.LATE)))
     got = [(r.number, r.key.sequence, r.key.loop, r.key.index, r.flags) for r in reply.records]
     text = "(number, sequence, loop, index, flags) of the last latches"
-    check(got == due, f"{text}: {got}, due are {due}")
+    check_equal(got, due, text)
     check_fields(reply, f"behind {_MANY_PLAYED} latches: TRACE_REPLY", next=_MANY_PLAYED + 1)
 
 

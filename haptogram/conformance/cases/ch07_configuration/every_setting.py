@@ -20,7 +20,6 @@ from haptogram_protocol.messages import (
     SetConfigReply,
     Status,
     Stop,
-    StopReply,
     Trace,
     TraceDrive,
     TraceMode,
@@ -64,8 +63,11 @@ from ...judge.timers import (
     timer_kinds,
 )
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
+from ..ch05_stream.drives import judge_points_read_back
 
 _MS: Final = 1000
+_SHOWN: Final = Feature.CONFIG | Feature.READ_LATCHED
+_DIVIDES: Final = Feature.CONFIG | Feature.TRACE_DRIVE
 _SEQUENCE: Final = 4
 _CEILINGS: Final = (60, 255, 0, 1, 254)
 _SPEEDS_MM_S: Final = (300_000, 380_000, 331_300)
@@ -101,24 +103,15 @@ def _judge_ceilings(board: BoardClient) -> None:
         check_fields(read_back_radiated(board), "a ceiling set meanwhile", loudest=ceiling)
 
 
-@case(
-    "HG-7.1/3-speed",
-    needs=Feature.CONFIG | Feature.SEQUENCE_POINTS | Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-)
+@case("HG-7.1/3-speed", needs=_SHOWN | Feature.SEQUENCE_POINTS, evidence=SELF_REPORTED)
 def stored_points_take_the_configured_speed(board: BoardClient) -> None:
     """points stored before a new speed of sound are played with the new one"""
-    from ...judge.array_model import judged_model_of_board
-    from ...judge.focusing import judge_drive_of_points
-
     frame = random_points_to_send(board)
     upload_to_board(board, UploadKind.POINTS, _SEQUENCE, frame.serialize(), 1)
     for speed in _SPEEDS_MM_S:
         board.arm(sound_speed_mm_s=speed)
         play_out(board, _SEQUENCE, 1, period_us=period_to_play(board, 1))
-        name = f"{speed / 1000:g} m/s"
-        model, points = judged_model_of_board(board), tuple(frame.points)
-        judge_drive_of_points(board, model, points, read_back(board), name)
+        judge_points_read_back(board, frame, f"{speed / 1000:g} m/s")
 
 
 @case("HG-7.1/3-traces", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -152,12 +145,7 @@ def _settings_beside_timers(board: BoardClient) -> list[dict[str, Any]]:
     return found
 
 
-@case(
-    "HG-7.1/3-queue",
-    needs=Feature.CONFIG | Feature.READ_LATCHED,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.1/3-queue", needs=_SHOWN, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def configuration_leaves_the_queue(board: BoardClient) -> None:
     """frames in the queue are latched when they are due, as they came, whatever is set meanwhile"""
     from ...judge.array_model import judged_model_of_board
@@ -218,7 +206,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
         judge_in_time(board, late_us == 0, f"{name}: a latch is {late_us} µs behind its time")
         check_fields(status, f"{name}: STATUS_REPLY", state=OutputState.ARMED)
     asked_us = board.clock.device_us() - board.clock.carrier_us
-    board.link.call(Stop(), StopReply)
+    board.stop()
     ended = await_playback_end(board, since, 0)
     header, _ = board.link.events(PlaybackEnded, since)[0]
     least, most = (
@@ -231,12 +219,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     board.link.call(UploadCommit(_SEQUENCE + 1), UploadCommitReply)
 
 
-@case(
-    "HG-8.4/1-requests",
-    needs=Feature.CONFIG | Feature.TRACE_DRIVE,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-8.4/1-requests", needs=_DIVIDES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def requests_leave_the_configured_division(board: BoardClient) -> None:
     """requests between latches, carried out and refused, leave the division as it runs"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)

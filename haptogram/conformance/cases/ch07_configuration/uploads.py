@@ -32,7 +32,6 @@ from ...client.uploads import (
     announce_upload,
     begin_upload,
     send_upload_chunks,
-    upload_correction,
     upload_forms,
     upload_to_board,
 )
@@ -40,6 +39,7 @@ from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 
 _LARGEST: Final = 0xFFFFFFFF
 _TRACED_POINTS: Final = Feature.POINTS | Feature.SEQUENCE_POINTS | Feature.TRACE | Feature.CONFIG
+_TRACED: Final = _TRACED_POINTS | Feature.SEQUENCE_PHASES
 _SEQUENCE: Final = 4
 _FRAMES: Final = 3
 _PLAYED: Final = 400  # frames at most
@@ -359,12 +359,7 @@ def _replace_upload(board: BoardClient, form: UploadForm, frames: int) -> list[i
     return streamed_crcs(board, messages)
 
 
-@case(
-    "HG-7.4/1-kinds",
-    needs=_TRACED_POINTS | Feature.SEQUENCE_PHASES,
-    evidence=SELF_REPORTED,
-    depth=Depth.DEFAULT,
-)
+@case("HG-7.4/1-kinds", needs=_TRACED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_replaced_upload_leaves_nothing(board: BoardClient) -> None:
     """a sequence in place of one of every kind and number of points, and that beside it, are
     whole
@@ -400,5 +395,3 @@ def every_uploaded_piece_counts_for_itself(board: BoardClient) -> None:
             form.begin(board, data)
             board.link.call(UploadChunk(0, data[:cut]), UploadChunkReply)
             board.link.refused(UploadCommit(form.target), ErrorCode.INCOMPLETE, cut)
-    if board.has(Feature.CORRECTION):
-        upload_correction(board, bytes(board.identity.transducers))

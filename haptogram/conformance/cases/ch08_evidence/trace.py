@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any, Final
 
 from haptogram_protocol.messages import (
@@ -261,17 +260,13 @@ def traces_give_way(board: BoardClient) -> None:
     require(bool(dropped), "this line is fast enough for every trace: none had to give way")
 
 
-@contextmanager
-def _shown_under_ceiling(board: BoardClient, **changes: Any) -> Iterator[None]:
+def _show_under_ceiling(board: BoardClient, **changes: Any) -> None:
     """Let the radiated drive differ from the latched one in every phase and loud amplitude."""
     if board.has(Feature.AMPLITUDE):
         changes = {"amplitude_ceiling": _CEILING} | changes
     if board.has(Feature.CORRECTION):
         upload_correction(board)
     board.configure(**changes)
-    yield
-    if board.has(Feature.CORRECTION):
-        upload_correction(board, bytes(board.identity.transducers))
 
 
 @case("HG-8.3/2-paths", needs=_SHOWN, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -280,31 +275,31 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
     latched
     """
     for mode in trace_modes(board):
-        with _shown_under_ceiling(board, trace_mode=mode):
-            board.arm()
-            for path in drive_paths(board):
-                since = board.link.mark()
-                due = registers_asked_for(board, path.latch())
-                shown = read_back(board)
-                name = f"{path.name}, trace {mode.name}"
-                if due is not None:
-                    check_equal((shown.phases, shown.amplitudes), due, f"{name}: drive read back")
-                seen = latches_received_from_board(board, since, mode)
-                crcs = [latch.crc for latch in seen[-1:]]
-                check_equal(crcs, [shown.crc], f"{name}: CRC-32 of the drive read back")
+        _show_under_ceiling(board, trace_mode=mode)
+        board.arm()
+        for path in drive_paths(board):
+            since = board.link.mark()
+            due = registers_asked_for(board, path.latch())
+            shown = read_back(board)
+            name = f"{path.name}, trace {mode.name}"
+            if due is not None:
+                check_equal((shown.phases, shown.amplitudes), due, f"{name}: drive read back")
+            seen = latches_received_from_board(board, since, mode)
+            crcs = [latch.crc for latch in seen[-1:]]
+            check_equal(crcs, [shown.crc], f"{name}: CRC-32 of the drive read back")
 
 
 @case("HG-8.6/1-shaded", needs=_SHOWN, evidence=SELF_REPORTED)
 def every_span_under_a_ceiling(board: BoardClient) -> None:
     """READ_DRIVE of every span, of drives of every format under ceiling, correction and a ramp"""
-    with _shown_under_ceiling(board):
-        for stream in stream_kinds(board):
-            message = stream.make()
-            codes = registers_asked_for(board, message)
-            for kind in drive_kinds(board):
-                due = b"".join(codes) if codes and kind is DriveKind.LATCHED else None
-                with named(stream.name):
-                    judge_spans(board, kind, message, due)
+    _show_under_ceiling(board)
+    for stream in stream_kinds(board):
+        message = stream.make()
+        codes = registers_asked_for(board, message)
+        for kind in drive_kinds(board):
+            due = b"".join(codes) if codes and kind is DriveKind.LATCHED else None
+            with named(stream.name):
+                judge_spans(board, kind, message, due)
 
 
 @case("HG-8.3/2-ramp", needs=_DIMMED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -349,9 +344,8 @@ def every_trace_of_like_keys(board: BoardClient) -> None:
             play_out(board, number, 1)
             due.append(drive_crc(stored[number][0]))
             if board.has(Feature.READ_LATCHED):
-                shown = read_back(board)
-                text = f"trace {mode.name}: sequence {number} is read back as another drive"
-                check(shown.crc == due[-1], text)
+                name = f"trace {mode.name}: sequence {number}, read back"
+                check_fields(read_back(board), name, crc=due[-1])
         seen = latches_received_from_board(board, since, mode)
         got = [latch.crc for latch in seen if latch.sequence]
         check_equal(got, due, f"trace {mode.name}: CRC-32 of playbacks of one frame")

@@ -17,7 +17,6 @@ from haptogram_protocol.messages import (
     Play,
     Status,
     StatusReply,
-    Stop,
     TraceMode,
 )
 from haptogram_protocol.state import MuteReason
@@ -31,6 +30,7 @@ from ...client.latching import (
     latch_in_time,
     latch_now,
     latch_random,
+    latch_timed,
     latches_received_from_board,
     read_back,
 )
@@ -148,7 +148,7 @@ def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
     if board.has(Feature.SEQUENCE_PHASES):
         wait = partial(play_later, loops=1, unattended_ms=5000)
         yield "a playback that waits", partial(wait, board, _SEQUENCE, 3_000_000)
-        yield "STOP before its start", partial(ask, Stop())
+        yield "STOP before its start", board.stop
     if board.has(Feature.CORRECTION):
         yield "a correction", partial(upload_correction, board)
     if board.has(Feature.CONFIG):
@@ -189,7 +189,7 @@ def every_latchless_event(board: BoardClient) -> None:
         else:
             play_now(board, _SEQUENCE, loops=0)
             let_play(board, 5)
-            board.link.ask(Stop())
+            board.stop()
         board.check_status("after a playback", last_seq=index)
         if board.has(Feature.READ_LATCHED):
             key = read_back(board).reply.key
@@ -373,8 +373,7 @@ def every_latch_restarts_the_hold(board: BoardClient) -> None:
     board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
     for path in _paths_of_latches(board):
         since = board.arm()
-        latch_now(board)
-        begun_us = board.last_latch_us()
+        begun_us = latch_timed(board)
         board.wire.idle(hold_ms * _MS // 3)
         _latch_on_path(board, path, stored)
         start_us = board.last_latch_us()

@@ -7,9 +7,7 @@ from typing import Final
 from haptogram_protocol.messages import (
     Feature,
     GetGeometry,
-    Ping,
     PlaybackEnded,
-    Pong,
     StateChanged,
     Status,
     TraceDrive,
@@ -147,5 +145,5 @@ def bounds_its_uplink(board: BoardClient) -> None:
     board.wire.idle(board.wire.period_us(_ASKED * 4200))
     broken = [piece for piece in board.wire.received[since:] if piece.fault]
     check(not broken, f"a frame came in pieces: {broken[0].fault if broken else ''}")
-    board.link.call(Ping(3), Pong)
+    board.link.ping(3)
     check(board.status().free_bytes > 0, "free_bytes is 0 although nothing waits")

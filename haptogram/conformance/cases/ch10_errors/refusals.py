@@ -19,7 +19,6 @@ from haptogram_protocol.messages import (
     GetConfig,
     GetGeometry,
     Message,
-    Mute,
     Play,
     SetConfig,
     SetConfigReply,
@@ -41,7 +40,6 @@ from ...client.latching import latch_now
 from ...client.playback import (
     let_play,
     phases_that_fit,
-    play_later,
     play_now,
     play_out,
     send_phases_that_fit,
@@ -67,14 +65,19 @@ from ...judge.refused_requests import (
 )
 from ...judge.timers import LEASE, UNATTENDED, judge_within_hold
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, fail
-from ..ch05_stream.every_drop import fill_queue
+from ..ch05_stream.every_drop import (
+    MUTED,
+    OFF,
+    OUTPUT_STATES,
+    PLAYING_SLOWLY,
+    QUEUES,
+    WAITS,
+)
 
 _FRAMES: Final = 3
 _GAP_BYTES: Final = 5  # of the shortest upload with bytes behind a gap, in it and behind it
-_AHEAD_US: Final = 8_000_000  # queued frames and a waiting playback are due then
 _FRESH_US: Final = 4_000_000  # a situation is brought about again after this time
 _PERIOD_US: Final = 9_000_000
-_QUEUED: Final = 3
 _GAP: Final = 40
 _UNKNOWN_FLAG: Final = 0x40
 _MS: Final = 1000
@@ -87,13 +90,6 @@ _AWAY: Final = {
     "sound_speed_mm_s": 355_555,
     "trace_divider": 5,
 }
-#: Names of the situations.
-QUEUED: Final = "with frames queued"
-PLAYING: Final = "while a sequence plays"
-WAITING: Final = "while a playback waits for its start"
-OFF: Final = "while DISARMED"
-MUTED: Final = "while MUTED"
-SILENT: Final = "while ARMED and silent"
 _ABSENT: Final = 51
 _EVENTS: Final = 2200  # more than 11 bits of event numbers
 _CHANGING: Final = (Arm, Disarm, Stop, Play, SetConfig, UploadBegin, UploadChunk, UploadCommit)
@@ -167,31 +163,21 @@ class Situation:
         """Bring it about in a new session; return the t_apply of the last queued frame, 0: none."""
         _set_before_refusal(board)
         board.arm()
-        if self.name == PLAYING:
-            play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=9_999)
-            board.clock.wait_latched()
-            return 0
-        latch_now(board, stream_kinds(board)[-1].make())
-        if self.name == QUEUED:
-            return fill_queue(board, _QUEUED, _AHEAD_US)
-        if self.name == WAITING:
-            play_later(board, STORED, _AHEAD_US, unattended_ms=9_999)
-            return 0
-        board.disarm()
-        if self.name == MUTED:
-            board.link.ask(Mute())
-        elif self.name == SILENT:
-            board.arm()
-        return 0
+        if self.name != PLAYING_SLOWLY:
+            latch_now(board, stream_kinds(board)[-1].make())
+        last_us = OUTPUT_STATES[self.name](board)
+        return last_us if self.name == QUEUES else 0
 
     def refusals(self, board: BoardClient) -> Iterator[Refusal]:
         """Yield the requests that are refused in it."""
         stores = board.has(Feature.SEQUENCE_PHASES)
-        if self.name == QUEUED:
+        if self.name == QUEUES:
             yield from requests_refused_while_armed(board)
         else:
             yield from requests_refused_now(board) if stores else ()
-            yield from uploads_refused_for_playing(board) if self.name in (PLAYING, WAITING) else ()
+            yield from (
+                uploads_refused_for_playing(board) if self.name in (PLAYING_SLOWLY, WAITS) else ()
+            )
             yield from requests_refused_by_link(board)
             yield from requests_refused_by_value(board)
         if stores:
@@ -230,8 +216,8 @@ def _begin_upload_before_refusal(board: BoardClient) -> bytes:
 
 def refusal_situations(board: BoardClient) -> Iterator[Situation]:
     """Yield the situations that a board can be brought into; in a quick run one."""
-    plays = (PLAYING, WAITING) if board.has(Feature.SEQUENCE_PHASES) else ()
-    for name in (QUEUED, *plays, OFF, MUTED) if board.thorough else (QUEUED,):
+    plays = (PLAYING_SLOWLY, WAITS) if board.has(Feature.SEQUENCE_PHASES) else ()
+    for name in (QUEUES, *plays, OFF, MUTED) if board.thorough else (QUEUES,):
         yield Situation(name)
 
 
@@ -324,7 +310,7 @@ def every_refusal_leaves_the_timers(board: BoardClient) -> None:
     """
     send_phases_to_store_if_supported(board, STORED, frames=1)
     for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
-        playing = Situation(PLAYING).refusals
+        playing = Situation(PLAYING_SLOWLY).refusals
         refusals = list(playing(board) if plays else requests_refused_while_armed(board))
         for group in [[r] for r in refusals] if board.wire.is_virtual else [refusals]:
             _judge_timer_behind_refusals(board, group, plays=plays)
@@ -353,7 +339,7 @@ def _judge_timer_behind_refusals(
 def every_refusal_has_its_error_code(board: BoardClient) -> None:
     """a request of every type, refused for every reason, gets the code of that reason"""
     send_phases_to_store_if_supported(board, STORED, frames=1)
-    queued = Situation(QUEUED)
+    queued = Situation(QUEUES)
     queued.bring(board)
     _judge_error_codes(board, list(queued.refusals(board)))
 

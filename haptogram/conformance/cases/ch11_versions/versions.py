@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.messages import (
@@ -22,19 +24,8 @@ from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue, undamaged_received_pieces
 from ...outcome import SELF_REPORTED, check, check_equal
 
-minor_rules = case_about_text("HG-11.2/1")
-
-
-host_warns = case_about_host("HG-11.3/1")
-
-
-deprecation = case_about_text("HG-11.4/1")
-
-
-numbers_gone = case_about_text("HG-11.4/2")
-
-
-host_versions = case_about_host("HG-11.4/3")
+OF_TEXT: Final = tuple(map(case_about_text, ("HG-11.2/1", "HG-11.4/1", "HG-11.4/2")))
+OF_HOST: Final = tuple(map(case_about_host, ("HG-11.3/1", "HG-11.4/3")))
 
 
 @case("HG-11.1/1")
@@ -58,16 +49,9 @@ def uses_the_smaller_minor_version(board: BoardClient) -> None:
     board.adopt(reply)
     check(reply.minor >= VERSION_MINOR, f"HELLO_REPLY says minor {reply.minor}")
     board.hello()
-    unknown = [
-        p
-        for p in undamaged_received_pieces(full_client_dialogue(board))
-        if p.reason == "unknown_type"
-    ]
-    check(
-        not unknown,
-        f"to a host of {VERSION_MAJOR}.{VERSION_MINOR}: "
-        f"{annotated_frame_text(unknown[0].piece) if unknown else ''}",
-    )
+    for piece in undamaged_received_pieces(full_client_dialogue(board)):
+        text = f"to a host of {VERSION_MAJOR}.{VERSION_MINOR}: {annotated_frame_text(piece.piece)}"
+        check(piece.reason != "unknown_type", text)
 
 
 @case("HG-11.5/1")

@@ -146,7 +146,7 @@ def waits_unattended(board: BoardClient) -> None:
         play_later_than_timer(board, ahead_ms + 60, 9000)
         board.wire.idle(150 * _MS)
         asked_us = board.clock.device_estimate_us()
-        answer = board.link.ask(Stop())  # nothing behind it: that would renew the lease
+        answer = board.stop()  # nothing behind it: that would renew the lease
         board.link.reply_in(answer, StopReply, Stop.TYPE)
         start_us = board.clock.unwrap(answer.frame_header.time_us)
         name = "host_timeout_ms behind STOP"

@@ -13,7 +13,6 @@ from functools import partial
 from typing import Final
 
 from haptogram_protocol.messages import (
-    Arm,
     Disarm,
     Drives,
     Feature,
@@ -21,12 +20,9 @@ from haptogram_protocol.messages import (
     Message,
     Mute,
     PlaybackEnded,
-    PlayReply,
     Points,
     StateChanged,
     Status,
-    Stop,
-    StopReply,
     Trace,
     TraceMode,
 )
@@ -40,11 +36,10 @@ from ...client.latching import (
     FULL,
     latch_now,
     latch_timed,
-    latches_received_from_board,
     read_back,
     read_back_radiated,
 )
-from ...client.playback import play_now, play_request, send_phases_that_fit, send_phases_to_store
+from ...client.playback import play_at, play_now, send_phases_that_fit, send_phases_to_store
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
 from ...client.uploads import SEQUENCES
 from ...judge.ramps import judge_straight_ramp, judged_ramp_reading
@@ -63,6 +58,7 @@ from ...judge.timers import (
 )
 from ...outcome import SELF_REPORTED, check, check_equal, named, require
 from ..ch05_stream.every_drop import DROPS, Drop, fill_queue, judge_drop
+from ..ch07_configuration.playback import judge_playback
 from .every_restart import SLOW_US, STORED, TIMER_MS, play_later_than_timer
 
 _MS: Final = 1000
@@ -169,7 +165,8 @@ def the_first_timer_wins(board: BoardClient) -> None:
     for first, second, lengths_ms in ((HOLD, LEASE, (60, 120)), (LEASE, HOLD, (80, 160))):
         first_ms, second_ms = map(board.clock.timer_ms, lengths_ms)
         with board.counting(timeouts=1):
-            first.judge_whole(board, first_ms, ramp_ms=ramp_ms, **{second.name: second_ms})
+            second_length = {second.name: second_ms}
+            first.judge_whole(board, first_ms, first.name, ramp_ms=ramp_ms, **second_length)
 
 
 def wrapping_timer_lengths(least_ms: int, most_ms: int, *, thorough: bool = True) -> list[int]:
@@ -225,7 +222,7 @@ def _timer_stays(board: BoardClient, timer: TimerKind, length_ms: int) -> None:
         reason = found[1].reason.name
         text = f"{timer.name} = {length_ms}: {reason} within {took_us / _MS:.1f} ms"
         check(took_us >= length_ms * _MS - EXACT_US, text)
-    board.link.ask(Mute())
+    board.mute()
 
 
 @case("HG-9.1/1-lengths", needs=Feature.CONFIG)
@@ -239,9 +236,8 @@ def every_status_period_does_not_wrap(board: BoardClient) -> None:
         board.wire.idle(look_us)  # a host that is held up sees what came in its time, too
         times = [board.clock.unwrap(h.time_us) for h, _ in board.link.events(Status, since)]
         got = sum(t_us - set_us < look_us for t_us in times)
-        check_equal(
-            got, 0, f"status_period_ms = {length_ms}: {got} STATUS within {look_us // _MS} ms"
-        )
+        text = f"status_period_ms = {length_ms}: {got} STATUS within {look_us // _MS} ms"
+        check_equal(got, 0, text)
 
 
 @case("HG-6.11/5-timers", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
@@ -283,9 +279,8 @@ def every_status_period_passes_as_a_whole(board: BoardClient) -> None:
         since, start_us = board.link.mark(), board.clock.device_us()
         name = f"status_period_ms = {length_ms}"
         header, _ = board.due_event(Status, since, (length_ms + 1000) * _MS, name)
-        took_us = board.clock.unwrap(header.time_us) - start_us
-        late_us = took_us - length_ms * _MS
-        text = f"status_period_ms = {length_ms}: STATUS after {took_us / _MS:.1f} ms"
+        late_us = board.clock.unwrap(header.time_us) - start_us - length_ms * _MS
+        text = f"status_period_ms = {length_ms}: STATUS {late_us / _MS:+.1f} ms off"
         check(before_us - start_us - EXACT_US <= late_us <= EXACT_US, text)
 
 
@@ -329,15 +324,9 @@ def _play_across_timer_wrap(board: BoardClient) -> None:
         send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
         board.configure(trace_mode=TraceMode.CRC)
         wrap_us = _wait_before_timer_wrap(board, lead_us)
-        board.arm()
-        since, start_us = board.link.mark(), board.clock.on_carrier(wrap_us + offset_us)
-        play = play_request(board, _SEQUENCE, loops=1, period_us=10 * _MS, unattended_ms=2000)
-        board.link.call(play, PlayReply, time_us=start_us)
-        name = f"a playback from {offset_us:+d} µs of the wrap on"
-        board.due_event(PlaybackEnded, since, 2 * lead_us + 200 * _MS, name)
-        got = [latch.t_us for latch in latches_received_from_board(board, since, TraceMode.CRC)]
-        due = [board.clock.on_carrier(start_us + 10 * _MS * k) for k in range(_FRAMES)]
-        check(got == due, f"{name}: latched at {got}, due {due}")
+        start_us = board.clock.on_carrier(wrap_us + offset_us)
+        with named(f"a playback from {offset_us:+d} µs of the wrap on"):
+            judge_playback(board, TraceMode.CRC, _SEQUENCE, _FRAMES, 1, 10 * _MS, start_us)
         if not board.wire.is_virtual:
             return  # at a wall clock the next wrap is 71 minutes away
         board.disarm()
@@ -471,8 +460,8 @@ def every_stop_leaves_the_hold(board: BoardClient) -> None:
             play_later_than_timer(board, 2 * TIMER_MS, 2 * TIMER_MS)
         board.clock.idle_until(start_us + 80 * _MS)
         if not name.endswith("muted"):
-            board.link.call(Stop(), StopReply)
-        board.link.ask(Arm())
+            board.stop()
+        board.arm()
         HOLD.judge(board, since, start_us, TIMER_MS, f"hold_ms behind {name}")
 
 
@@ -521,8 +510,7 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
             times = [at_us + 4_000_000 * place for place in range(number)]
             board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
         if way == "played later":
-            play = play_request(board, STORED, loops=0, period_us=9_000_000, unattended_ms=9000)
-            board.link.call(play, PlayReply, time_us=at_us)
+            play_at(board, STORED, at_us, loops=0, period_us=9_000_000, unattended_ms=9000)
         board.clock.idle_until(at_us - 60 * _MS)
         faded = read_back_radiated(board).loudest
         if board.clock.device_us() < at_us:
