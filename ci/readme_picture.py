@@ -11,8 +11,7 @@ from unittest import mock
 from PIL import Image
 
 from haptogram.cli import main
-from haptogram.report.figures.embedded import embed_picture
-from haptogram.report.figures.style import PAGE_DPI, encode_figure
+from haptogram.report.figures.style import PAGE_DPI, embed_picture, encode_figure
 from haptogram.report.formats.document import PagePicture
 from haptogram.report.run import page
 
