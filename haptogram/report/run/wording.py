@@ -16,8 +16,6 @@ from haptogram.verification import (
     Verdict,
     cut_run_verdict_text,
     tolerance_text,
-    verdict_consequence_text,
-    verdict_pressure_text,
 )
 from haptogram.verification.frame.criteria import CRITERIA as FRAME_CRITERIA
 from haptogram.verification.pins.pin_verdict import captured_elements_text
@@ -36,56 +34,12 @@ def run_count_wording(number: int, noun: str) -> str:
 
 
 def run_frame_wording(frame: FrameVerdict) -> str:
-    """Return number and time of a frame, its faults and their consequence, in one line."""
-    return "; ".join(
-        [
-            f"frame {frame.number} {_run_frame_time_wording(frame)}: {frame.status}",
-            *_run_frame_findings_wording(frame),
-        ]
-    )
-
-
-def _run_frame_time_wording(frame: FrameVerdict) -> str:
-    place = f"(sequence {frame.key.sequence}, loop {frame.key.loop}, index {frame.key.index})"
+    """Return the verdict on a frame with its number on the wire and its time, in one line."""
+    place = f"sequence {frame.key.sequence}, loop {frame.key.loop}, index {frame.key.index}"
     if frame.key.sequence == 0:
-        place = f"(stream index {frame.key.index})"
+        place = f"stream index {frame.key.index}"
     due = "as soon as complete" if frame.t_apply_us is None else f"due at {frame.t_apply_us} µs"
-    return f"{place}, {due}"
-
-
-def _run_frame_findings_wording(frame: FrameVerdict) -> Iterator[str]:
-    if (frame.late or frame.early) and frame.lateness_us is not None:
-        yield f"latched {run_timeliness_wording(frame)}"
-    if frame.latches > 1:
-        yield f"latched {frame.latches} times"
-    yield from frame.faults
-    failed = [name for name, passed in frame.criteria.items() if not passed]
-    if failed:
-        yield f"{', '.join(failed)} failed"
-    if frame.status is not FrameStatus.ON_TARGET and frame.lateral_error_mm is not None:
-        yield f"focus {run_focus_place_wording(frame)}"
-    if (pressure := verdict_pressure_text(frame)) is not None:
-        yield pressure
-    if frame.consequence is not None:
-        yield verdict_consequence_text(frame.consequence)
-    if frame.note:
-        yield frame.note
-
-
-def run_timeliness_wording(frame: FrameVerdict) -> str:
-    """Return the time by which a frame was latched early or late."""
-    if frame.lateness_us is None:
-        return NOTHING
-    return f"{abs(frame.lateness_us)} µs {'early' if frame.lateness_us < 0 else 'late'}"
-
-
-def run_focus_place_wording(frame: FrameVerdict) -> str:
-    """Return the distance of the focus from its target."""
-    if frame.lateral_error_mm is None:
-        return NOTHING
-    axial = frame.axial_error_mm
-    along = "" if axial is None else f", {axial:+.3f} mm along the beam"
-    return f"{frame.lateral_error_mm:.3f} mm across{along}"
+    return f"{frame} ({place}, {due})"
 
 
 def run_faults_wording(result: Mapping[str, Any]) -> Iterator[str]:
