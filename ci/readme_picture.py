@@ -11,10 +11,9 @@ from unittest import mock
 from PIL import Image
 
 from haptogram.cli import main
-from haptogram.report.figures.embedded import embed_picture
-from haptogram.report.figures.style import PAGE_DPI, encode_figure
+from haptogram.report.figures.style import PAGE_DPI, embed_picture, encode_figure
 from haptogram.report.formats.document import PagePicture
-from haptogram.report.run import page
+from haptogram.report.run import document
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +31,10 @@ def draw() -> Image.Image:
         drawn[title] = encode_figure(figure, ".png", PAGE_DPI)
         return embed_picture(figure, title, caption)
 
-    with tempfile.TemporaryDirectory() as folder, mock.patch.object(page, "embed_picture", kept):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        mock.patch.object(document, "embed_picture", kept),
+    ):
         html = Path(folder) / "run.html"
         if main(["verify", "--virtual-time", "--quiet", "--html", str(html)]):
             raise SystemExit("the run did not pass")

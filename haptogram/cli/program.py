@@ -174,12 +174,7 @@ def command_parser(name: str) -> Parser:
 def _add_options_of_command(name: str, parser: Parser) -> None:
     """Let the module of a command describe it, given what only this module knows of boards."""
     parts = {
-        "verify": (
-            boards.prepare_simulator,
-            boards.board_in_virtual_time,
-            boards.board_behind_url,
-            boards.boards_of_dialect,
-        ),
+        "verify": (boards,),
         "conform": (boards.access_in_program,),
         "soak": (boards.board_without_a_line,),
         "sweep": (command_parser, result_of_command),

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.settings.command_line import add_command_options, given_options
-from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.run.outputs import OutputConfig
+from haptogram.settings.option import Settings, option, options_of
+from haptogram.settings.run.outputs import output_options
 
 from .acting_options import STAMPED, refuse_idle_options
 from .shell.exit_status import PASS, USAGE
@@ -35,16 +35,11 @@ exit status:
 
 @dataclass(frozen=True, kw_only=True)
 class BenchFiles(Settings):
-    """The files that a benchmark writes, and the one that it is compared with."""
+    """The picture that a benchmark writes, and the file that it is compared with."""
 
-    json: Path | None = option_of(OutputConfig, "json")
-    html: Path | None = option_of(OutputConfig, "html")
-    summary: Path | None = option_of(OutputConfig, "summary")
-    stamp: str | None = option_of(OutputConfig, "stamp")
     picture: Path | None = option(
         None, unit="FILE", help="write the histogram alone: .png, .svg or .pdf"
     )
-    record: Path | None = option_of(OutputConfig, "record")
     compare: Path | None = option(None, unit="OLD.json", help="say what changed beyond the noise")
 
 
@@ -65,6 +60,7 @@ def set_up_bench(parser: Parser) -> None:
     add_command_options(parser, options_of(BenchConfig).values())
     parser.add_argument("--quiet", action="store_true", help="print changes and errors only")
     result = parser.add_argument_group("result", FILE_HELP)
+    add_command_options(result, output_options("json html summary stamp record"))
     add_command_options(result, options_of(BenchFiles).values())
 
 
@@ -72,8 +68,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
     from haptogram.campaigns.bench.measure import run_bench
     from haptogram.campaigns.bench.result import bench_dict, read_bench_result
-    from haptogram.report.bench.document import bench_document
-    from haptogram.report.bench.pictures import draw_bench_histograms
+    from haptogram.report.bench.document import bench_document, draw_bench_histograms
     from haptogram.report.formats.console import document_text
     from haptogram.report.run import write_run_json
 

@@ -11,8 +11,7 @@ from haptogram.settings.arguments import check_choice
 from haptogram.settings.board import MOST_TRANSDUCERS
 from haptogram.settings.command_line import add_setting_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.run.frames import PaceConfig
-from haptogram.settings.run.link import LinkConfig
+from haptogram.settings.run.frames import LinkConfig, PaceConfig
 
 from .acting_options import refuse_idle_options, with_option
 
@@ -134,60 +133,62 @@ def _run_dialect_budget(arguments: argparse.Namespace) -> int:
 
 
 def _budget_of_one_frame(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
+    from haptogram.report.formats.console import console_table
+
     period_us = 1e6 / config.rate_hz
-    rows = [
+    stages = [
         ("wake", wake_ns, "median lateness of a sleeping loop, measured"),
         ("encode", asked.encode_ns, "header, CRC-32 and COBS, measured; done ahead of the tick"),
         ("write", asked.write_ns, "one write to a pty, measured"),
         ("wire", asked.wire_ns, f"{asked.size} bytes of 10 bits at {config.baud} baud"),
         ("decode", asked.decode_ns, "at a board in Python, measured"),
         ("latch", 25_000, "to the next period of a 40 kHz carrier, at most"),
+        ("sum", asked.latency_ns(wake_ns), "the shortest lead"),
     ]
-    lines = [
-        f"one frame of {config.transducers} {asked.name} at {config.rate_hz:g} Hz: "
-        f"a period of {period_us:g} µs"
-    ]
-    lines += [
-        f"  {name:<8}{ns / 1e3:9.1f} µs {100 * ns / 1e3 / period_us:6.1f} %  {what}"
-        for name, ns, what in rows
+    rows = [
+        (name, f"{ns / 1e3:.1f} µs", f"{100 * ns / 1e3 / period_us:.1f} %", what)
+        for name, ns, what in stages
     ]
     verdict = "fits" if asked.highest_hz >= config.rate_hz else "does not fit"
-    lines.append(f"  {'sum':<8}{asked.latency_ns(wake_ns) / 1e3:9.1f} µs: the shortest lead")
-    lines.append(
-        f"  {config.rate_hz:g} Hz {verdict}: the line is "
-        f"{100 * config.rate_hz / asked.line_hz:.1f} % full, the host "
-        f"{100 * config.rate_hz / asked.host_hz:.1f} % busy "
-        "(stages overlap: the fullest decides)"
+    return "\n".join(
+        [
+            f"one frame of {config.transducers} {asked.name} at {config.rate_hz:g} Hz: "
+            f"a period of {period_us:g} µs",
+            *console_table((), rows, numbers=(1, 2), indent=2),
+            f"  {config.rate_hz:g} Hz {verdict}: the line is "
+            f"{100 * config.rate_hz / asked.line_hz:.1f} % full, the host "
+            f"{100 * config.rate_hz / asked.host_hz:.1f} % busy "
+            "(stages overlap: the fullest decides)",
+            "",
+        ]
     )
-    return "\n".join(lines) + "\n"
 
 
 def _budget_table(budgets: list[FrameBudget], wake_ns: int) -> str:
-    head = (
-        f"{'format':<23}{'bytes':>6}{'encode':>8}{'write':>7}{'wire':>9}{'decode':>8}"
-        f"{'lead':>9}{'highest rate':>14}  limited by"
-    )
-    lines = [head]
-    for budget in budgets:
-        limit = "line" if budget.line_hz <= budget.host_hz else "host"
-        lines.append(
-            f"{budget.name:<23}{budget.size:>6}{budget.encode_ns / 1e3:>8.1f}"
-            f"{budget.write_ns / 1e3:>7.1f}{budget.wire_ns / 1e3:>9.1f}"
-            f"{budget.decode_ns / 1e3:>8.1f}{budget.latency_ns(wake_ns) / 1e3:>9.1f}"
-            f"{budget.highest_hz:>11.0f} Hz  {limit}"
-        )
-    return "\n".join([*lines, "times in µs; highest rate: stages overlap, the slowest decides"])
+    from haptogram.report.formats.console import console_table
+
+    head = ("format", "bytes", "encode", "write", "wire", "decode", "lead", "highest rate", "limit")
+    rows = []
+    for one in budgets:
+        times = (one.encode_ns, one.write_ns, one.wire_ns, one.decode_ns, one.latency_ns(wake_ns))
+        limit = "line" if one.line_hz <= one.host_hz else "host"
+        figures = (f"{ns / 1e3:.1f}" for ns in times)
+        rows.append((one.name, one.size, *figures, f"{one.highest_hz:.0f} Hz", limit))
+    table = console_table(head, rows, numbers=range(1, 8))
+    return "\n".join([*table, "times in µs; highest rate: stages overlap, the slowest decides"])
 
 
 def _budget_of_answers(baudrate: int) -> str:
     """Return the cost of a USB adapter's latency timer, on the way from the board alone."""
     from haptogram.driver.line.budget import frame_bytes_on_line, line_round_trip_ns
+    from haptogram.report.formats.console import console_table
     from haptogram_protocol.messages import Ping, Pong
 
     ping, pong = [frame_bytes_on_line(message.LAYOUT.size) for message in (Ping, Pong)]
-    lines = ["", "an answer (PING, PONG), at most:     round trip   the board's clock is known to"]
+    head = ("an answer (PING, PONG), at most:", "round trip", "the board's clock is known to")
+    rows = []
     for name, timer_ms in _TIMERS_MS.items():
         trip_us = line_round_trip_ns(ping, pong, baudrate, timer_ms * 1_000_000) / 1e3
-        lines.append(f"  {name:<36}{trip_us:>9.1f} µs{trip_us / 2:>15.1f} µs")
+        rows.append((f"  {name}", f"{trip_us:.1f} µs", f"{trip_us / 2:.1f} µs"))
     note = "frames to the board do not wait for that timer; the lead covers the clock's uncertainty"
-    return "\n".join([*lines, note])
+    return "\n".join(["", *console_table(head, rows, numbers=(1, 2)), note])

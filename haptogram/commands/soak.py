@@ -17,7 +17,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.settings.command_line import add_command_options, given_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.run.outputs import OutputConfig
+from haptogram.settings.run.outputs import OutputConfig, output_options
 
 from .acting_options import STAMPED, refuse_idle_options
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
@@ -56,11 +56,6 @@ class SittingConfig(Settings):
         unit="FILE",
         help="checkpoint: written after every segment, and gone on from if it is there",
     )
-    json: Path | None = option_of(OutputConfig, "json")
-    junit: Path | None = option_of(OutputConfig, "junit")
-    html: Path | None = option_of(OutputConfig, "html")
-    summary: Path | None = option_of(OutputConfig, "summary")
-    stamp: str | None = option_of(OutputConfig, "stamp")
     record: Path | None = option_of(
         OutputConfig,
         "record",
@@ -89,6 +84,7 @@ def set_up_soak(
     add_command_options(parser, options_of(SoakSetup).values())
     sitting = parser.add_argument_group("sitting and result", FILE_HELP)
     add_command_options(sitting, options_of(SittingConfig).values())
+    add_command_options(sitting, output_options("json junit html summary stamp"))
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 

@@ -120,8 +120,8 @@ def run_view(arguments: argparse.Namespace) -> int:
 
 
 def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
-    from haptogram.report.viewer.page import view_document
     from haptogram.report.viewer.recorded import viewer_scene_of_recording
+    from haptogram.report.viewer.scene import view_document
 
     recorded = viewer_scene_of_recording(Path(arguments.source))
     document = view_document(
@@ -138,7 +138,7 @@ def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> i
 def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
     from haptogram.evidence.backdoor_stream import BackdoorReader
     from haptogram.report.viewer.live import LiveViewerScene
-    from haptogram.report.viewer.page import view_document
+    from haptogram.report.viewer.scene import view_document
 
     with BackdoorReader(arguments.source) as stream:
         first, *others = _first_viewed_records(arguments.source, stream)

@@ -32,7 +32,7 @@ def machine_fingerprint() -> dict[str, Any]:
         "load_1_min": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "haptogram": haptogram.__version__,
-        "packages": {name: _fingerprint_package_version(name) for name in _PACKAGES},
+        "packages": {name: package_version(name) for name in _PACKAGES},
     }
 
 
@@ -82,7 +82,8 @@ def _read_machine_file(path: Path) -> str | None:
         return None
 
 
-def _fingerprint_package_version(package: str) -> str | None:
+def package_version(package: str) -> str | None:
+    """Return the version of *package*; None: it is not installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -59,11 +59,15 @@ def real_time_process(*, strict: bool = False) -> Iterator[list[str]]:
     with contextlib.ExitStack() as stack:
         refused: list[str] = []
         if strict:
-            stack.enter_context(_process_with_frozen_garbage())
-            for asked in (_fixed_process_priority, _locked_process_memory):
-                refused += stack.enter_context(asked())
+            gc.collect()
+            gc.freeze()
+            stack.callback(gc.unfreeze)
+            refused += _fix_process_priority(stack)
+            refused += _lock_process_memory(stack)
         stack.enter_context(process_without_garbage_collector())
-        stack.enter_context(_exact_process_timers())
+        if (slack_ns := _prctl_of_process(_PR_GET_TIMERSLACK, 0)) > 0:
+            _prctl_of_process(_PR_SET_TIMERSLACK, 1)
+            stack.callback(_prctl_of_process, _PR_SET_TIMERSLACK, slack_ns)
         yield refused
 
 
@@ -79,67 +83,38 @@ def process_without_garbage_collector() -> Iterator[None]:
             gc.enable()
 
 
-@contextlib.contextmanager
-def _process_with_frozen_garbage() -> Iterator[None]:
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
+def _fix_process_priority(stack: contextlib.ExitStack) -> Iterator[str]:
+    """Run under SCHED_FIFO: nothing but the kernel and higher priorities interrupts this thread.
 
-
-@contextlib.contextmanager
-def _exact_process_timers() -> Iterator[None]:
-    slack_ns = _prctl_of_process(_PR_GET_TIMERSLACK, 0)
-    _set_process_timer_slack(1)
-    try:
-        yield
-    finally:
-        _set_process_timer_slack(slack_ns)
-
-
-@contextlib.contextmanager
-def _fixed_process_priority() -> Iterator[list[str]]:
-    """Run under SCHED_FIFO: nothing but the kernel and higher priorities interrupts this thread."""
+    Yield why it cannot be; *stack* undoes it.
+    """
     if not hasattr(os, "sched_setscheduler"):
-        yield [f"fixed priority: {sys.platform} has no SCHED_FIFO"]
+        yield f"fixed priority: {sys.platform} has no SCHED_FIFO"
         return
     before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+        stack.callback(os.sched_setscheduler, 0, before, parameters)
     except PermissionError:
-        yield [
+        yield (
             f"fixed priority (SCHED_FIFO {_PRIORITY}) is not permitted: "
             "give this user rtprio in limits.conf, or CAP_SYS_NICE"
-        ]
-        return
-    try:
-        yield []
-    finally:
-        os.sched_setscheduler(0, before, parameters)
+        )
 
 
-@contextlib.contextmanager
-def _locked_process_memory() -> Iterator[list[str]]:
-    """Keep every page in memory: a page fault from the disk takes milliseconds."""
+def _lock_process_memory(stack: contextlib.ExitStack) -> Iterator[str]:
+    """Keep every page in memory: a page fault from the disk takes milliseconds.
+
+    Yield why it cannot be; *stack* undoes it.
+    """
     libc = ctypes.CDLL(None, use_errno=True) if os.name == "posix" else None
     if libc is None or not hasattr(libc, "mlockall"):
-        yield [f"memory lock: {sys.platform} has no mlockall"]
-        return
-    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
+        yield f"memory lock: {sys.platform} has no mlockall"
+    elif libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0:
+        stack.callback(libc.munlockall)
+    else:
         reason = os.strerror(ctypes.get_errno())
-        yield [f"memory lock is not permitted ({reason}): give this user memlock in limits.conf"]
-        return
-    try:
-        yield []
-    finally:
-        _ = libc.munlockall()
-
-
-def _set_process_timer_slack(slack_ns: int) -> None:
-    if slack_ns > 0:
-        _prctl_of_process(_PR_SET_TIMERSLACK, slack_ns)
+        yield f"memory lock is not permitted ({reason}): give this user memlock in limits.conf"
 
 
 def _prctl_of_process(option: int, value: int) -> int:

@@ -21,6 +21,7 @@ from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.published.figures import (
     Preset,
     PublishedFigure,
+    Quantity,
     published_element_count,
     published_extent_mm,
     published_pressure_rms_pa,
@@ -29,6 +30,11 @@ from haptogram.published.figures import (
 
 # AUTD3 takes 4.386 Pa m peak for a T4010A1, which is 3.10 Pa m RMS: the strength of our default.
 _STRENGTH_PA_M: Final = 3.10
+
+
+def _row_centre_mm(model: AcousticModel) -> float:
+    return 1e3 * abs(float(model.array.centre_m[1]))
+
 
 SONICSURFACE: Final = Preset(
     "sonicsurface",
@@ -41,31 +47,24 @@ SONICSURFACE: Final = Preset(
         published_element_count("256 (16 x 16)", "its repository"),
         PublishedFigure(
             "centre of the rows off the origin",
+            Quantity(_row_centre_mm, "mm"),
             "2.0 mm",
             "its repository",
-            lambda model: 1e3 * abs(float(model.array.centre_m[1])),
-            "mm",
         ),
         PublishedFigure(
             "side of the array",
+            published_extent_mm(0, 1e3 * SONICSURFACE_PITCH_M),
             f"{16 * SONICSURFACE_PITCH_M * 1e3:g} mm (16 x 10.5)",
             "its repository",
-            lambda model: published_extent_mm(0)(model) + 1e3 * SONICSURFACE_PITCH_M,
-            "mm",
         ),
         PublishedFigure(
             "|p| with 8 phase steps",
+            published_quantised_share((0.02, 0.01, 0.15), 3),
             "'diminishing returns beyond 8'",
             "Appl. Sci. 11, 2981",
-            published_quantised_share((0.02, 0.01, 0.15), 3),
-            "of exact",
         ),
         PublishedFigure(
-            "|p| with its 32 phase steps",
-            "-",
-            "ours",
-            published_quantised_share((0.02, 0.01, 0.15), 5),
-            "of exact",
+            "|p| with its 32 phase steps", published_quantised_share((0.02, 0.01, 0.15), 5)
         ),
     ),
     SONICSURFACE_LAYOUT,
@@ -85,10 +84,9 @@ AUTD: Final = Preset(
         published_element_count("249", "its source"),
         PublishedFigure(
             "pressure at a focus 150 mm above",
+            published_pressure_rms_pa((0.0, 0.0, 0.15)),
             "4727 Pa RMS",
             _AUTD,
-            published_pressure_rms_pa((0.0, 0.0, 0.15)),
-            "Pa RMS",
             "as there: no directivity, no absorption, c = 340 m/s",
         ),
     ),
@@ -100,30 +98,24 @@ def _preset_of_layout(
     layout: BoardLayout, source: str, count: str, *figures: PublishedFigure
 ) -> Preset:
     """Return a board of 4.5 mm pistons whose typical focus is 100 mm above its middle."""
-
-    def build() -> AcousticModel:
-        return AcousticModel(layout.array(), Medium.air(), Transducer(CircularPiston(4.5e-3)))
-
-    counted = published_element_count(count, "its array file")
-    focus_m = (0.0, 0.0, 0.1)
+    piston = Transducer(CircularPiston(4.5e-3))
     return Preset(
         layout.name,
         layout.title,
         source,
         layout.source,
-        build,
-        focus_m,
-        (counted, *figures),
+        lambda: AcousticModel(layout.array(), Medium.air(), piston),
+        (0.0, 0.0, 0.1),
+        (published_element_count(count, "its array file"), *figures),
         layout,
     )
 
 
 _OFF_ORIGIN: Final = PublishedFigure(
     "centre of the rows off the origin",
+    Quantity(_row_centre_mm, "mm"),
     "0 mm",
     "its array file",
-    lambda model: 1e3 * abs(float(model.array.centre_m[1])),
-    "mm",
     "2 mm from where SonicSurface's own program has it",
 )
 _ULTRAINO: Final = "A. Marzo et al., IEEE Trans. UFFC 65(1) (2018); github.com/asiermarzo/Ultraino"

@@ -23,6 +23,7 @@ from haptogram.published.boards import (
 from haptogram.published.figures import (
     Preset,
     PublishedFigure,
+    Quantity,
     published_element_count,
     published_extent_mm,
     published_force_mn,
@@ -39,7 +40,7 @@ _HOSHI: Final = "T. Hoshi et al., IEEE Trans. Haptics 3(3), 155-165 (2010), abst
 _PAPER: Final = "Haptogram (2014)"
 _PAPER_OBJECT: Final = Hemisphere(radius_m=0.050, center_m=(0.0, 0.0, 0.100))
 _PAPER_WAVELENGTH_M: Final = 2.0 * math.pi / 730.603  # of the wave number that it prints
-_SCREEN_M: Final = 0.200
+_BEHIND_SCREEN_M: Final = (0.0, 0.0, 0.220)  # 20 mm in front of a screen at 200 mm
 _FOUR_POINTS: Final = (
     (-0.025, -0.025, 0.2),
     (-0.025, 0.025, 0.2),
@@ -63,34 +64,30 @@ TACTILE_DISPLAY: Final = Preset(
         published_element_count("324", _HOSHI),
         PublishedFigure(
             "force at the focus",
+            published_force_mn((0.0, 0.0, 0.2)),
             "16 mN",
             _HOSHI,
-            published_force_mn((0.0, 0.0, 0.2)),
-            "mN",
             "on a reflecting disc of 20 mm diameter",
         ),
         PublishedFigure(
             "source strength for 16 mN",
+            published_strength_pa_m((0.0, 0.0, 0.2), 0.016),
             "-",
             "derived",
-            published_strength_pa_m((0.0, 0.0, 0.2), 0.016),
-            "Pa m RMS",
             f"default {Transducer().source_strength_pa_m:g}",
         ),
         PublishedFigure(
             "diameter of the focus",
+            published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.null_to_null_m[0]),
             "20 mm",
             _HOSHI,
-            published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.null_to_null_m[0]),
-            "mm",
             "null to null",
         ),
         PublishedFigure(
             "response at 1 kHz modulation",
+            published_sideband(1000.0),
             "'up to 1 kHz'",
             _HOSHI,
-            published_sideband(1000.0),
-            "of static",
             "amplitude of a sideband; bandwidth of a common transducer",
         ),
     ),
@@ -103,35 +100,20 @@ TOUCH_SCREEN: Final = Preset(
     "assumed: one 249-element unit 200 mm behind an acoustically transparent screen; "
     "no source for the arrangement at hand",
     lambda: _preset_in_air(autd_unit()),
-    (0.0, 0.0, _SCREEN_M + 0.020),
+    _BEHIND_SCREEN_M,
     (
         PublishedFigure(
             "focus in front of the screen",
+            published_spot_mm(_BEHIND_SCREEN_M, lambda spot: spot.axial_peak_m, 20.0),
             "10 ... 30 mm",
             _PAPER,
-            lambda model: (
-                20.0
-                + published_spot_mm((0.0, 0.0, _SCREEN_M + 0.020), lambda spot: spot.axial_peak_m)(
-                    model
-                )
-            ),
-            "mm",
             "pressure maximum for a target at 20 mm: diffraction pulls it in",
         ),
         PublishedFigure(
             "width of the focus at -6 dB",
-            "-",
-            "ours",
-            published_spot_mm((0.0, 0.0, _SCREEN_M + 0.020), lambda spot: spot.width_6db_m[0]),
-            "mm",
+            published_spot_mm(_BEHIND_SCREEN_M, lambda spot: spot.width_6db_m[0]),
         ),
-        PublishedFigure(
-            "force at the focus",
-            "-",
-            "ours",
-            published_force_mn((0.0, 0.0, _SCREEN_M + 0.020)),
-            "mN",
-        ),
+        PublishedFigure("force at the focus", published_force_mn(_BEHIND_SCREEN_M)),
     ),
 )
 
@@ -146,20 +128,16 @@ LARGE_APERTURE: Final = Preset(
     (
         PublishedFigure(
             "force at 1 m",
+            published_force_mn((0.0, 0.0, 1.0)),
             "'perceivable' at 1 m",
             _HASEGAWA,
-            published_force_mn((0.0, 0.0, 1.0)),
-            "mN",
             "on a disc of 20 mm diameter",
         ),
         PublishedFigure(
             "width of the focus at 1 m, -6 dB",
-            "-",
-            "ours",
             published_spot_mm((0.0, 0.0, 1.0), lambda spot: spot.width_6db_m[0]),
-            "mm",
         ),
-        PublishedFigure("force at 0.6 m", "-", "ours", published_force_mn((0.0, 0.0, 0.6)), "mN"),
+        PublishedFigure("force at 0.6 m", published_force_mn((0.0, 0.0, 0.6))),
     ),
 )
 
@@ -174,18 +152,16 @@ MULTI_POINT: Final = Preset(
         published_element_count("320 (16 x 20)", "recollection"),
         PublishedFigure(
             "size of a focus",
+            published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.width_6db_m[0]),
             "8.6 mm (a wavelength)",
             "recollection",
-            published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.width_6db_m[0]),
-            "mm",
             "-6 dB along x at 200 mm; the aperture sets it, not the wavelength alone",
         ),
         PublishedFigure(
             "weakest of four foci",
+            published_several_foci_share(_FOUR_POINTS),
             "'multiple localised points'",
             "abstract",
-            published_several_foci_share(_FOUR_POINTS),
-            "of one",
             "pressure; naive superposition, 50 mm apart at 200 mm",
         ),
     ),
@@ -201,43 +177,34 @@ PAPER_ARRAY: Final = Preset(
     (
         published_element_count("256 (16 x 16)", _PAPER),
         PublishedFigure(
-            "side of the array",
-            "180 mm",
-            _PAPER,
-            published_extent_mm(0),
-            "mm",
-            "16 x 10 mm is 160 mm",
+            "side of the array", published_extent_mm(0), "180 mm", _PAPER, "16 x 10 mm is 160 mm"
         ),
         PublishedFigure(
             "w_f at r = 100 mm, equation (9)",
+            Quantity(
+                lambda _: 1e3 * 2.0 * _PAPER_WAVELENGTH_M * 0.1 / (math.sqrt(256) * 0.010), "mm"
+            ),
             "1.075e-3 m^1.5 as printed",
             _PAPER,
-            lambda _: 1e3 * 2.0 * _PAPER_WAVELENGTH_M * 0.1 / (math.sqrt(256) * 0.010),
-            "mm",
             "as corrected",
         ),
         PublishedFigure(
             "width of the focus, null to null",
-            "-",
-            "ours",
             published_spot_mm((0.0, 0.0, 0.1), lambda spot: spot.null_to_null_m[0]),
-            "mm",
-            "(9) is paraxial: too narrow this close",
+            remark="(9) is paraxial: too narrow this close",
         ),
         PublishedFigure(
             "mean force over the hemisphere",
+            published_mean_force_mn(lambda: _PAPER_OBJECT.sample(0.010)),
             "3.5 ... 4 mN",
             _PAPER + ", Table 1 (128 elements)",
-            published_mean_force_mn(lambda: _PAPER_OBJECT.sample(0.010)),
-            "mN",
             "256 elements, disc of 20 mm diameter; the printed constants give no absolute value",
         ),
         PublishedFigure(
             "mean pressure at the foci",
+            published_mean_pressure_kpa(lambda: _PAPER_OBJECT.sample(0.010)),
             "2.65 kPa for 200 foci",
             "G. Korres, M. Eid, IEEE Access 4, 7758 (2016), abstract",
-            published_mean_pressure_kpa(lambda: _PAPER_OBJECT.sample(0.010)),
-            "kPa RMS",
             "our hemisphere has 175 foci; the prototype has other tiles",
         ),
     ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,13 @@ from haptogram.acoustics.model.boards.layout import BoardLayout
 Point: TypeAlias = tuple[float, float, float]
 
 
+class Quantity(NamedTuple):
+    """A quantity of a preset's model, and its unit."""
+
+    of: Callable[[AcousticModel], float]
+    unit: str = ""
+
+
 @dataclass(frozen=True, slots=True)
 class PublishedFigure:
     """One published figure, and how to compute ours.
@@ -36,23 +43,20 @@ class PublishedFigure:
     ----------
     quantity : str
         What.
+    ours : Quantity
+        Computes ours from the preset's model.
     published : str
         The published value with its unit, or a dash.
     source : str
         Where it is published; "recollection" where no source was at hand.
-    ours : callable
-        From the preset's model to a value in `unit`.
-    unit : str
-        Unit of `ours`.
     remark : str
         What to know when comparing.
     """
 
     quantity: str
-    published: str
-    source: str
-    ours: Callable[[AcousticModel], float]
-    unit: str
+    ours: Quantity
+    published: str = "-"
+    source: str = "ours"
     remark: str = ""
 
 
@@ -96,8 +100,8 @@ def compare_preset(preset: Preset) -> list[dict[str, Any]]:
             "preset": preset.name,
             "quantity": figure.quantity,
             "published": figure.published,
-            "ours": float(figure.ours(model)),
-            "unit": figure.unit,
+            "ours": float(figure.ours.of(model)),
+            "unit": figure.ours.unit,
             "source": figure.source,
             "remark": figure.remark,
         }
@@ -107,9 +111,8 @@ def compare_preset(preset: Preset) -> list[dict[str, Any]]:
 
 def published_element_count(published: str, source: str) -> PublishedFigure:
     """Return the number of elements as a figure."""
-    return PublishedFigure(
-        "number of elements", published, source, lambda m: float(m.array.count), ""
-    )
+    count = Quantity(lambda model: float(model.array.count))
+    return PublishedFigure("number of elements", count, published, source)
 
 
 def _preset_focus_weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex128]:
@@ -118,69 +121,78 @@ def _preset_focus_weights(model: AcousticModel, focus_m: Point) -> NDArray[np.co
     return weights
 
 
-def published_force_mn(focus_m: Point) -> Callable[[AcousticModel], float]:
-    """Return the force on a reflecting disc of 20 mm diameter at the focus, in mN."""
-    return lambda model: (
-        1e3 * force_on_disc_n(model, _preset_focus_weights(model, focus_m), focus_m)
+def _force_n(model: AcousticModel, focus_m: Point) -> float:
+    return force_on_disc_n(model, _preset_focus_weights(model, focus_m), focus_m)
+
+
+def _pressure_rms_pa(model: AcousticModel, focus_m: Point) -> float:
+    value = pressure(model, _preset_focus_weights(model, focus_m), [focus_m])[0]
+    return math.sqrt(0.5) * abs(complex(value))
+
+
+def _mean(
+    of_focus: Callable[[AcousticModel, Point], float], points: Callable[[], FloatArray]
+) -> Callable[[AcousticModel], float]:
+    return lambda model: float(
+        np.mean([of_focus(model, (x, y, z)) for x, y, z in points().tolist()])
     )
 
 
-def published_pressure_rms_pa(focus_m: Point) -> Callable[[AcousticModel], float]:
-    """Return the RMS pressure at the focus, in Pa."""
+def published_force_mn(focus_m: Point) -> Quantity:
+    """Return the force on a reflecting disc of 20 mm diameter at the focus."""
+    return Quantity(lambda model: 1e3 * _force_n(model, focus_m), "mN")
+
+
+def published_pressure_rms_pa(focus_m: Point) -> Quantity:
+    """Return the RMS pressure at the focus."""
+    return Quantity(lambda model: _pressure_rms_pa(model, focus_m), "Pa RMS")
+
+
+def published_strength_pa_m(focus_m: Point, force_n: float) -> Quantity:
+    """Return the RMS source strength with which our model gives a force."""
 
     def compute(model: AcousticModel) -> float:
-        value = pressure(model, _preset_focus_weights(model, focus_m), [focus_m])[0]
-        return math.sqrt(0.5) * abs(complex(value))
+        share = force_n / _force_n(model, focus_m)
+        return model.transducer.source_strength_pa_m * math.sqrt(share)
 
-    return compute
-
-
-def published_strength_pa_m(focus_m: Point, force_n: float) -> Callable[[AcousticModel], float]:
-    """Return the RMS source strength, in Pa m, with which our model gives a force."""
-
-    def compute(model: AcousticModel) -> float:
-        ours = 1e-3 * published_force_mn(focus_m)(model)
-        return model.transducer.source_strength_pa_m * float(np.sqrt(force_n / ours))
-
-    return compute
+    return Quantity(compute, "Pa m RMS")
 
 
 def published_spot_mm(
-    focus_m: Point, part: Callable[[FocalSpot], float]
-) -> Callable[[AcousticModel], float]:
-    """Return a measure of the focal spot, in mm."""
-    return lambda model: (
-        1e3 * part(measure_spot(NumpyEngine(model), _preset_focus_weights(model, focus_m), focus_m))
-    )
-
-
-def published_extent_mm(axis: int) -> Callable[[AcousticModel], float]:
-    """Return the span of the centres along an axis, plus one pitch if there is one, in mm."""
-    return lambda model: (
-        1e3 * (2.0 * float(model.array.half_extent_m[axis]) + (model.array.pitch_m or 0.0))
-    )
-
-
-def published_mean_pressure_kpa(
-    points: Callable[[], FloatArray],
-) -> Callable[[AcousticModel], float]:
-    """Return the RMS pressure at the focus, averaged over foci, in kPa."""
+    focus_m: Point, part: Callable[[FocalSpot], float], base_mm: float = 0.0
+) -> Quantity:
+    """Return a measure of the focal spot, added to *base_mm*."""
 
     def compute(model: AcousticModel) -> float:
-        levels = [published_pressure_rms_pa((x, y, z))(model) for x, y, z in points().tolist()]
-        return 1e-3 * float(np.mean(levels))
+        weights = _preset_focus_weights(model, focus_m)
+        return base_mm + 1e3 * part(measure_spot(NumpyEngine(model), weights, focus_m))
 
-    return compute
-
-
-def published_mean_force_mn(points: Callable[[], FloatArray]) -> Callable[[AcousticModel], float]:
-    """Return the force at the focus, averaged over foci, in mN."""
-    return lambda model: float(
-        np.mean([published_force_mn((x, y, z))(model) for x, y, z in points().tolist()])
-    )
+    return Quantity(compute, "mm")
 
 
-def published_quantised_share(focus_m: Point, bits: int) -> Callable[[AcousticModel], float]:
+def published_extent_mm(axis: int, base_mm: float = 0.0) -> Quantity:
+    """Return the span of the centres along an axis, plus one pitch if there is one."""
+
+    def compute(model: AcousticModel) -> float:
+        extent_m = 2.0 * float(model.array.half_extent_m[axis])
+        return base_mm + 1e3 * (extent_m + (model.array.pitch_m or 0.0))
+
+    return Quantity(compute, "mm")
+
+
+def published_mean_pressure_kpa(points: Callable[[], FloatArray]) -> Quantity:
+    """Return the RMS pressure at the focus, averaged over foci."""
+    mean = _mean(_pressure_rms_pa, points)
+    return Quantity(lambda model: 1e-3 * mean(model), "kPa RMS")
+
+
+def published_mean_force_mn(points: Callable[[], FloatArray]) -> Quantity:
+    """Return the force at the focus, averaged over foci."""
+    mean = _mean(_force_n, points)
+    return Quantity(lambda model: 1e3 * mean(model), "mN")
+
+
+def published_quantised_share(focus_m: Point, bits: int) -> Quantity:
     """Return |p| at the focus with phases of 2^bits steps, over |p| with exact ones."""
 
     def compute(model: AcousticModel) -> float:
@@ -189,10 +201,10 @@ def published_quantised_share(focus_m: Point, bits: int) -> Callable[[AcousticMo
         levels = np.abs(pressure(model, np.exp(1j * np.stack([exact, coarse])), [focus_m]))[:, 0]
         return float(levels[1] / levels[0])
 
-    return compute
+    return Quantity(compute, "of exact")
 
 
-def published_several_foci_share(points_m: tuple[Point, ...]) -> Callable[[AcousticModel], float]:
+def published_several_foci_share(points_m: tuple[Point, ...]) -> Quantity:
     """Return the weakest |p| of several simultaneous foci over that of a single one.
 
     Naive superposition, all in phase, scaled to full amplitude of the strongest element.
@@ -201,14 +213,14 @@ def published_several_foci_share(points_m: tuple[Point, ...]) -> Callable[[Acous
     def compute(model: AcousticModel) -> float:
         count = len(points_m)
         weights = superpose_foci(model, points_m, np.ones(count), np.zeros(count))
-        weights = weights / np.abs(weights).max()
-        levels = np.abs(pressure(model, weights, points_m))
-        single = [published_pressure_rms_pa(point)(model) * math.sqrt(2.0) for point in points_m]
+        levels = np.abs(pressure(model, weights / np.abs(weights).max(), points_m))
+        single = [_pressure_rms_pa(model, point) * math.sqrt(2.0) for point in points_m]
         return float((levels / np.array(single)).min())
 
-    return compute
+    return Quantity(compute, "of one")
 
 
-def published_sideband(modulation_hz: float) -> Callable[[AcousticModel], float]:
+def published_sideband(modulation_hz: float) -> Quantity:
     """Return the share of a modulation that a common transducer (2 kHz at -6 dB) passes."""
-    return lambda _: Resonator.from_bandwidth().modulation_response(modulation_hz)
+    share = Resonator.from_bandwidth().modulation_response
+    return Quantity(lambda _: share(modulation_hz), "of static")

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from haptogram.errors import ConfigurationError
 from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.report.figures import encode_figure
-from haptogram.report.figures.embedded import embed_picture
+from haptogram.report.figures.style import embed_picture
 from haptogram.report.formats.html import check_html_page, render_html_page
 
 from .document import (

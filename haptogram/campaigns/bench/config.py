@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from haptogram.settings.option import SettingError, Settings, option, option_of
-from haptogram.settings.run.frames import PaceConfig
-from haptogram.settings.run.link import LinkConfig
+from haptogram.settings.run.frames import LinkConfig, PaceConfig
 
 MAX_FRAMES: Final = 300_000
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from haptogram.settings.option import Settings, option, option_of
-from haptogram.settings.run.limits import LimitConfig
+from haptogram.settings.run.frames import LimitConfig
 
 _S_PER_HOUR: Final = 3600
 _S_PER_MINUTE: Final = 60

@@ -13,10 +13,8 @@ from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.parser import Acting, Parser, file_name_option
 from haptogram.settings.run.captures import CaptureConfig
-from haptogram.settings.run.frames import PaceConfig
-from haptogram.settings.run.limits import LimitConfig
-from haptogram.settings.run.link import LinkConfig
-from haptogram.settings.run.outputs import OutputConfig
+from haptogram.settings.run.frames import LimitConfig, LinkConfig, PaceConfig
+from haptogram.settings.run.outputs import output_options
 
 from ..acting_options import STAMPED, with_option
 from ..shell.output_files import FILE_HELP
@@ -134,21 +132,6 @@ class PinConfig(CaptureConfig):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class ConformFiles(Settings):
-    """The files that are written."""
-
-    junit: Path | None = option_of(OutputConfig, "junit")
-    json: Path | None = option_of(OutputConfig, "json")
-    html: Path | None = option_of(OutputConfig, "html")
-    summary: Path | None = option_of(OutputConfig, "summary")
-    stamp: str | None = option_of(OutputConfig, "stamp")
-    write_baseline: Path | None = option(
-        None, unit="FILE", help="write today's failures as expected"
-    )
-    record: Path | None = option_of(OutputConfig, "record")
-
-
 def _acts_in_conform_run(arguments: argparse.Namespace) -> bool:
     return not arguments.compare and not arguments.list
 
@@ -209,7 +192,13 @@ def _add_conform_choice(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_conform_results(group: argparse._ArgumentGroup) -> None:
-    add_command_options(group, options_of(ConformFiles).values())
+    add_command_options(group, output_options("junit json html summary stamp record"))
+    group.add_argument(
+        "--write-baseline",
+        type=file_name_option,
+        metavar="FILE",
+        help="write today's failures as expected [none]",
+    )
     group.add_argument("--verbose", action="store_true", help="print every case")
     group.add_argument(
         "--compare",

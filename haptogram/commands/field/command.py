@@ -201,8 +201,7 @@ def _add_field_picture(parser: Parser) -> None:
 
 def run_field(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
-    from .levels import describe_field_levels
-    from .scene import FieldScene
+    from .scene import FieldScene, describe_field_levels
     from .views import check_field_view_size, describe_field_scene, draw_scene
 
     refuse_idle_options(arguments)

@@ -15,7 +15,7 @@ from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.parser import file_name_option
-from haptogram.settings.run.link import LinkConfig
+from haptogram.settings.run.frames import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
 
 from ..acting_options import refuse_idle_options, with_option, without_option

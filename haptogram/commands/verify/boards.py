@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 from haptogram.errors import LinkError
 from haptogram.settings.board_url import SCHEME, read_board_url
@@ -31,25 +31,28 @@ _NETWORK: Final = "socket://"
 _MOST_HZ: Final = 1000.0  # of boards of other dialects, unless the user asks for more,
 _WITHOUT_A_LINE_HZ: Final = 100.0  # and where an answer to each frame, and no line, limits them
 
-#: Returns the settings of the virtual board, checked before anything starts.
-Prepare: TypeAlias = "Callable[[VerifyConfig], BoardConfig]"
-InVirtualTime: TypeAlias = "Callable[[BoardConfig], AbstractContextManager[BoardUnderTest]]"
-#: Gives the board in this program that a ``haptogram://`` URL describes.
-BehindUrl: TypeAlias = "Callable[[str], AbstractContextManager[BoardUnderTest]]"
-#: Returns the boards of the dialect that the settings name.
-OfDialect: TypeAlias = "Callable[[VerifyConfig], DialectBoardsUnderTest]"
 #: Shows a back door in a browser, if that is wanted.
 Show: TypeAlias = "Callable[[Path], None]"
 
 
-@dataclass(frozen=True)
-class ProgramBoards:
+class ProgramBoards(Protocol):
     """Boards as only the composition root can make them."""
 
-    prepare: Prepare
-    in_virtual_time: InVirtualTime
-    behind_url: BehindUrl
-    of_dialect: OfDialect
+    def prepare_simulator(self, config: VerifyConfig) -> BoardConfig:
+        """Return the settings of the virtual board, checked before anything starts."""
+        ...
+
+    def board_in_virtual_time(self, config: BoardConfig) -> AbstractContextManager[BoardUnderTest]:
+        """Make a virtual board in this program."""
+        ...
+
+    def board_behind_url(self, url: str) -> AbstractContextManager[BoardUnderTest]:
+        """Make the board in this program that a ``haptogram://`` URL describes."""
+        ...
+
+    def boards_of_dialect(self, config: VerifyConfig) -> DialectBoardsUnderTest:
+        """Return the boards of the dialect that the settings name."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,7 @@ class RunBoards:
         from haptogram.driver.frames.dialect_boards import dialect_display_of
         from haptogram.driver.line.budget import check_dialect_rate
 
-        boards, given = made.of_dialect(config), given_verify_settings(arguments)
+        boards, given = made.boards_of_dialect(config), given_verify_settings(arguments)
         dialect_display_of(boards.dialect, boards.count)  # refuses one that cannot be driven
         named = {name for name, value in given.items() if value is not None}
         named |= set(read_settings_table(arguments.config)) if arguments.config else set()
@@ -112,7 +115,7 @@ class RunBoards:
         ConfigurationError
             For a URL or a fault that is refused, or a plan that cannot be read.
         """
-        virtual = self._made.prepare(self.config)
+        virtual = self._made.prepare_simulator(self.config)
         if self.config.link.port is None and self.dialect is not None:
             baud = self.config.link.baud if self.dialect.dialect.bauds else None
             virtual = dataclasses.replace(
@@ -129,7 +132,7 @@ class RunBoards:
 
         config, port = self.config, self.config.link.port
         if port is not None and port.startswith(SCHEME) and self.dialect is not None:
-            with self._made.behind_url(port) as board:
+            with self._made.board_behind_url(port) as board:
                 yield board
         elif port is not None and config.link.backdoor is not None:
             with ShownPortBoardUnderTest.opened(port, config.link.backdoor) as shown:
@@ -142,7 +145,7 @@ class RunBoards:
                 board_computes=config.frame_kind == "points",
             )
         elif config.link.virtual_time:
-            with self._made.in_virtual_time(self.virtual) as board:
+            with self._made.board_in_virtual_time(self.virtual) as board:
                 yield board
         else:
             with VirtualBoard.of(self.virtual) as process:

@@ -33,15 +33,7 @@ from ..shell.output_files import (
     print_command_error,
 )
 from ..shell.progress import progress_bar
-from .boards import (
-    BehindUrl,
-    InVirtualTime,
-    OfDialect,
-    Prepare,
-    ProgramBoards,
-    RunBoards,
-    given_verify_settings,
-)
+from .boards import ProgramBoards, RunBoards, given_verify_settings
 from .captures import verified_captures_at_port, verify_recorded_captures
 from .files import verify_seen_by_number, write_run_files
 from .live_view import VerifyLiveView, live_view
@@ -84,15 +76,8 @@ examples:
 """
 
 
-def set_up_verify(
-    parser: Parser,
-    prepare: Prepare,
-    in_virtual_time: InVirtualTime,
-    behind_url: BehindUrl,
-    of_dialect: OfDialect,
-) -> None:
-    """Describe the command and add its options; the others make boards."""
-    made = ProgramBoards(prepare, in_virtual_time, behind_url, of_dialect)
+def set_up_verify(parser: Parser, made: ProgramBoards) -> None:
+    """Describe the command and add its options; *made* makes boards."""
     parser.description = (
         "Display a tactile object point by point and verify, frame by frame, where the "
         "focus of what the board latched really is."

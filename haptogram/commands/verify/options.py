@@ -11,7 +11,7 @@ from haptogram.settings.board import FaultWords
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import Acting, file_name_option
 from haptogram.settings.run.captures import CaptureConfig
-from haptogram.settings.run.link import LinkConfig
+from haptogram.settings.run.frames import LinkConfig
 from haptogram.settings.run.outputs import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig, ShapeConfig

@@ -20,6 +20,7 @@ from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import Acting, name_option
+from haptogram.settings.run.outputs import output_options
 from haptogram.settings.tolerance import ToleranceConfig
 
 from ..acting_options import STAMPED, refuse_idle_options, with_option
@@ -31,9 +32,14 @@ from ..shell.output_files import (
     announce_output_file,
 )
 from ..shell.positions import position_argument_mm
-from .expected import Foci, expected_frames_mm, make_watch_expectation
+from .expected import (
+    WATCHED_BOARD_OPTIONS,
+    Foci,
+    WatchConfig,
+    expected_frames_mm,
+    make_watch_expectation,
+)
 from .lines import LatchLines
-from .options import WATCHED_BOARD_OPTIONS, WatchConfig
 from .records import Record, Replay, WatchedRecords, is_watched_latch, open_watched_records
 
 if TYPE_CHECKING:
@@ -129,8 +135,8 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
     )
     add_setting_options(expected, [own["expect_file"], *options_of(ToleranceConfig).values()])
     result = parser.add_argument_group("result", FILE_HELP)
-    names = ("latches", "fail_on", "frames", *_FILES, "stamp")
-    add_setting_options(result, [own[name] for name in names])
+    add_setting_options(result, [own[name] for name in ("latches", "fail_on", "frames")])
+    add_setting_options(result, output_options("json junit html summary stamp"))
     parser.add_argument("--quiet", action="store_true", help="no line for each latch")
 
 

@@ -1,20 +1,23 @@
-"""The foci that a user expects, in the axes of the board's own programs."""
+"""Settings of a watch, and the foci that are expected, in the axes of the board's programs."""
 
 from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import given_options
-from haptogram.settings.option import options_of
+from haptogram.settings.option import Settings, option, options_of
 from haptogram.settings.tolerance import ToleranceConfig
 
 if TYPE_CHECKING:
     from haptogram.evidence.dialects.watched_board import WatchedBoard
     from haptogram.verification.watch import Expectation
+
 
 _HEADERS: Final = (["x", "y", "z"], ["frame", "x", "y", "z"])
 _MOST_MM: Final = 10_000.0
@@ -87,3 +90,53 @@ def _expected_watch_focus(where: str, cells: list[str]) -> tuple[float, float, f
             f"{where}: {','.join(cells)} mm, each must be -{_MOST_MM:g} to {_MOST_MM:g}"
         )
     return x, y, z
+
+
+#: Options of a virtual board that can be watched from its power-up on.
+WATCHED_BOARD_OPTIONS: Final = (
+    "dialect",
+    "dialect_option",
+    "simulator",
+    "slow_down",
+    "array",
+    "temperature_c",
+    "calibration",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchConfig(Settings):
+    """The foci that are expected, the end of the watch, and what it writes."""
+
+    capture: Path | None = option(
+        None, unit="FILE", help="capture of the drive pins of a board (VCD, or .sr of sigrok)"
+    )
+    channels: Path | None = option(
+        None, unit="FILE", help="TOML map of the channels of --capture (docs/captures.md)"
+    )
+    expect_file: Path | None = option(
+        None,
+        unit="FILE",
+        help="CSV file of expected foci in mm, with the header x,y,z, a frame a line; or with "
+        "frame,x,y,z, where lines of one frame are the foci that it has together",
+    )
+    latches: int | None = option(
+        None,
+        unit="N",
+        low=1,
+        high=1_000_000_000,
+        help="end after so many latches of the client",
+        absent="until the board ends, or Ctrl-C",
+    )
+    fail_on: str | None = option(
+        None,
+        choices=("unknown",),
+        help="unknown: a latch of the client that makes none of the patterns fails",
+        absent="a run in which no latch makes a pattern is inconclusive",
+    )
+    frames: Path | None = option(None, unit="FILE", help="write a line of JSON for each latch")
+
+
+def watched_board_config(**values: object) -> BoardConfig:
+    """Return the virtual board with *values*: options of :data:`WATCHED_BOARD_OPTIONS` by name."""
+    return BoardConfig.of(**{name: value for name, value in values.items() if value is not None})

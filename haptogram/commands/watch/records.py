@@ -16,7 +16,7 @@ from haptogram.errors import ConfigurationError, unreadable_file
 from haptogram.machine.interrupts import DelayedInterrupts
 from haptogram.settings.board import BoardConfig
 
-from .options import WATCHED_BOARD_OPTIONS, watched_board_config
+from .expected import WATCHED_BOARD_OPTIONS, watched_board_config
 
 if TYPE_CHECKING:
     from haptogram.evidence.backdoor_stream import BackdoorReader

@@ -127,6 +127,8 @@ class Recording:
 
     Attributes
     ----------
+    library : str
+        Program that wrote it.
     run : dict
         Command, configuration and versions.
     is_whole : bool
@@ -218,7 +220,8 @@ class Recording:
         last = seen[-1] if seen else None
         if not isinstance(last, Metadata) or last.name != METADATA:
             raise ConfigurationError(f"{self.path}: the recording was cut off before its beginning")
-        self._check_version(last.metadata.get("version", ""), last.metadata.get("library", ""))
+        self.library = last.metadata.get("library", "")
+        self._check_version(last.metadata.get("version", ""), self.library)
         self.run = next((entry.fields for entry in self.entries((RUN,))), {})
 
     def _check_version(self, text: str, library: str) -> None:

@@ -156,7 +156,7 @@ def intended_of_fields(fields: Mapping[str, Any], place: int, drives: dict[int, 
     """
     earlier = fields.get("drive_of")
     if earlier is not None and earlier not in drives:
-        raise ConfigurationError(f"its drive is that of frame {earlier}, which is not there")
+        raise ConfigurationError(f"its drive is that of frame {earlier}, which the recording lacks")
     drives[place] = drive = drive_of_record(fields) if earlier is None else drives[earlier]
     return Intended(
         number=fields["number"],

@@ -10,8 +10,9 @@ from typing import Any
 from haptogram.errors import ConfigurationError, unwritable_file
 from haptogram.machine.files import check_distinct_files
 
-from .channels import METADATA, PROFILE
-from .reader import Recording
+from .channels import CHANNELS
+from .reader import Recording, RecordingEntry
+from .writer import begin_recording
 
 
 def repair_recording(source: Path, target: Path) -> tuple[int, str]:
@@ -28,59 +29,29 @@ def repair_recording(source: Path, target: Path) -> tuple[int, str]:
         If *source* is no recording or holds no message that can be read, or *target* cannot be
         written or is the same file.
     """
-    from mcap.records import Channel, Header, Message, Metadata, Schema
     from mcap.writer import CompressionType, Writer
 
     check_distinct_files({"the copy": target}, [("the recording", source)])
     recording = Recording(source, remedy="")
-    count = 0
-    if not _has_readable_message(recording):
+    if next(_readable_entries(recording), None) is None:
         raise ConfigurationError(
             f"{source}: no message in it can be read; {target} was not written"
         )
+    count = 0
     try:
         with target.open("wb") as file:
             writer: Any = Writer(file, compression=CompressionType.NONE)
-            schemas: dict[int, int] = {0: 0}
-            channels: dict[int, int] = {}
-            for record in _readable_records(recording):
-                if isinstance(record, Header):
-                    writer.start(profile=PROFILE, library=record.library)
-                elif isinstance(record, Metadata) and record.name == METADATA:
-                    writer.add_metadata(record.name, record.metadata)
-                elif isinstance(record, Schema) and record.id not in schemas:
-                    schemas[record.id] = writer.register_schema(
-                        record.name, record.encoding, record.data
-                    )
-                elif isinstance(record, Channel) and record.id not in channels:
-                    channels[record.id] = writer.register_channel(
-                        record.topic,
-                        record.message_encoding,
-                        schemas[record.schema_id],
-                        record.metadata,
-                    )
-                elif isinstance(record, Message) and record.channel_id in channels:
-                    writer.add_message(
-                        channels[record.channel_id],
-                        record.log_time,
-                        record.data,
-                        record.publish_time,
-                        record.sequence,
-                    )
-                    count += 1
+            ids = begin_recording(writer, recording.library)
+            for entry in _readable_entries(recording):
+                count += 1
+                writer.add_message(ids[entry.topic], entry.t_ns, entry.content, entry.published_ns)
             writer.finish()
     except OSError as error:
         raise unwritable_file(target, error) from error
     return count, recording.note
 
 
-def _has_readable_message(recording: Recording) -> bool:
+def _readable_entries(recording: Recording) -> Iterator[RecordingEntry]:
+    """Yield the messages that lie before the damage."""
     with contextlib.suppress(ConfigurationError):
-        return any(True for _ in recording.entries())
-    return False
-
-
-def _readable_records(recording: Recording) -> Iterator[Any]:
-    """Yield the records that lie before the damage."""
-    with contextlib.suppress(ConfigurationError):
-        yield from recording.raw_records()
+        yield from recording.entries(CHANNELS)

@@ -80,6 +80,18 @@ def check_recordings() -> None:
         raise missing_extra("recordings need the package mcap", "record") from error
 
 
+def begin_recording(writer: Any, library: str) -> dict[str, int]:
+    """Write the head of a recording by *library*; return the numbers of its channels by topic."""
+    writer.start(profile=PROFILE, library=library)
+    writer.add_metadata(METADATA, {"version": str(VERSION), "library": library})
+    ids = {}
+    for channel in CHANNELS.values():
+        schema = writer.register_schema(channel.schema_name, "jsonschema", channel.schema)
+        metadata = {"clock": channel.clock, "meaning": channel.meaning}
+        ids[channel.topic] = writer.register_channel(channel.topic, "json", schema, metadata)
+    return ids
+
+
 class RecordingWriter(ClosedByWith):
     """A recording that is being written.
 
@@ -132,15 +144,7 @@ class RecordingWriter(ClosedByWith):
             self._begin(command, configuration or {})
 
     def _begin(self, command: str, configuration: Mapping[str, Any]) -> None:
-        library = f"haptogram {haptogram.__version__}"
-        self._writer.start(profile=PROFILE, library=library)
-        self._writer.add_metadata(METADATA, {"version": str(VERSION), "library": library})
-        for channel in CHANNELS.values():
-            schema = self._writer.register_schema(channel.schema_name, "jsonschema", channel.schema)
-            metadata = {"clock": channel.clock, "meaning": channel.meaning}
-            self._ids[channel.topic] = self._writer.register_channel(
-                channel.topic, "json", schema, metadata
-            )
+        self._ids = begin_recording(self._writer, f"haptogram {haptogram.__version__}")
         versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
         run = {"command": command, "configuration": configuration, "versions": versions}
         self._waiting.append((RUN, 0, _encoded_recording_fields(run), 0))

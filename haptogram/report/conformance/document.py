@@ -12,16 +12,14 @@ from haptogram.conformance.verdict import MEANINGS, Behaviour, CaseResult, Suite
 
 from ..formats.document import Check, Document, Finding, Level, Outcome, Section, Table
 from ..formats.html import html_setting_rows
-from .matrix import (
-    conformance_chapters_of_cases,
-    conformance_chapters_of_clauses,
-    conformance_messages_of_cases,
-)
-from .transcript import marked_transcript
+from .text import marked_transcript
 from .wording import (
     case_counts,
     case_finding,
     common_finding_line,
+    conformance_chapters_of_cases,
+    conformance_chapters_of_clauses,
+    conformance_messages_of_cases,
     evidence_text,
     ordered_behaviours,
     suite_board,

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from haptogram.conformance.causes import CommonFinding, common_finding, failures_by_cause
 from haptogram.conformance.verdict import FAIL, MEANINGS, Behaviour, CaseResult, SuiteResult
 
-from .transcript import folded_transcript
 from .wording import case_finding, common_finding_line, evidence_text, suite_counts, suite_verdict
 
 _LEFT_OUT: Final = "takes longer than this depth"  # begin of the reason of such cases
@@ -35,11 +33,11 @@ def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
 
 
 def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
-    common = _common_conformance_reasons(suite)
+    common = {case for cases in _common_reasons(suite).values() for case in cases}
     failures = failures_by_cause(suite.results)
     alike = common_finding(failures)
     for result in suite.results:
-        if result.is_failure or (not verbose and (result.behaviour, result.detail) in common):
+        if result.is_failure or (not verbose and result.case in common):
             continue  # below, by cause; or named once, in the summary
         if verbose or (result.behaviour in _IN_FULL and not failures):
             yield from _conformance_case_lines(result)
@@ -82,8 +80,7 @@ def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
         if MEANINGS[result.behaviour].exit_status != FAIL:
             found.setdefault(str(result.recovery), []).append(result.case)
     for text, cases in found.items():
-        named = ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
-        yield f"{named}  not failed; recovery {text}"
+        yield f"{_named_cases(cases)}  not failed; recovery {text}"
 
 
 def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
@@ -100,26 +97,23 @@ def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
     yield from (f"    {line}" for line in folded_transcript(result))
 
 
-def _common_conformance_reasons(suite: SuiteResult) -> set[tuple[Behaviour, str]]:
-    """Return the reasons for which more than a few cases were inconclusive, such as no board."""
-    reasons = Counter(
-        (result.behaviour, result.detail)
-        for result in suite.results
-        if result.behaviour is Behaviour.INCONCLUSIVE
-    )
-    return {reason for reason, count in reasons.items() if count > _NAMED}
+def _named_cases(cases: Sequence[str]) -> str:
+    return ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
 
 
-def _conformance_cases_by_reason(
-    suite: SuiteResult, behaviour: Behaviour
-) -> Iterator[tuple[str, str]]:
-    """Yield the cases with *behaviour*, those with the same reason together, and the reason."""
+def _cases_by_reason(suite: SuiteResult, behaviour: Behaviour) -> dict[str, list[str]]:
+    """Return the cases with *behaviour* by their reason."""
     reasons: dict[str, list[str]] = {}
     for result in suite.results:
         if result.behaviour is behaviour:
             reasons.setdefault(result.detail, []).append(result.case)
-    for reason, cases in reasons.items():
-        yield ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases", reason
+    return reasons
+
+
+def _common_reasons(suite: SuiteResult) -> dict[str, list[str]]:
+    """Return the reasons for which more than a few cases were inconclusive, such as no board."""
+    reasons = _cases_by_reason(suite, Behaviour.INCONCLUSIVE)
+    return {reason: cases for reason, cases in reasons.items() if len(cases) > _NAMED}
 
 
 def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
@@ -133,8 +127,8 @@ def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
     yield f"port         {suite.settings.get('port')} ({time}, seed {suite.settings.get('seed')})"
     if depth := suite.settings.get("depth"):
         left = sum(r.detail.startswith(_LEFT_OUT) for r in suite.results)
-        cases = "1 case is" if left == 1 else f"{left} cases are"
-        yield f"depth        {depth}" + (f"; {cases} left out" if left else "")
+        cases_are = "1 case is" if left == 1 else f"{left} cases are"
+        yield f"depth        {depth}" + (f"; {cases_are} left out" if left else "")
     measured, stated = (suite.settings.get(n) for n in ("measured_baudrate", "baudrate"))
     if measured != stated:
         yield f"line         {measured} Bd as measured, {stated} Bd as stated"
@@ -142,12 +136,10 @@ def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
         yield f"captured     {captured}"
     yield f"cases        {suite_counts(suite)}"
     # With the reasons: a number alone would look like a gap.
-    for which, reason in _conformance_cases_by_reason(suite, Behaviour.NOT_OBSERVED):
-        yield f"not observed {which}: {reason}"
-    common = {reason for _, reason in _common_conformance_reasons(suite)}
-    for which, reason in _conformance_cases_by_reason(suite, Behaviour.INCONCLUSIVE):
-        if reason in common:
-            yield f"inconclusive {which}: {reason}"
+    for reason, cases in _cases_by_reason(suite, Behaviour.NOT_OBSERVED).items():
+        yield f"not observed {_named_cases(cases)}: {reason}"
+    for reason, cases in _common_reasons(suite).items():
+        yield f"inconclusive {_named_cases(cases)}: {reason}"
     unclean = sum(not result.recovers for result in suite.results)
     if unclean:
         yield f"recovery     not clean after {unclean} cases"
@@ -155,7 +147,116 @@ def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
     if known:
         yield f"baseline     {known} failures were expected"
     if broken := [result.case for result in suite.results if result.traceback]:
-        named = ", ".join(broken) if len(broken) <= _NAMED else f"{len(broken)} cases"
-        yield f"case errors  {named}: not the board; tracebacks are in --json, --junit and --html"
+        yield (
+            f"case errors  {_named_cases(broken)}: not the board; tracebacks are in --json, "
+            "--junit and --html"
+        )
     if suite.cut_short:
         yield f"cut short    {suite.cut_short}"
+
+
+_HEAD: Final = re.compile(r"^(\s*[+-][\d.]+ s) (host|board) ?")
+_WORDS: Final = re.compile(r"0x[0-9a-f]+|\d{4,}|[A-Z]{3,}(?:_[A-Z]+)*|[a-z]+(?:_[a-z]+)+")
+_SEQ: Final = re.compile(r"\w+ seq (\d+) ")
+#: Parts of a finding that are no deed of the board: what is due, what is missing, what came before.
+_NOT_DONE: Final = re.compile(
+    r"; (?:sent (?:before|between): .*?(?= \((?:meanwhile|in its)|$)|dialogue \d+.*)"
+    r"|should [^;]*; |(?:[A-Z_]+: )?no [A-Z_]+ within [^;]*|\bdue (?:is|are) [^;,:]*",
+    re.DOTALL,
+)
+_READINGS: Final = ("PING", "GET_STATUS", "GET_CONFIG", "READ_DRIVE", "READ_TRACE")
+_ZEROS: Final = re.compile(r"\b\w+=0(?:, |(?=\)))")  # counters that say nothing
+_MOST: Final = 9  # frames of a folded transcript
+_WIDTH: Final = 110  # columns of a frame that decides nothing
+
+
+class _Frame(NamedTuple):
+    """A frame of a transcript: its lines, its sender and what it says."""
+
+    lines: range
+    head: str
+    sender: str
+    text: str
+
+    @property
+    def name(self) -> str:
+        """Type of the frame."""
+        return self.text.partition(" ")[0]
+
+
+def marked_transcript(result: CaseResult) -> list[str]:
+    """Return the whole transcript; lines of the frames that decide begin with ``>``."""
+    deciding = {line for frame in _deciding_frames(result) for line in frame.lines}
+    lines = enumerate(result.transcript)
+    return [f"{'>' if number in deciding else ' '} {line}" for number, line in lines]
+
+
+def folded_transcript(result: CaseResult) -> Iterator[str]:
+    """Yield the frames that decide, marked and with their bytes, and those near them in short."""
+    frames, deciding = _frames_of(result.transcript), _deciding_frames(result)
+    if not frames:
+        yield from result.transcript[-_MOST:]
+        return
+    last = max(frames.index(frame) for frame in deciding)
+    near = sorted(frames, key=lambda frame: abs(last - frames.index(frame)))[:_MOST]
+    shown = [place for place, frame in enumerate(frames) if frame in near or frame in deciding]
+    before = shown[0] - 1
+    for place in shown:
+        if place != before + 1:
+            yield f"  ... {place - before - 1} frames"
+        before, frame = place, frames[place]
+        text = f"{frame.head} {frame.sender:<5} {frame.text}"
+        if frame not in deciding:
+            yield f"  {text if len(text) <= _WIDTH else text[: _WIDTH - 4] + ' ...'}"
+            continue
+        yield f"> {_ZEROS.sub('', text)}"
+        rows = [result.transcript[line] for line in frame.lines][:-1]
+        yield from (f"  {row}" for row in rows[:1])
+    if len(shown) < len(frames):
+        yield f"  all {len(frames)} frames, and their bytes, are in --json and --html"
+
+
+def _deciding_frames(result: CaseResult) -> list[_Frame]:
+    """Return the frame of the board that the finding speaks of, what it answers, and its cause."""
+    frames = _frames_of(result.transcript)
+    done = _NOT_DONE.sub("", result.detail)
+    told = {"STATUS_REPLY"} if "counted " in done else set(_WORDS.findall(done))
+
+    def place(frame: _Frame) -> tuple[int, int]:
+        words = set(_WORDS.findall(frame.text))
+        alike = sum(1 if word.islower() else 3 for word in words & told)
+        is_named = bool(told & {frame.name, frame.name.removesuffix("_REPLY")})
+        return alike + 4 * is_named, frame.lines.start
+
+    board = [frame for frame in frames if frame.sender == "board"]
+    host = [frame for frame in frames if frame.sender == "host"]
+    causes = [frame for frame in host if frame.name not in _READINGS] or host
+    found = [max(some, key=place) for some in (board, causes) if some]
+    found += _asked(board and found[0], host)
+    return sorted(set(found), key=lambda frame: frame.lines.start)
+
+
+def _asked(answer: _Frame | list[_Frame], host: Sequence[_Frame]) -> list[_Frame]:
+    """Return the request that a frame of the board answers."""
+    seq = _SEQ.match(answer.text) if isinstance(answer, _Frame) else None
+    if seq is None or not isinstance(answer, _Frame):
+        return []
+    before = [
+        frame
+        for frame in host
+        if frame.lines.start < answer.lines.start and f" seq {seq[1]} " in frame.text
+    ]
+    return before[-1:]
+
+
+def _frames_of(transcript: Sequence[str]) -> list[_Frame]:
+    found: list[_Frame] = []
+    start, head, sender = 0, "", ""
+    for number, line in enumerate(transcript):
+        if match := _HEAD.match(line):
+            start, head, sender = number, match[1].strip(), match[2]
+        if (text := line.strip()).startswith("= "):
+            span = range(start, number + 1)
+            found.append(_Frame(span, head, sender, text.removeprefix("= ")))
+            start = number + 1
+    return found

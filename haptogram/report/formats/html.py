@@ -6,14 +6,14 @@ build their tables by the one macro in ``parts.html``.  Every text that goes in 
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from haptogram.errors import missing_extra
 from haptogram.machine.files import write_file_atomically
-
-from .extra import require_report_packages
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
 
     from .document import Document
+
 
 _CODE: Final = re.compile("`([^`]+)`")
 
@@ -147,3 +148,21 @@ def _html_code_spans(text: str) -> Markup:
     from markupsafe import Markup, escape
 
     return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))
+
+
+def require_report_packages(result: str, *packages: str) -> None:
+    """Raise unless *packages* are installed; call this before the work begins.
+
+    Parameters
+    ----------
+    result : str
+        What needs them, as the subject of the message in the plural.
+
+    Raises
+    ------
+    ConfigurationError
+        Names what is missing, and how to install it.
+    """
+    missing = [name for name in packages if importlib.util.find_spec(name) is None]
+    if missing:
+        raise missing_extra(f"{result} need {' and '.join(missing)}", "report")

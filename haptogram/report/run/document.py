@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 from haptogram.acoustics import AcousticModel
 from haptogram.records.frame import Observation
 from haptogram.verification import RunVerdict, Verdict
 
-from ..figures.embedded import embed_picture
+from ..figures.style import embed_picture
 from ..formats.document import (
     Check,
     Document,
@@ -23,8 +24,9 @@ from ..formats.document import (
     Table,
 )
 from ..formats.html import html_setting_rows
-from ..viewer.run_scene import viewer_scene_of_run
-from . import pictures, prose
+from ..viewer.frames import judged_viewer_frame
+from ..viewer.scene import ViewerScene
+from . import pictures, wording
 from .checks import run_checks_of_result
 from .fieldmap import RunFieldPicture, frame_field_picture, run_finite_amplitude
 from .frame_rows import run_frame_place_text, run_frame_table
@@ -92,7 +94,7 @@ def run_document(
         title=f"{result['verdict']}, {result['frames']['sent']} frames",
         tone=_TONES[Verdict(result["verdict"])],
         findings=list(_run_findings(checks)),
-        lead=[*prose.run_summary_sentences(result), *effect],
+        lead=[*wording.run_summary_sentences(result), *effect],
         sections=list(_run_sections(result)),
         checks=checks,
         properties=dict(_flat_properties("", _run_properties(result))),
@@ -181,17 +183,29 @@ def _run_page_content(
         "Environment": result.get("environment") or {},
     }
     return {
-        "tested": list(prose.run_tested_rows(result, model)),
-        "scene": viewer_scene_of_run(run, model, seen).embedded() if run.frames else None,
+        "tested": list(wording.run_tested_rows(result, model)),
+        "scene": run_viewer_scene(run, model, seen).embedded() if run.frames else None,
         "focus": list(_run_focus_pictures(shown, model, result["board"].get("phase_steps"))),
         "pictures": [*run_pin_pictures(result.get("captures")), *_run_page_pictures(run, model)],
         "frames": run_frame_table(run),
         "judged": any(frame.criteria for frame in run.frames),
-        "criteria": prose.CRITERIA,
-        "evidence": list(prose.run_evidence_sentences(result)),
-        "limits": [*prose.run_limits_sentences(result), *run_finite_amplitude(run, model)],
+        "criteria": wording.CRITERIA,
+        "evidence": list(wording.run_evidence_sentences(result)),
+        "limits": [*wording.run_limits_sentences(result), *run_finite_amplitude(run, model)],
         "circumstances": {n: html_setting_rows(values) for n, values in circumstances.items()},
     }
+
+
+def run_viewer_scene(
+    run: RunVerdict, model: AcousticModel, seen: Mapping[int, Observation]
+) -> ViewerScene:
+    """Return the scene of *run*, with the drives that were *seen*, by frame number."""
+    frames = [
+        judged_viewer_frame(partial(getattr, frame), str(frame)).observed(seen.get(frame.number))
+        for frame in run.frames
+    ]
+    counters = {name.replace("_", " "): count for name, count in run.counts.items() if count}
+    return ViewerScene.of(model, frames, counters=counters)
 
 
 # --- Pictures ----------------------------------------------------------------------------------

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from itertools import compress
-from typing import Final
+from typing import Any, Final
 
 from haptogram.verification import (
     FrameStatus,
@@ -16,7 +15,6 @@ from haptogram.verification import (
 )
 
 from .series import plotted_relative_error, worst_frames_of_run
-from .wording import run_figure_wording, run_timeliness_wording
 
 _LARGEST: Final = 10
 _LISTED: Final = 100  # that a person reads
@@ -29,35 +27,6 @@ _TONES: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class FrameRow:
-    """A frame in words, the worst of those with the same thing wrong.
-
-    Attributes
-    ----------
-    number : int
-        Number of the frame.
-    others : str
-        How many more frames are like it, and which; empty: none.
-    tone, status, timing : str
-        Colour of the status, the status, and the time by which it was late or early, if it was.
-    cells : tuple of str
-        Target, time and errors.
-    faults, consequence : str
-        Faults of the frame, and what it did to the focus.
-    """
-
-    number: int
-    others: str
-    tone: str
-    status: str
-    timing: str
-    cells: tuple[str, ...]
-    faults: str
-    consequence: str
-
-
-_FOUND: Final = "found"
 _MEASURES: Final = (
     "target x, y, z (mm)",
     "due (µs, board's clock)",
@@ -67,47 +36,29 @@ _MEASURES: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class RunFrameTable:
-    """The frames that a page lists.
+def run_frame_table(run: RunVerdict) -> dict[str, Any]:
+    """Return the table of the frames that a person looks at, for the template of the page.
 
-    Attributes
-    ----------
-    head : tuple of str
-        Names of the columns: those that any frame has something for.
-    rows : list of FrameRow
-        Wrong, lost and late frames, then those with the largest errors.
-    odd : int
-        Number of frames that are wrong, lost, late or not verified.
-    more : int
-        Number of those that are not listed.
+    Wrong, lost and late frames, then those with the largest errors; columns that any frame has
+    something for; ``odd`` is the number of frames that want attention, ``more`` of those that are
+    not listed.
     """
-
-    head: tuple[str, ...]
-    rows: list[FrameRow]
-    odd: int
-    more: int
-
-    @property
-    def numbers(self) -> tuple[int, ...]:
-        """Places of the columns of numbers."""
-        end = len(self.head) - (self.head[-1] == _FOUND)
-        return (0, *range(2, end))
-
-
-def run_frame_table(run: RunVerdict) -> RunFrameTable:
-    """Return the table of the frames that a person looks at."""
     groups = [frames for _, frames in run.findings()]
     groups.sort(key=lambda frames: (not frames[0].is_wrong, frames[0].number))
     odd = {frame.number for frames in groups for frame in frames}
-    more = sum(map(len, groups[_LISTED:]))
     largest = [[f] for f in worst_frames_of_run(run, _LARGEST) if f.number not in odd]
     rows = [_run_frame_row(frames) for frames in [*groups[:_LISTED], *largest]]
-    used = [any(row.cells[at] for row in rows) for at in range(len(_MEASURES))]
-    kept = tuple(name for name, is_used in zip(_MEASURES, used, strict=True) if is_used)
-    rows = [replace(row, cells=tuple(compress(row.cells, used))) for row in rows]
-    found = (_FOUND,) if any(row.faults or row.consequence for row in rows) else ()
-    return RunFrameTable(("frame", "status", *kept, *found), rows, len(odd), more)
+    used = [any(row["cells"][at] for row in rows) for at in range(len(_MEASURES))]
+    for row in rows:
+        row["cells"] = list(compress(row["cells"], used))
+    head = ["frame", "status", *compress(_MEASURES, used)]
+    return {
+        "numbers": (0, *range(2, len(head))),
+        "head": [*head, *(["found"] if any(r["faults"] or r["effect"] for r in rows) else [])],
+        "rows": rows,
+        "odd": len(odd),
+        "more": sum(map(len, groups[_LISTED:])),
+    }
 
 
 def run_frame_place_text(frame: FrameVerdict) -> str:
@@ -115,38 +66,38 @@ def run_frame_place_text(frame: FrameVerdict) -> str:
     return ", ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in frame.target_m)
 
 
-def _run_frame_figure(value: float | None, digits: int = 3) -> str:
-    return "" if value is None else run_figure_wording(value, digits)
-
-
-def _others_in_run_frame_row(frames: Sequence[FrameVerdict], shown: FrameVerdict) -> str:
-    others = [str(frame.number) for frame in frames if frame is not shown]
-    if not others:
-        return ""
-    return f"and {len(others)} like it: {', '.join(others[:_NAMED])}" + (
-        ", ..." if len(others) > _NAMED else ""
-    )
-
-
-def _run_frame_row(frames: Sequence[FrameVerdict]) -> FrameRow:
+def _run_frame_row(frames: Sequence[FrameVerdict]) -> dict[str, Any]:
+    """Return a row for frames with the same thing wrong: the worst of them, and which others."""
     frame = worst_frame_of(frames)
+    others = [str(other.number) for other in frames if other is not frame]
+    named = ", ".join([*others[:_NAMED], *(["..."] if len(others) > _NAMED else [])])
     failed = [name for name, passed in frame.criteria.items() if not passed]
     faults = [*frame.faults, *([f"{', '.join(failed)} failed"] if failed else [])]
     faults += [f"latched {frame.latches} times"] if frame.latches > 1 else []
     faults += [frame.note] if frame.note else []
-    return FrameRow(
-        frame.number,
-        _others_in_run_frame_row(frames, frame),
-        _TONES.get(frame.status, "bad"),
-        str(frame.status),
-        run_timeliness_wording(frame) if frame.late or frame.early else "",
-        (
+    errors = (
+        (frame.lateral_error_mm, 4),
+        (frame.axial_error_mm, 4),
+        (plotted_relative_error(frame), 3),
+    )
+    return {
+        "number": frame.number,
+        "others": f"and {len(others)} like it: {named}" if others else "",
+        "tone": _TONES.get(frame.status, "bad"),
+        "status": str(frame.status),
+        "timing": _timing_text(frame),
+        "cells": [
             run_frame_place_text(frame),
             "" if frame.t_apply_us is None else str(frame.t_apply_us),
-            _run_frame_figure(frame.lateral_error_mm, 4),
-            _run_frame_figure(frame.axial_error_mm, 4),
-            _run_frame_figure(plotted_relative_error(frame)),
-        ),
-        "; ".join(faults),
-        "" if frame.consequence is None else verdict_consequence_text(frame.consequence),
-    )
+            *("" if value is None else f"{value:.{digits}f}" for value, digits in errors),
+        ],
+        "faults": "; ".join(faults),
+        "effect": "" if frame.consequence is None else verdict_consequence_text(frame.consequence),
+    }
+
+
+def _timing_text(frame: FrameVerdict) -> str:
+    """Return the time by which a frame was latched early or late, if it was."""
+    if frame.lateness_us is None or not (frame.late or frame.early):
+        return ""
+    return f"{abs(frame.lateness_us)} µs {'late' if frame.late else 'early'}"

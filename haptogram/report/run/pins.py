@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from haptogram.verification import RunVerdict, Verdict
 from haptogram.verification.pins.joined import JoinedCaptureVerdict
-from haptogram.verification.pins.pin_verdict import PIN_CHECKS, captured_elements_text
+from haptogram.verification.pins.pin_verdict import PIN_CHECKS
 
 from ..formats.document import Check, Outcome
 from .wording import run_count_wording
@@ -77,26 +77,6 @@ def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> Che
         why = one["not_judged"].get(name) if frames["judged"] else "no frame was judged"
         outcome, message = Outcome.NOT_JUDGED, why
     return Check(f"pins_{name}", statement, outcome, message, found)
-
-
-def run_capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the verdict of the captures, sentence by sentence."""
-    seen, count = len(captures["elements"]), captures["elements_of_array"]
-    yield (
-        f"the drive pins of {captured_elements_text(seen, count)} were captured"
-        + (f"; nothing is known of the other {count - seen}" if seen < count else "")
-    )
-    for one in captures["captures"]:
-        frames = one["frames"]
-        yield (
-            f"by {one['capture']}, {frames['judged']} of "
-            f"{run_count_wording(frames['intended'], 'frame')} "
-            f"were judged; {one['sample_rate_hz'] / 1e6:g} Msamples/s show no phase error below "
-            f"{one['smallest_phase_error_deg']:.2f} degrees; carrier {one['carrier_hz']:.2f} Hz "
-            f"({one['carrier_drift_ppm']:+z.1f} ppm on the analyser's clock)"
-        )
-    if captures["no_field"]:
-        yield f"by the pins alone there is no field and no focus: {captures['no_field']}"
 
 
 def run_capture_figures(captures: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-import importlib.metadata
 import json
 import math
 import os
@@ -17,6 +16,7 @@ import numpy as np
 
 from haptogram.machine import files
 from haptogram.machine.files import write_file_atomically
+from haptogram.machine.fingerprint import package_version
 from haptogram.verification import FrameVerdict, RunVerdict, Verdict
 
 #: Number of the format; docs/api.md has a table of the keys that each format renamed.
@@ -92,7 +92,7 @@ def run_environment() -> dict[str, str | int | None]:
     """Return versions of Python and packages, and the machine, without its name, user or date."""
     return {
         "python": platform.python_version(),
-        **{name: _version_in_run_result(name) for name in _PACKAGES},
+        **{name: package_version(name) for name in _PACKAGES},
         "platform": platform.platform(),
         "machine": platform.machine(),
         "cpus": os.cpu_count(),
@@ -120,41 +120,26 @@ def write_run_json(path: Path, result: Mapping[str, Any]) -> None:
     files.write_json_file(path, _plain_run_result(result))
 
 
-def _version_in_run_result(package: str) -> str | None:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
 def _plain_run_result(value: Any) -> Any:
     """Return *value* in JSON's own types: JSON knows no numpy, no tuple and no NaN."""
     match value:
-        case None | bool():
-            return value
+        case np.generic() | np.ndarray():
+            return _plain_run_result(value.tolist())
         case enum.Enum():
             return _plain_run_result(value.value)
-        case str():
-            return str(value)
-        case int() | np.integer():
-            return int(value)
-        case float() | np.floating():
-            return float(value) if math.isfinite(value) else None
-        case np.bool_():
-            return bool(value)
-        case np.ndarray():
-            return _plain_run_result(value.tolist())
+        case float():
+            return value if math.isfinite(value) else None
         case Mapping():
             return {str(name): _plain_run_result(item) for name, item in value.items()}
         case list() | tuple():
             return [_plain_run_result(item) for item in value]
         case set() | frozenset():
-            return sorted(_plain_run_result(item) for item in value)
+            return sorted(map(_plain_run_result, value))
+        case None | bool() | int() | str():
+            return value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {
-            item.name: _plain_run_result(getattr(value, item.name))
-            for item in dataclasses.fields(value)
-        }
+        named = {item.name: getattr(value, item.name) for item in dataclasses.fields(value)}
+        return _plain_run_result(named)
     return str(value)
 
 

@@ -1,18 +1,24 @@
-"""Frames in words and figures, for people: every number with its unit."""
+"""A run in words and figures, for people: its frames, its outcome, its evidence and limits."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, Final
 
+from haptogram.acoustics import AcousticModel
+from haptogram.acoustics.model.lattice import find_lattice
+from haptogram.records.frame import Evidence
 from haptogram.verification import (
     FrameStatus,
     FrameVerdict,
+    Tolerance,
     Verdict,
-    verdict_consequence_text,
-    verdict_pressure_text,
+    cut_run_verdict_text,
+    tolerance_text,
 )
+from haptogram.verification.frame.criteria import CRITERIA as FRAME_CRITERIA
+from haptogram.verification.pins.pin_verdict import captured_elements_text
 
 NOTHING = "–"
 
@@ -28,56 +34,12 @@ def run_count_wording(number: int, noun: str) -> str:
 
 
 def run_frame_wording(frame: FrameVerdict) -> str:
-    """Return number and time of a frame, its faults and their consequence, in one line."""
-    return "; ".join(
-        [
-            f"frame {frame.number} {_run_frame_time_wording(frame)}: {frame.status}",
-            *_run_frame_findings_wording(frame),
-        ]
-    )
-
-
-def _run_frame_time_wording(frame: FrameVerdict) -> str:
-    place = f"(sequence {frame.key.sequence}, loop {frame.key.loop}, index {frame.key.index})"
+    """Return the verdict on a frame with its number on the wire and its time, in one line."""
+    place = f"sequence {frame.key.sequence}, loop {frame.key.loop}, index {frame.key.index}"
     if frame.key.sequence == 0:
-        place = f"(stream index {frame.key.index})"
+        place = f"stream index {frame.key.index}"
     due = "as soon as complete" if frame.t_apply_us is None else f"due at {frame.t_apply_us} µs"
-    return f"{place}, {due}"
-
-
-def _run_frame_findings_wording(frame: FrameVerdict) -> Iterator[str]:
-    if (frame.late or frame.early) and frame.lateness_us is not None:
-        yield f"latched {run_timeliness_wording(frame)}"
-    if frame.latches > 1:
-        yield f"latched {frame.latches} times"
-    yield from frame.faults
-    failed = [name for name, passed in frame.criteria.items() if not passed]
-    if failed:
-        yield f"{', '.join(failed)} failed"
-    if frame.status is not FrameStatus.ON_TARGET and frame.lateral_error_mm is not None:
-        yield f"focus {run_focus_place_wording(frame)}"
-    if (pressure := verdict_pressure_text(frame)) is not None:
-        yield pressure
-    if frame.consequence is not None:
-        yield verdict_consequence_text(frame.consequence)
-    if frame.note:
-        yield frame.note
-
-
-def run_timeliness_wording(frame: FrameVerdict) -> str:
-    """Return the time by which a frame was latched early or late."""
-    if frame.lateness_us is None:
-        return NOTHING
-    return f"{abs(frame.lateness_us)} µs {'early' if frame.lateness_us < 0 else 'late'}"
-
-
-def run_focus_place_wording(frame: FrameVerdict) -> str:
-    """Return the distance of the focus from its target."""
-    if frame.lateral_error_mm is None:
-        return NOTHING
-    axial = frame.axial_error_mm
-    along = "" if axial is None else f", {axial:+.3f} mm along the beam"
-    return f"{frame.lateral_error_mm:.3f} mm across{along}"
+    return f"{frame} ({place}, {due})"
 
 
 def run_faults_wording(result: Mapping[str, Any]) -> Iterator[str]:
@@ -129,3 +91,156 @@ def _run_fired_faults_wording(faults: Mapping[str, Any]) -> str:
         f"{name} {run_count_wording(number, 'time')}" for name, number in faults["fired"].items()
     )
     return f"{', '.join(times)}; seed {faults['seed']}"
+
+
+_EVIDENCE: Final = {
+    Evidence.EXTERNAL: "External: what was radiated was recorded beside the board's own answers "
+    "(the back door of the virtual board, or a capture of the drive pins).",
+    Evidence.SELF_REPORTED: "Self-reported: the board's firmware says what it latched. A firmware "
+    "that reports one drive and outputs another would not be found out.",
+    Evidence.SIMULATED: "Simulated: what was radiated is what the pins of the firmware did in a "
+    "simulator. No hardware was seen.",
+    Evidence.WIRE: "Wire: the frames were seen on the line. Whether the board latched them was not "
+    "seen.",
+}
+
+CRITERIA: Final = (
+    *(f"{name}: {of_one}." for name, (of_one, _) in FRAME_CRITERIA.items()),
+    "Several foci in a frame: each against what the ideal drive for these foci makes of it. "
+    + "; ".join(f"{name}: {each}" for name, (_, each) in FRAME_CRITERIA.items() if each)
+    + ".",
+    "Efficiency of several foci: the squares of their pressures, each over what the same output "
+    "would make of that focus alone, added up. 1: they share it without loss; less: they take from "
+    "each other; more: they are so near that one beam serves several.",
+)
+
+_SIZED: Final = ("hemisphere", "sphere", "circle", "line")  # shapes that have a radius
+
+_LIMITS: Final = (
+    "The field is computed from the latched drive, in linear acoustics and a free field: no hand, "
+    "no reflections, no streaming, no nonlinear losses. No pressure was measured in air.",
+    "Every transducer is taken to be the one of the model, or of the calibration. How real ones "
+    "scatter in phase and level, or fail after the driver stage, does not show in the latched "
+    "drive.",
+    "Positions of the elements and the state of the air are those of the configuration or of the "
+    "board's own description.",
+    "The force is an estimate: the radiation pressure on a rigid, reflecting disc of 10 mm radius "
+    "at the focus. What a person feels is not part of it.",
+    "Times are those of the board's clock.",
+)
+
+
+def run_tested_rows(result: Mapping[str, Any], model: AcousticModel) -> Iterator[tuple[str, str]]:
+    """Yield name and text of what was tested: object, rate, array, mode, link and evidence."""
+    asked, frames = result["configuration"], result["frames"]["sent"]
+    if asked.get("recording") is None and "object" in asked:  # else another run had another one
+        yield "object", _run_object_text(asked)
+        rate = f" at {asked['rate_hz']:g} Hz" if "rate_hz" in asked else ""
+        yield "frames", f"{frames}{rate}, {asked.get('mode')}"
+    yield "array", _run_array_text(model, asked.get("array"))
+    if "is" in result["board"]:
+        line = f", {asked['baud']} Bd" if "baud" in asked else ""
+        yield "link", f"{result['board']['is']}{line}"
+    kinds = result["evidence"]
+    yield "evidence", (kinds if isinstance(kinds, str) else ", ".join(kinds)) or "none"
+
+
+def _run_object_text(asked: Mapping[str, Any]) -> str:
+    """Return shape, size, place and modulation of an object."""
+    name, center = asked["object"], ", ".join(f"{value:g}" for value in asked["center_mm"])
+    size = f" of {asked['radius_mm']:g} mm" if name in _SIZED and "radius_mm" in asked else ""
+    text = f"{name}{size} at {center} mm"
+    if asked.get("modulation"):
+        text += f", {asked['modulation']} at {asked['modulation_hz']:g} Hz"
+    return text + (f", {asked['foci']} foci a frame" if asked.get("foci", 1) > 1 else "")
+
+
+def _run_array_text(model: AcousticModel, file: str | None) -> str:
+    """Return the number of transducers, rows and columns, and the file of the array."""
+    count, lattice = model.array.count, find_lattice(model.array)
+    text = f"{count} transducers"
+    if lattice is not None and lattice.elements.size == count:
+        text += ", " + " × ".join(map(str, lattice.elements.shape))
+    return text + (f", {file}" if file and "." in file else "")
+
+
+def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the outcome of the run, sentence by sentence, without full stops."""
+    frames = result["frames"]
+    if "captures" in result:
+        yield from run_capture_sentences(result["captures"])
+    if not result.get("run_judged", True):
+        return
+    yield (
+        f"{run_count_wording(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
+        f"{frames['verified']} verified, {frames['on_target']} of them on target"
+        f"{cut_run_verdict_text(frames)}"
+    )
+    lateral, axial = result["lateral_error_mm"]["max"], result["axial_error_mm"]["max"]
+    if lateral is not None:
+        along = "" if axial is None else f" and {axial:.3f} mm along the beam"
+        yield f"the largest distance from a target was {lateral:.3f} mm across{along}"
+    if result["smallest_miss_mm"] is not None:
+        yield (
+            f"every miss from {result['smallest_miss_mm']:.2f} mm on shows; rounding of the phases"
+            f"{_run_tolerance_sentence_end(result)} can make a shorter one"
+        )
+    yield from filter(None, (run_host_delay_text(result), run_remedy_text(result)))
+    if frames["lost"] or frames["held_up"] or frames["late"]:
+        yield (
+            f"{frames['lost']} lost by the board, {frames['held_up']} held up by this machine and "
+            f"{frames['late']} late; each is named below"
+        )
+
+
+def _run_tolerance_sentence_end(result: Mapping[str, Any]) -> str:
+    stated = tolerance_text(Tolerance(**result["tolerance"]))
+    return "" if stated == "none" else f" and a tolerance of {stated}"
+
+
+def run_capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the verdict of the captures, sentence by sentence."""
+    seen, count = len(captures["elements"]), captures["elements_of_array"]
+    yield (
+        f"the drive pins of {captured_elements_text(seen, count)} were captured"
+        + (f"; nothing is known of the other {count - seen}" if seen < count else "")
+    )
+    for one in captures["captures"]:
+        frames = one["frames"]
+        yield (
+            f"by {one['capture']}, {frames['judged']} of "
+            f"{run_count_wording(frames['intended'], 'frame')} "
+            f"were judged; {one['sample_rate_hz'] / 1e6:g} Msamples/s show no phase error below "
+            f"{one['smallest_phase_error_deg']:.2f} degrees; carrier {one['carrier_hz']:.2f} Hz "
+            f"({one['carrier_drift_ppm']:+z.1f} ppm on the analyser's clock)"
+        )
+    if captures["no_field"]:
+        yield f"by the pins alone there is no field and no focus: {captures['no_field']}"
+
+
+def run_evidence_sentences(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the kinds of evidence of the verdict, each explained."""
+    found = result["evidence"]
+    kinds = [found] if isinstance(found, str) else found
+    if not kinds:
+        yield "None: no latch of the board was observed."
+    yield from (_EVIDENCE[Evidence(kind)] for kind in kinds)
+
+
+def run_limits_sentences(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the limits of the result, those of this run first."""
+    frames = result["frames"]
+    due = frames["sent"] - frames["cancelled"]
+    unseen = due - frames["verified"]
+    if unseen:
+        yield f"{run_count_wording(unseen, 'frame')} of {due} could not be verified at all."
+    if result["cut_short"] is not None:
+        yield f"What would have come later: the run was {result['cut_short']}."
+    if result["smallest_miss_mm"] is not None:
+        yield (
+            f"By its place alone, a miss below {result['smallest_miss_mm']:.2f} mm cannot be "
+            "told from what rounding of the phases makes; phases that are off by more fail."
+        )
+    if result["axial_error_mm"]["max"] is None and result["lateral_error_mm"]["max"] is not None:
+        yield "The error along the beam: this array cannot observe it."
+    yield from _LIMITS

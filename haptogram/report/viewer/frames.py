@@ -137,22 +137,32 @@ def odd_frames_of_viewer(frames: Iterable[ViewerFrame]) -> dict[str, str]:
     return dict(islice(odd, _MOST_TEXTS))
 
 
+#: Columns of one number a frame: the attribute of the frame, its factor, and the type.
+_NUMBERS: Final = {
+    "due_us": ("due_us", 1.0, np.float64),
+    "latched_us": ("latched_us", 1.0, np.float64),
+    "margin_ms": ("margin_us", 1e-3, np.float32),
+    "across_mm": ("across_mm", 1.0, np.float32),
+    "along_mm": ("along_mm", 1.0, np.float32),
+    "pressure_pa": ("pressure_pa", 1.0, np.float32),
+    "force_mn": ("force_n", 1e3, np.float32),
+}
+
+
 def frame_columns(frames: Sequence[ViewerFrame], count: int) -> dict[str, NDArray[Any]]:
     """Return the columns of *frames* of an array of *count* elements."""
+    numbers = {
+        name: (factor * np.array([getattr(f, of) for f in frames], dtype=np.float64)).astype(kind)
+        for name, (of, factor, kind) in _NUMBERS.items()
+    }
     return {
         "number": np.array([f.number for f in frames], dtype=np.uint32),
         "status": np.array([STATUSES.index(f.status) for f in frames], dtype=np.uint8),
         "timing": np.array([f.timing for f in frames], dtype=np.uint8),
-        "due_us": _viewer_frame_numbers(frames, lambda f: f.due_us).astype(np.float64),
-        "latched_us": _viewer_frame_numbers(frames, lambda f: f.latched_us).astype(np.float64),
-        "margin_ms": 1e-3 * _viewer_frame_numbers(frames, lambda f: f.margin_us).astype(np.float32),
+        **numbers,
         "target_mm": _viewer_frame_places(f.target_m for f in frames) * np.float32(1e3),
         "found_mm": _viewer_frame_places(f.found_m for f in frames) * np.float32(1e3),
         "bound_mm": _viewer_frame_places(f.bound_mm for f in frames),
-        "across_mm": _viewer_frame_numbers(frames, lambda f: f.across_mm).astype(np.float32),
-        "along_mm": _viewer_frame_numbers(frames, lambda f: f.along_mm).astype(np.float32),
-        "pressure_pa": _viewer_frame_numbers(frames, lambda f: f.pressure_pa).astype(np.float32),
-        "force_mn": 1e3 * _viewer_frame_numbers(frames, lambda f: f.force_n).astype(np.float32),
         **view_drive_columns([f.drive for f in frames], count),
     }
 
@@ -173,12 +183,6 @@ def view_drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, 
     if len(levels) and (levels == levels[0]).all():
         amplitudes = levels[:1]
     return {"seen": seen, "phases": phases, "amplitudes": amplitudes}
-
-
-def _viewer_frame_numbers(
-    frames: Sequence[ViewerFrame], value: Callable[[ViewerFrame], float | None]
-) -> NDArray[np.float64]:
-    return np.array([value(frame) for frame in frames], dtype=np.float64)
 
 
 def _viewer_frame_places(places: Iterable[Place]) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""A scene: array, medium and frames as a header of JSON and columns of numbers.
+"""A scene: array, medium and frames as a header of JSON and columns of numbers; its document.
 
 The page of the viewer reads a scene from a report, a recording or a running board alike::
 
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import AcousticModel, RectangularPiston
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS
 
+from ..formats.document import Document
 from .frames import STATUSES, ViewerFrame, frame_columns, odd_frames_of_viewer
 
 MAGIC: Final = b"HGV1"
@@ -150,3 +151,32 @@ def _viewer_value_type(values: NDArray[Any]) -> str:
 
 def _padded_viewer_data(data: bytes) -> bytes:
     return data + bytes(-len(data) % _ALIGNMENT)
+
+
+#: Colour of a page by the verdict of the run that it shows.
+_TONES: Final = {"pass": "good", "fail": "bad", "inconclusive": "doubt"}
+
+
+def view_document(
+    scene: ViewerScene | None, *, title: str, lead: list[str], verdict: str = ""
+) -> Document:
+    """Return a document that shows *scene*, or what the server of its page tells it if it is None.
+
+    Parameters
+    ----------
+    title : str
+        Heading of the page.
+    lead : list of str
+        Sentences below the heading.
+    verdict : str
+        Verdict of the run that is shown; empty: there is none.
+    """
+    return Document(
+        command="view",
+        heading=f"{verdict.upper()}: {title}" if verdict else title,
+        title=title,
+        tone=_TONES.get(verdict.lower(), "plain"),
+        lead=[sentence.removesuffix(".") for sentence in lead],
+        template="view.html",
+        content=lambda: {"scene": scene and scene.embedded()},
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..option import Settings, option
+from ..option import Option, Settings, option, options_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,3 +44,8 @@ class OutputConfig(Settings):
         help="date that --html, --junit and --summary state (ISO 8601; UTC without a zone)",
         absent="when the run began; in virtual time none, so that results repeat byte for byte",
     )
+
+
+def output_options(names: str) -> list[Option]:
+    """Return the options of the files with these *names*, apart by spaces."""
+    return [options_of(OutputConfig)[name] for name in names.split()]

@@ -12,9 +12,7 @@ from ..option import SettingError, Settings, option_group, options_of
 from ..shape import ModulationConfig, ShapeConfig
 from ..tolerance import ToleranceConfig, UncertaintyConfig
 from .captures import CaptureConfig
-from .frames import DriveConfig, PaceConfig
-from .limits import LimitConfig
-from .link import LinkConfig
+from .frames import DriveConfig, LimitConfig, LinkConfig, PaceConfig
 from .outputs import OutputConfig
 
 

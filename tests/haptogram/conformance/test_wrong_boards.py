@@ -16,8 +16,7 @@ from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_status
 from haptogram.records.frame import Evidence
-from haptogram.report.conformance.text import suite_text
-from haptogram.report.conformance.transcript import folded_transcript, marked_transcript
+from haptogram.report.conformance.text import folded_transcript, marked_transcript, suite_text
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     Arm,

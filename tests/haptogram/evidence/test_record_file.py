@@ -71,7 +71,10 @@ def last_line_lost(text):
         (last_line_lost, "has no end: its writer was cut off"),
         (lambda text: text[:-300], "not a line of a record"),
         (lambda text: text.replace('"kind":"intended"', '"kind":"other"', 1), "KeyError"),
-        (lambda text: "\n".join(text.split("\n")[:100] + text.split("\n")[101:]), "not there"),
+        (
+            lambda text: "\n".join(text.split("\n")[:100] + text.split("\n")[101:]),
+            "recording lacks",
+        ),
         (lambda text: text + text, "a line after the end"),
         (lambda _: "5\n", "not a line"),
         (lambda _: "", "has no end"),

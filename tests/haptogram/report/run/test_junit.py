@@ -79,7 +79,7 @@ def test_a_fault_fails_its_case_and_names_the_frame(
     suite = written(tmp_path, make_run(model, targets(5), {3: change}))
     failure = outcome(suite, name)
     assert failure.tag == "failure"
-    assert "frame 3 (stream index 3), due at 3000 µs" in (failure.text or "")
+    assert "(stream index 3, due at 3000 µs)" in (failure.text or "")
     assert suite.get("failures") == "1"
 
 
@@ -88,7 +88,7 @@ def test_a_frame_off_target_fails(tmp_path: Path, model: AcousticModel) -> None:
     run = make_run(model, points, {0: aim(model, points[0] + 2e-3)})
     failure = outcome(written(tmp_path, run), "off_target")
     assert failure.get("message") == "1 of 3 verified frames"
-    assert "mm along the beam" in (failure.text or "")
+    assert "mm along" in (failure.text or "")
 
 
 def test_a_wrong_drive_proves_nothing_of_foci(tmp_path: Path, model: AcousticModel) -> None:
@@ -113,7 +113,7 @@ def test_late_frames_and_those_held_up_are_named_but_decide_nothing(
     assert "frame 2" in (held_up.text or "")
     assert "mm away" in (held_up.text or "")
     assert "frame 4" in (late.text or "")
-    assert "latched 400 µs late" in (late.text or "")
+    assert "400 µs late" in (late.text or "")
 
 
 def test_a_lost_frame_fails_and_too_few_that_are_verified_are_an_error(

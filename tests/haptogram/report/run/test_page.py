@@ -148,7 +148,7 @@ def test_a_wrong_frame_is_named_with_its_fault(tmp_path: Path, model: AcousticMo
     page = " | ".join(written(tmp_path, run, model).texts)
     assert run.sentence in page
     assert "elements 3 (0, 3), 4 (0, 4), 5 (0, 5) dead" in page
-    assert "latched 50 µs early" in page
+    assert "50 µs early" in page
 
 
 @pytest.mark.usefixtures("no_pictures")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptogram.acoustics import AcousticModel, Drive, TransducerArray
-from haptogram.report.figures.embedded import embed_picture
+from haptogram.report.figures.style import embed_picture
 from haptogram.report.run import pictures
 from haptogram.report.run.fieldmap import field_rms_kpa, frame_field_picture
 from haptogram.report.run.series import (

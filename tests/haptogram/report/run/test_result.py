@@ -11,7 +11,7 @@ import pytest
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram.report import run as report
-from haptogram.report.run import prose
+from haptogram.report.run import wording
 from haptogram.verification import Cut, RunVerdict, Verdict
 from judged_runs import lose, make_result, make_run, targets
 
@@ -113,7 +113,7 @@ def test_a_host_that_was_held_up_says_so(model: AcousticModel) -> None:
     said = "this machine, not the board, was held up, its loop by up to 2003 ms (1 frame: the host"
     (line,) = report.run_faults_wording(result)
     assert line.startswith(f"host: {said} ")
-    assert any(said[1:] in sentence for sentence in prose.run_summary_sentences(result))
+    assert any(said[1:] in sentence for sentence in wording.run_summary_sentences(result))
     lost = make_result(make_run(model, targets(3), {1: lose}), host=host)
     assert list(report.run_faults_wording(lost)) == []
 
@@ -133,7 +133,7 @@ def test_a_run_that_a_busy_machine_left_inconclusive_says_what_to_do(model: Acou
     ]
     (line,) = told(host=host, configuration=virtual)
     assert line.endswith("; with --virtual-time its load does not count")
-    sentences = prose.run_summary_sentences(make_result(run, host=host))
+    sentences = wording.run_summary_sentences(make_result(run, host=host))
     assert any(sentence.startswith("run it again while ") for sentence in sentences)
     assert told(configuration=virtual) == []  # in virtual time nothing is held up
     planned = {"plan": ["line.drop p=1"], "seed": 0, "fired": None}

@@ -6,9 +6,7 @@ from haptogram.records.frame import FrameKey
 from haptogram.report.run.wording import (
     run_count_wording,
     run_figure_wording,
-    run_focus_place_wording,
     run_frame_wording,
-    run_timeliness_wording,
 )
 from haptogram.verification import Consequence, FrameStatus, FrameVerdict, verdict_consequence_text
 
@@ -19,7 +17,7 @@ def test_a_frame_of_a_sequence_is_named_by_its_place_in_it() -> None:
     frame = dataclasses.replace(LOST, key=FrameKey(1, 7, 2, 5))
     assert (
         run_frame_wording(frame)
-        == "frame 3 (sequence 7, loop 2, index 5), as soon as complete: lost"
+        == "frame 3: lost (sequence 7, loop 2, index 5, as soon as complete)"
     )
 
 
@@ -39,28 +37,16 @@ def test_a_frame_is_described_with_all_that_is_known_of_it() -> None:
         note="odd",
     )
     assert run_frame_wording(frame) == (
-        "frame 3 (stream index 65539), due at 1000 µs: wrong drive; latched 400 µs late; "
-        "latched 2 times; element 5 dead; S3, S5 failed; "
-        "focus 0.500 mm across, -1.250 mm along the beam; "
-        "the focus stayed 4.0 mm away: 100 Pa instead of 2000 Pa; odd"
+        "frame 3: wrong drive; 400 µs late; latched 2 times; element 5 dead; "
+        "0.500 mm across, -1.250 mm along; the focus stayed 4.0 mm away: 100 Pa instead of "
+        "2000 Pa; a miss that cannot be observed does not show; S1, S3 failed, S5 failed "
+        "(stream index 65539, due at 1000 µs)"
     )
 
 
 def test_what_is_not_known_is_a_dash() -> None:
-    assert (
-        run_figure_wording(None)
-        == run_timeliness_wording(LOST)
-        == run_focus_place_wording(LOST)
-        == "–"
-    )
+    assert run_figure_wording(None) == "–"
     assert run_figure_wording(1.5, 1) == "1.5"
-
-
-def test_an_axis_that_cannot_be_observed_is_left_out() -> None:
-    assert (
-        run_focus_place_wording(dataclasses.replace(LOST, lateral_error_mm=0.25))
-        == "0.250 mm across"
-    )
 
 
 def test_silence_has_no_place() -> None:

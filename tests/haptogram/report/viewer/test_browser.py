@@ -26,8 +26,7 @@ from haptogram.acoustics import (
 from haptogram.machine.provenance import UNSTATED
 from haptogram.report.formats.html import write_document_page
 from haptogram.report.viewer.frames import LATE, ViewerFrame
-from haptogram.report.viewer.page import view_document
-from haptogram.report.viewer.scene import ViewerScene
+from haptogram.report.viewer.scene import ViewerScene, view_document
 
 _FIELD = """(points) => {
   const { scene, picture: { field } } = haptogramViewer;

@@ -31,7 +31,7 @@ from haptogram.machine.provenance import UNSTATED
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.report.formats.html import render_document_page
 from haptogram.report.viewer.live import KEPT, LiveViewerScene, viewer_target_line
-from haptogram.report.viewer.page import view_document
+from haptogram.report.viewer.scene import view_document
 from haptogram.report.viewer.server import ViewServer
 
 from .test_scene import unpack

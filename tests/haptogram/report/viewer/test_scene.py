@@ -13,8 +13,8 @@ import pytest
 
 from haptogram.acoustics import AcousticModel, Drive
 from haptogram.records.frame import Evidence, Observation
+from haptogram.report.run.document import run_viewer_scene
 from haptogram.report.viewer.frames import EARLY, LATE, STATUSES, TIMELY, ViewerFrame
-from haptogram.report.viewer.run_scene import viewer_scene_of_run
 from haptogram.report.viewer.scene import ViewerScene
 from haptogram.verification import FrameStatus
 from judged_runs import make_run, targets
@@ -127,6 +127,6 @@ def test_a_hemisphere_is_small() -> None:
         )
         for f in run.frames
     }
-    embedded = viewer_scene_of_run(run, model, seen).embedded()
+    embedded = run_viewer_scene(run, model, seen).embedded()
     assert len(embedded) < 350_000  # noise of phases cannot be compressed: 230 kB are theirs
     assert unpack(zlib.decompress(base64.b64decode(embedded)))[1]["phases"].shape == (672, 256)
