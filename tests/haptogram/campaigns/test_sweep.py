@@ -117,6 +117,13 @@ def test_random_points_are_within_their_bounds_and_follow_from_seed_and_number(
     assert {v["array"] for v in found} == {"8x8", "16x16"}
 
 
+def test_the_page_of_the_docs_has_the_example_that_runs() -> None:
+    docs = Path(__file__).resolve().parents[3] / "docs"
+    example = docs / "examples" / "sweep.toml"
+    assert len(SweepPlan.read(example, command_parser)) == 32
+    assert example.read_text().partition("\n")[2] in (docs / "sweep.md").read_text()
+
+
 VERIFY = '[sweep]\nrun = "verify"\n'
 
 
