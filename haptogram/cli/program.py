@@ -17,7 +17,7 @@ from .. import __version__
 from ..commands.shell.exit_status import EVERY_STATUS, INTERRUPTED, USAGE
 from ..commands.shell.interrupts import exit_at_once, hear_interrupts_in_callbacks
 from ..commands.shell.standard_streams import patient_standard_streams
-from ..errors import HaptogramError
+from ..errors import HaptogramError, plain_reason
 from ..machine.terminal import terminal_error_line
 from ..settings.parser import Parser, UsageError
 from . import boards
@@ -76,17 +76,20 @@ def result_of_command(words: Sequence[str]) -> tuple[int, bytes, str]:
     Returns
     -------
     tuple of int, bytes and str
-        Exit status, the result, and the text on standard error.  A process that is told to end
-        does.
+        Exit status, the result, and the text on standard error, whose last line is the reason for
+        no result.  A process that is told to end does.
     """
     heard: list[int] = []
     content, said = io.BytesIO(), io.StringIO()
     output = io.TextIOWrapper(content, encoding="utf-8")
     with _ALONE, contextlib.redirect_stdout(output), contextlib.redirect_stderr(said):
-        status = _run_command([*words, "--quiet", "--json=-"], heard)
-        output.flush()
-    if heard:  # it holds but a part of the result
-        sys.exit(status)
+        try:
+            status = _run_command([*words, "--quiet", "--json=-"], heard)
+            output.flush()
+        except Exception as error:  # not every error can be sent to another process
+            return USAGE, b"", f"{type(error).__name__}: {plain_reason(error)}"
+    if heard:  # the result is a part of one, and the pool of this process waits for its end
+        os._exit(status)
     return status, content.getvalue(), said.getvalue()
 
 

@@ -139,11 +139,11 @@ class SweepCampaign:
             raise LinkError("the scheduler has gone, and its workers with it") from None
         if error is None:
             self._write(row_of_point(self.plan[number], *future.result()), file)
-        elif isinstance(error, Exception) and not isinstance(error, BrokenExecutor):
+        elif not isinstance(error, BrokenExecutor):
             text = f"{type(error).__name__}: {plain_reason(error)}"
             self._write(row_of_crash(self.plan[number], text), file)
         else:
-            raise BrokenExecutor from error
+            raise error
 
     def _suspect(self, numbers: list[int], file: TextIO | None) -> None:
         """Take note of the points that ran when a worker died."""

@@ -14,7 +14,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.faults.plan import read_faults
 from haptogram.settings.option import Settings, option, option_of
 from haptogram.settings.parser import Parser
-from haptogram.settings.run.limits import LimitConfig
+from haptogram.settings.run.frames import LimitConfig
 from haptogram.settings.text_file import read_toml_file
 
 from .axis import SweepAxis, option_text, option_words

@@ -7,8 +7,8 @@ import logging
 import multiprocessing
 import os
 import signal
-import sys
 import threading
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ LOCAL: Final = "local"
 _TIMEOUT_S: Final = 10
 #: What must be the same at both ends: for what they say to each other, and for the same rows.
 _WIRE: Final[tuple[str, ...]] = ("distributed", "cloudpickle", "msgpack")
-_ROWS: Final[tuple[str, ...]] = ("haptogram", "numpy", "scipy", "numba", "serial")
+_ROWS: Final[tuple[str, ...]] = ("haptogram", "numpy", "scipy", "numba", "pyserial")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ def process_workers(jobs: int) -> Iterator[Workers]:
 def _begin_worker() -> None:
     """Leave Ctrl-C to the process of the sweep, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    signal.signal(signal.SIGTERM, lambda *_: os._exit(1))  # while it has no point
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -87,6 +87,8 @@ def dask_workers(address: str, jobs: int) -> Iterator[Workers]:
         raise missing_extra("--scheduler needs distributed", "sweep") from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
+        stack.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore")  # of other versions, which are refused below
         place: Any = address
         if address == LOCAL:
             place = stack.enter_context(
@@ -117,9 +119,13 @@ def _checked_dask_workers(found: dict[str, Any]) -> int:
             theirs = versions["packages"].get(package)
             if theirs != own.get(package):
                 raise ConfigurationError(
-                    f"{name} has {package} {theirs or 'not installed'}, this machine has "
-                    f"{own.get(package) or 'none'}: the rows would depend on who computes them"
+                    f"{name} has {_shown(package, theirs)}, this machine has "
+                    f"{_shown(package, own.get(package))}: they must be the same"
                 )
     if not found["workers"]:
         raise ConfigurationError("the scheduler has no worker: start one with dask worker")
     return len(found["workers"])
+
+
+def _shown(package: str, version: str | None) -> str:
+    return f"no {package}" if version is None else f"{package} {version}"

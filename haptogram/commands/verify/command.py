@@ -178,6 +178,8 @@ def _run_verify(
         environment=None if config.link.virtual_time else report.run_environment(),
     )
     if writer is not None:
+        from haptogram.evidence.recordings.recorded_run import record_intended
+
         record_intended(writer, found.model, found.intended)
         _record_verify_verdicts(writer, verdict, result)
     # Before the files: a full disk must not cost the result.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
@@ -9,13 +10,14 @@ from typing import Final
 from haptogram.campaigns.sweep.campaign import SweepCampaign
 from haptogram.campaigns.sweep.rows import MEASURES, VERDICTS, Measure, Row, badness
 
-from ..figures.embedded import embed_picture
+from ..figures.style import embed_picture
 from ..formats.document import Block, Document, Picture, Section, Table
 from .levels import SweepLevel, sweep_levels
 from .pictures import draw_sweep_axes, draw_sweep_map
 
 _SEED: Final = "seed"
 _MOST_WORST: Final = 20
+_MOST_REASON: Final = 60  # characters; the rows have all of it
 _MOST_AXES: Final = 6  # of one picture
 _MOST_LEVELS: Final = 20  # of one axis of a map, or of a table
 _TONES: Final = {"pass": "good", "fail": "bad", "error": "bad", "inconclusive": "doubt"}
@@ -92,7 +94,7 @@ def _sweep_worst_table(rows: Sequence[Row], measures: Sequence[Measure]) -> Tabl
             str(row["point"]),
             row["verdict"],
             *(_figure_text(row.get(measure.column)) for measure in measures),
-            row["reason"] or "",
+            textwrap.shorten(row["reason"] or "", _MOST_REASON, placeholder=" ..."),
             row["command"],
         )
         for row in worst
