@@ -89,7 +89,7 @@ class SimulatedAssembly:
 
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
-        unit = SimulatedUnit(self.command, settings.line.baud, settings.count, settings.boot_us)
+        unit = SimulatedUnit(self.command, settings.line.baud, 1, settings.boot_us)
         return SimulatedBoard(unit, settings.boot_us)
 
 

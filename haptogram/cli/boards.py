@@ -192,7 +192,7 @@ def access_in_program(
         start,
         baudrate=first.board.line.baud or baudrate,
         virtual=first.is_virtual,
-        raise_fault=raise_fault,
+        raise_fault=raise_fault if first.board.simulator is None else None,
     )
 
 

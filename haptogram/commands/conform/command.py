@@ -218,9 +218,20 @@ def _conform_access(
 
     boards = None if writer is None else RecordedBoards(writer)
     if asks_to_conform_virtual_board(arguments):
-        return virtual(arguments.port, arguments.baud, _conform_seed(arguments), boards)
+        return virtual(_conform_url(arguments), arguments.baud, _conform_seed(arguments), boards)
     access = _conform_access_to_port(arguments)
     return access if boards is None else RecordedAccess(access, boards)
+
+
+def _conform_url(arguments: argparse.Namespace) -> str | None:
+    """Return the URL of a board in this program; None: the usual one."""
+    if arguments.simulator is None:
+        return None if arguments.port is None else str(arguments.port)
+    from haptogram.settings.board import BoardConfig
+    from haptogram.settings.board_url import PortConfig, write_board_url
+
+    board = BoardConfig.of(simulator=arguments.simulator)
+    return write_board_url(PortConfig(clock="virtual", board=board))
 
 
 def _conform_access_to_port(arguments: argparse.Namespace) -> Access:

@@ -32,6 +32,8 @@ examples:
       a board; every case, every byte of what failed
   haptogram conform --spawn ./build/firmware --port-regex 'PTY is (/dev/pts/[0-9]+)'
       a native build on a pty, restarted for the clauses about a reset
+  haptogram conform --simulator obj/Vboard
+      firmware in a simulator, in virtual time
   haptogram conform --spawn ./build/firmware --quick
       what takes no time, for every commit; --full before a release
   haptogram conform --port /dev/ttyACM0 --clause HG-2 --clause HG-3.4/1
@@ -53,6 +55,9 @@ class BoardUnderTestConfig(Settings):
     baud: int = option_of(LinkConfig, "baud")
     spawn: str | None = option(
         None, unit="CMD", help="program that is started, and prints its port"
+    )
+    simulator: str | None = option_of(
+        LinkConfig, "simulator", absent="the virtual board is emulated"
     )
     port_regex: str | None = option(
         None, unit="REGEX", help="finds the port in what --spawn prints, first group"
@@ -245,6 +250,8 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
         )
     if arguments.spawn is not None and arguments.port is not None:
         raise ConfigurationError("--spawn names its own port: --port is one too many")
+    if arguments.simulator is not None and (arguments.port or arguments.spawn):
+        raise ConfigurationError("--simulator is a board of its own: leave out --port and --spawn")
     if arguments.port_regex is not None and arguments.spawn is None:
         raise ConfigurationError("--port-regex is about what --spawn prints; there is no --spawn")
     if arguments.port_regex is not None:
