@@ -16,8 +16,7 @@ begin
     process
         type times is array (0 to 4095) of time;
         type bytes is array (0 to 4095) of std_logic_vector(9 downto 0);
-        variable begins : times;
-        variable coming : bytes;  -- with start and stop bit
+        variable begins : times; variable coming : bytes;  -- a ring, with start and stop bits
         variable first, last, place, sending : natural := 0;
         variable said : line;
         variable word : string(1 to 2);
