@@ -149,7 +149,13 @@ def _run_conform(
         raise LinkError(suite.cut_short)  # no board answered: nothing was judged
     if suite.is_interrupted:
         announce_interrupted_output("haptogram conform")
-    judged = conform_captures_at_port(captures, suite, begin_s, _expected_to_conform(arguments))
+    judged = conform_captures_at_port(
+        captures,
+        suite,
+        begin_s,
+        _expected_to_conform(arguments),
+        simulated=arguments.simulator is not None,
+    )
     suite = judged or suite
     # Before the files: a full disk must not cost it.
     outputs.print(suite_text(suite, verbose=arguments.verbose))
@@ -230,7 +236,10 @@ def _conform_url(arguments: argparse.Namespace) -> str | None:
     from haptogram.settings.board import BoardConfig
     from haptogram.settings.board_url import PortConfig, write_board_url
 
-    board = BoardConfig.of(simulator=arguments.simulator)
+    capture = next(iter(arguments.capture), None)
+    if capture is not None:
+        capture.unlink(missing_ok=True)  # it would be appended to
+    board = BoardConfig.of(simulator=arguments.simulator, simulator_capture=capture)
     return write_board_url(PortConfig(clock="virtual", board=board))
 
 

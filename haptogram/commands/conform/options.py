@@ -132,7 +132,7 @@ class PinConfig(CaptureConfig):
         CaptureConfig,
         "capture",
         help="capture of drive pins and UART (VCD, or .sr of sigrok) of the run at --port, or of "
-        "the one in --from-recording; may be repeated",
+        "the one in --from-recording; may be repeated; with --simulator the VCD file that is made",
     )
     from_recording: Path | None = option_of(
         CaptureConfig,
@@ -242,7 +242,7 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
     ConfigurationError
         Before anything is run.
     """
-    if arguments.capture and not _is_conform_port(arguments):
+    if arguments.capture and not arguments.simulator and not _is_conform_port(arguments):
         raise ConfigurationError(
             "--capture is of a run at --port, or with --from-recording of the run in it; a board "
             "that --spawn starts writes its capture when it ends: use --record, and "

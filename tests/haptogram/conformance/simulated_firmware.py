@@ -1,6 +1,6 @@
 """A simulator of firmware of Haptogram's own wire: the virtual board, at the end of a real line.
 
-``simulated_firmware.py [MUTANT]``.
+``simulated_firmware.py [lingers]``: with it the pins sound on for 2 ms when the output is off.
 """
 
 import sys
@@ -9,10 +9,10 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel
 from haptogram_protocol.state import OutputState
+from sim_device.assembly import HEALTHY
 from sim_device.backdoor.pin_waveforms import PinWaveformPulses
 from sim_device.board.events import Latch, StateChange
 from sim_device.board.settings import BOOT_US, BoardSettings
-from sim_device.mutants import mutant_parts
 
 PERIOD_NS, NX, NY = 25_000, 5, 3
 
@@ -37,9 +37,10 @@ def period_text(weights):
 class Firmware:
     """The board, which takes whole bytes, and sends them one after the other."""
 
-    def __init__(self, mutant):
+    def __init__(self, way):
         settings = BoardSettings(model=AcousticModel.default(NX, NY))
-        self.board = mutant_parts(mutant).assemble(settings)
+        self.board = HEALTHY.assemble(settings)
+        self.lingers_us = 2_000 if way == "lingers" else 0
         self.bit_ns, self.line, self.period, self.free_ns = 0, [], 0, 0
         self.sending = bytearray()
         self.silent = self.text = period_text(np.zeros(NX * NY))
@@ -57,7 +58,7 @@ class Firmware:
                 self.changes.append((seen.t_latch_us, period_text(seen.radiated.weights())))
         for notice in self.board.take_notices():
             if isinstance(notice, StateChange) and notice.state is not OutputState.ARMED:
-                self.changes.append((notice.t_us, self.silent))
+                self.changes.append((notice.t_us + self.lingers_us, self.silent))
 
     def run(self, until_ns):
         """Return the lines of a grant."""
@@ -88,8 +89,8 @@ class Firmware:
             self.period += PERIOD_NS
 
 
-def main(mutant=None):
-    firmware = Firmware(mutant)
+def main(way=None):
+    firmware = Firmware(way)
     names = " ".join(f"e{pin}" for pin in range(NX * NY))
     hello = f"hello 1\nby the virtual board\npins {names}\nperiod {PERIOD_NS}\n. 0\n"
     for line in sys.stdin:
