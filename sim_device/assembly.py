@@ -89,7 +89,8 @@ class SimulatedAssembly:
 
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
-        unit = SimulatedUnit(self.command, settings.line.baud, settings.count, settings.boot_us)
+        line, file = settings.line.baud, settings.simulator_capture
+        unit = SimulatedUnit(self.command, line, 1, settings.boot_us, capture=file)
         return SimulatedBoard(unit, settings.boot_us)
 
 

@@ -32,6 +32,9 @@ from .mutants import mutant_parts
 _OF_HAPTOGRAM: Final = (*REPORTS, "clock.offset", "clock.wrap", "clock.step")
 
 
+_OF_A_SIMULATOR: Final = {"slow_down", "simulator_capture"}
+
+
 @dataclass(frozen=True)
 class Blueprint:
     """A board that can be built.
@@ -60,8 +63,11 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
         For an array or a calibration that cannot be read, an unknown mutant or dialect, an option
         or a fault that makes no sense in this dialect, and a fault that this board cannot have.
     """
-    if config.slow_down > 1.0 and config.simulator is None:
-        raise ConfigurationError("slow_down is for a simulated board; give simulator too")
+    for name in config.non_default().keys() & _OF_A_SIMULATOR:
+        if config.simulator is None:
+            raise ConfigurationError(f"{name} is for a simulated board; give simulator too")
+    if config.simulator is not None and config.mutant is not None:
+        raise ConfigurationError("mutant acts on the emulated board; leave it out with simulator")
     if config.dialect is None:
         if config.dialect_option:
             raise ConfigurationError(

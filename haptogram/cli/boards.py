@@ -192,12 +192,14 @@ def access_in_program(
             boards.hardware_fault()
         opened[0].raise_hardware_fault()
 
+    simulator = first.board.simulator
+    name = url or write_board_url(first)
     return VirtualAccess(
-        url or write_board_url(first),
+        name if simulator is None else f"simulated by {simulator!r}",
         start,
         baudrate=first.board.line.baud or baudrate,
         virtual=first.is_virtual,
-        raise_fault=raise_fault,
+        raise_fault=raise_fault if simulator is None else None,
     )
 
 

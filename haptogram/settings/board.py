@@ -221,6 +221,13 @@ class BoardConfig(Settings):
         help="program that simulates the firmware, whose pins are the drive (docs/simulators.md)",
         absent="emulated",
     )
+    simulator_capture: Path | None = option(
+        None,
+        unit="FILE",
+        help="VCD file to which the pins and the line of a simulated board are appended, each time "
+        "that it is switched on",
+        absent="none",
+    )
     slow_down: float = option(
         1.0,
         unit="K",

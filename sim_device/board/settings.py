@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Final, Self
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
@@ -98,6 +99,8 @@ class BoardSettings:
         Of a board that speaks another dialect; None: Haptogram's own.
     simulator : str or None
         Command line of the process that simulates the board; None: it is emulated here.
+    simulator_capture : Path or None
+        File that takes down what its pins and its line do.
 
     Raises
     ------
@@ -131,6 +134,7 @@ class BoardSettings:
     firmware: str = "haptogram-sim 1"
     wiring: Wiring | None = None
     simulator: str | None = None
+    simulator_capture: Path | None = None
 
     def __post_init__(self) -> None:
         carrier = self.model.frequency_hz
@@ -177,6 +181,7 @@ class BoardSettings:
             seed=config.seed,
             line=config.line,
             simulator=config.simulator,
+            simulator_capture=config.simulator_capture,
             latch_lead_us=config.latch_lead_us,
             point_time_us=config.point_time_us,
         )

@@ -98,8 +98,9 @@ class Emulation:
         unit = self.unit(options, settings.boot_us)
         if settings.simulator is not None:
             channels = 1 + max(settings.wiring.channels)
+            line, boot_us = settings.line.baud, settings.boot_us
             unit = SimulatedUnit(
-                settings.simulator, settings.line.baud, channels, settings.boot_us, unit
+                settings.simulator, line, channels, boot_us, unit, settings.simulator_capture
             )
         return VirtualForeignDialect(
             self.dialect,

@@ -3,8 +3,8 @@
 // The model has a clock and a vector of pins, maybe a line to the board and one from it; their
 // names, and the numbers, are given when this is compiled:
 //   verilator --cc --exe --build -O3 --top-module board -CFLAGS '-O2 -DMODEL=Vboard -DCLK=clk
-//     -DRX=rx -DPINS=pins -DCOUNT=16 -DHZ=32000000 -DPERIOD=25000' board.v verilator.cpp
-// -DTX=tx for a board that answers; -DSTART=N if it takes bytes only N ns after power-up.
+//     -DRX=rx -DPINS=pins -DCOUNT=16 -DHZ=32000000 -DPERIOD=25000 -DSTART=0' board.v verilator.cpp
+// -DTX=tx for a board that answers. START: ns from power-up until it takes bytes.
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
@@ -15,9 +15,6 @@
 #define HEADER_OF(name) TEXT_OF(name.h)
 #define HEADER(name) HEADER_OF(name)
 #include HEADER(MODEL)
-#ifndef START
-#define START 0
-#endif
 
 typedef uint64_t u64;
 static const u64 FS = 1000000;  // femtoseconds of a nanosecond: clocks are whole numbers of them

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from haptogram.errors import ConfigurationError
+from haptogram.records.frame import Evidence
 
 from ..shell.captures import read_capture_arguments, wait_for_capture_arguments
 from ..shell.output_files import print_command_error
@@ -17,7 +19,12 @@ if TYPE_CHECKING:
 
 
 def conform_captures_at_port(
-    config: CaptureConfig, suite: SuiteResult, since_s: float, expected: dict[str, str]
+    config: CaptureConfig,
+    suite: SuiteResult,
+    since_s: float,
+    expected: dict[str, str],
+    *,
+    simulated: bool = False,
 ) -> SuiteResult | None:
     """Return a run at a port with the results of its captures; as it is if there is none.
 
@@ -39,7 +46,10 @@ def conform_captures_at_port(
         shares = [
             captured_share_of_run(record, suite.nonces, "the one at the port") for record in records
         ]
-        return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected), shares)
+        judged = judge_clauses_by_pins(records, expected)
+        if simulated:
+            judged = tuple(dataclasses.replace(one, evidence=Evidence.SIMULATED) for one in judged)
+        return suite_with_clauses_by_pins(suite, judged, shares)
     except KeyboardInterrupt:
         print("haptogram conform: interrupted; --capture was not judged", file=sys.stderr)
     except ConfigurationError as error:

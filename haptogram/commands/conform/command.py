@@ -135,7 +135,13 @@ def _run_conform(
         raise LinkError(suite.cut_short)  # no board answered: nothing was judged
     if suite.is_interrupted:
         announce_interrupted_output("haptogram conform")
-    judged = conform_captures_at_port(captures, suite, begin_s, _expected_to_conform(arguments))
+    judged = conform_captures_at_port(
+        captures,
+        suite,
+        begin_s,
+        _expected_to_conform(arguments),
+        simulated=arguments.simulator is not None,
+    )
     suite = judged or suite
     # Before the files: a full disk must not cost it.
     outputs.print(suite_text(suite, verbose=arguments.verbose))
@@ -203,9 +209,23 @@ def _conform_access(
 
     boards = None if writer is None else RecordedBoards(writer)
     if asks_to_conform_virtual_board(arguments):
-        return virtual(arguments.port, arguments.baud, _conform_seed(arguments), boards)
+        return virtual(_conform_url(arguments), arguments.baud, _conform_seed(arguments), boards)
     access = _conform_access_to_port(arguments)
     return access if boards is None else RecordedAccess(access, boards)
+
+
+def _conform_url(arguments: argparse.Namespace) -> str | None:
+    """Return the URL of a board in this program; None: the usual one."""
+    if arguments.simulator is None:
+        return None if arguments.port is None else str(arguments.port)
+    from haptogram.settings.board import BoardConfig
+    from haptogram.settings.board_url import PortConfig, write_board_url
+
+    capture = next(iter(arguments.capture), None)
+    if capture is not None:
+        capture.unlink(missing_ok=True)  # it would be appended to
+    board = BoardConfig.of(simulator=arguments.simulator, simulator_capture=capture)
+    return write_board_url(PortConfig(clock="virtual", board=board))
 
 
 def _conform_access_to_port(arguments: argparse.Namespace) -> Access:

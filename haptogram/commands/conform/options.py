@@ -30,6 +30,8 @@ examples:
       a board; every case, every byte of what failed
   haptogram conform --spawn ./build/firmware --port-regex 'PTY is (/dev/pts/[0-9]+)'
       a native build on a pty, restarted for the clauses about a reset
+  haptogram conform --simulator obj/Vboard
+      firmware in a simulator, in virtual time
   haptogram conform --spawn ./build/firmware --quick
       what takes no time, for every commit; --full before a release
   haptogram conform --port /dev/ttyACM0 --clause HG-2 --clause HG-3.4/1
@@ -51,6 +53,9 @@ class BoardUnderTestConfig(Settings):
     baud: int = option_of(LinkConfig, "baud")
     spawn: str | None = option(
         None, unit="CMD", help="program that is started, and prints its port"
+    )
+    simulator: str | None = option_of(
+        LinkConfig, "simulator", absent="the virtual board is emulated"
     )
     port_regex: str | None = option(
         None, unit="REGEX", help="finds the port in what --spawn prints, first group"
@@ -123,7 +128,7 @@ class PinConfig(CaptureConfig):
         CaptureConfig,
         "capture",
         help="capture of drive pins and UART (VCD, or .sr of sigrok) of the run at --port, or of "
-        "the one in --from-recording; may be repeated",
+        "the one in --from-recording; may be repeated; with --simulator the VCD file that is made",
     )
     from_recording: Path | None = option_of(
         CaptureConfig,
@@ -220,7 +225,7 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
     ConfigurationError
         Before anything is run.
     """
-    if arguments.capture and not _is_conform_port(arguments):
+    if arguments.capture and not arguments.simulator and not _is_conform_port(arguments):
         raise ConfigurationError(
             "--capture is of a run at --port, or with --from-recording of the run in it; a board "
             "that --spawn starts writes its capture when it ends: use --record, and "
@@ -228,6 +233,8 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
         )
     if arguments.spawn is not None and arguments.port is not None:
         raise ConfigurationError("--spawn names its own port: --port is one too many")
+    if arguments.simulator is not None and (arguments.port or arguments.spawn):
+        raise ConfigurationError("--simulator is a board of its own: leave out --port and --spawn")
     if arguments.port_regex is not None:
         _check_conform_regex(arguments.port_regex)
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ..figures.style import embed_picture
-from ..figures.style import BLUE, GREY, VERMILION, new_figure
+from ..figures.style import BLUE, GREY, VERMILION, embed_picture, new_figure
 from ..formats.document import PagePicture
 
 if TYPE_CHECKING:

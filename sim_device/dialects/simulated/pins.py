@@ -18,6 +18,7 @@ STEPS: Final = 4096  # of a period: 6 ns of 25 µs
 _UNSTEADY: Final = 8  # periods over which pins that do not repeat are averaged
 _SAME: Final = 0.5 / 64  # of the amplitude; a step of 1/32 period is 0.2
 _SILENT: Final = 1e-3
+_CODES: Final = 256  # of a phase in a drive
 
 
 class ShownDrive(NamedTuple):
@@ -128,11 +129,16 @@ class SimulatedPins:
 
 
 def _pulses_of(weights: ComplexArray) -> PulseDrive:
-    """Return pulses with these fundamentals, none of which is wider than half a period."""
+    """Return pulses with these fundamentals, none of which is wider than half a period.
+
+    They are turned by less than a code, so that the phases of most lie on codes: else a drive whose
+    common phase is between two of them would be rounded both ways.
+    """
     sizes = np.abs(weights)
-    widths = np.arcsin(np.minimum(sizes, 1.0)) / math.pi * STEPS
-    rises = np.angle(weights) / math.tau * STEPS - widths / 2.0
     is_on = sizes > _SILENT
+    fine = np.angle(np.sum((weights[is_on] / sizes[is_on]) ** _CODES)) / _CODES
+    widths = np.arcsin(np.minimum(sizes, 1.0)) / math.pi * STEPS
+    rises = (np.angle(weights) - fine) / math.tau * STEPS - widths / 2.0
     return PulseDrive(
         np.where(is_on, np.rint(rises) % STEPS, 0).astype(np.uint16),
         np.where(is_on, np.maximum(np.rint(widths), 1), 0).astype(np.uint16),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections import Counter, deque
+from pathlib import Path
 from typing import Final
 
 from haptogram.acoustics.model.pulses import PulseDrive
@@ -13,12 +14,13 @@ from haptogram_protocol.dialects.codec import Operation
 from ...board.clock import earliest_board_time
 from ...board.events import PulseLatch
 from ..unit import Unit
+from .capture import SimulatedCapture
 from .pins import STEPS, SimulatedPins
 from .process import SentByte, SimulatorProcess
 
 POWER_UP: Final = "power-up"
 PINS: Final = "pins"
-_POLL_US: Final = 1_000  # at the wall clock: what the board does by itself is seen so much later
+_POLL_US: Final = 5_000  # at the wall clock: what the board does by itself is seen so much later
 _PERIODS_AHEAD: Final = 4  # of the power-up, after which its drive is known
 _NS_PER_US: Final = 1_000
 _LOG: Final = logging.getLogger(__name__)
@@ -42,6 +44,8 @@ class SimulatedUnit:
         Device time at power-up, at which the board takes bytes.
     expected : Unit or None
         The unit of the dialect.
+    capture : Path or None
+        File that takes down what pins and line do.
 
     Raises
     ------
@@ -58,10 +62,12 @@ class SimulatedUnit:
         channels: int,
         now_us: int,
         expected: Unit | None = None,
+        capture: Path | None = None,
     ) -> None:
         self._process = SimulatorProcess(command, baud, channels)
         hello = self._process.hello
         self._byte_ns = 1e10 / baud if baud else 0.0
+        self._capture = None if capture is None else SimulatedCapture(capture, hello, self._byte_ns)
         self._pins = SimulatedPins(len(hello.pins), hello.period_ns)
         self._expected = expected
         self._expected_pins = None if expected is None else self._last_of(expected)
@@ -93,6 +99,9 @@ class SimulatedUnit:
         begin_ns = self._ns_at(begin_us)
         times = [begin_ns + round(place * self._byte_ns) for place in range(len(data))]
         self._process.announce(times, data)
+        if self._capture is not None:
+            for t_ns, value in zip(times, data, strict=True):
+                self._capture.carried("to_board", t_ns, value)
 
     def run_ahead(self, until_us: int) -> None:
         """Let time pass at the board, up to *until_us* or to the first byte that it sends."""
@@ -139,6 +148,9 @@ class SimulatedUnit:
 
     def power_down(self) -> None:
         """End the simulator."""
+        if self._capture is not None:
+            self._capture.close(self._process.now_ns)
+            self._capture = None
         self._is_lost = True
         self._process.close()
 
@@ -150,8 +162,16 @@ class SimulatedUnit:
             self._take_pins(text)
             self._is_lost = False
             self._sent += sent
+            if self._capture is not None:
+                self._take_down(self._capture, text, sent)
             if sent and stops:
                 return
+
+    def _take_down(self, capture: SimulatedCapture, text: bytes, sent: list[SentByte]) -> None:
+        capture.changed(text)
+        for t_ns, value in sent:
+            capture.carried("to_host", t_ns - self._byte_ns, value)
+        capture.write(self._process.now_ns)
 
     def _take_pins(self, text: bytes) -> None:
         try:

@@ -8,7 +8,19 @@ import sys
 import time
 
 PERIOD_NS, STEPS, START_NS = 25_000, 32, 100_000
-WAYS = ("dies", "hangs", "late", "back", "ahead", "stops", "garbage", "skips", "bad-pins", "echo")
+WAYS = (
+    "dies",
+    "hangs",
+    "late",
+    "back",
+    "ahead",
+    "stops",
+    "garbage",
+    "skips",
+    "bad-pins",
+    "echo",
+    "no-clocks",
+)
 
 
 def period_text(codes, digits):
@@ -31,23 +43,29 @@ class Simulator:
         self.pins, self.way, self.misbehaves = pins, way, False
         self.bit_ns, self.line, self.reached, self.period = 0, [], 0, 0
         self.codes, self.next, self.channel = [0] * pins, [0] * pins, 0
-        self.text = ""
+        self.text, self.listens, self.clocked = "", True, True
         self.show()
 
     def show(self):
-        self.text = period_text(self.codes, -(-self.pins // 4))
+        codes = self.codes if self.clocked else [STEPS] * self.pins
+        self.text = period_text(codes, -(-self.pins // 4))
 
     def take(self, byte):
-        if byte == 0xFE:
-            self.channel = 0
+        if byte in (0xC0, 0xC1):
+            self.listens = byte == 0xC0
+        elif byte in (0x96, 0x97) and self.way != "no-clocks":
+            self.clocked = byte == 0x97
+            self.show()
         elif byte == 0xFD:
-            self.codes, self.next = self.next, self.codes
+            self.codes, self.next, self.channel = self.next, self.codes, 0
             self.show()
             self.misbehaves = self.way is not None
-        else:
-            if self.channel < self.pins:
+        elif self.listens:
+            if byte == 0xFE:
+                self.channel = -1
+            elif self.channel < self.pins:
                 self.next[self.channel] = byte if byte == STEPS else byte % STEPS
-            self.channel += 1
+            self.channel = (self.channel + 1) % 256
 
     def run(self, until):
         """Return the lines of a grant."""

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from haptogram.errors import ConfigurationError, LinkLostError
+from haptogram.evidence.captures.channel_map import ChannelMap
+from haptogram.evidence.captures.files import read_capture
+from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
 from haptogram_protocol.dialects.sonicsurface import OFF
@@ -159,6 +162,25 @@ def test_pins_that_jitter_by_a_nanosecond_show_one_drive():
     pins = SimulatedPins(1, 25_000)
     text = b"".join(period([(n % 3, 1), (12_500 + n % 2, 0)]) for n in range(40))
     assert len(list(pins.take(text))) == 1
+
+
+def test_its_pins_and_its_line_are_a_capture_that_goes_on_after_a_power_cycle(tmp_path):
+    path = tmp_path / "pins.vcd"
+    for _ in range(2):
+        port = opened(command(PINS), simulator_capture=path)
+        port.write(RAMP)
+        port.flush()
+        port.wait_until_ns(port.now_ns() + 1_000_000)
+        port.close()
+    elements = {f"out{pin}": pin for pin in range(PINS)}
+    fields = {"reference": "carrier", "to_board": "to_board", "baud": 230_400}
+    mapped = ChannelMap.of(path, {**fields, "sample_rate_hz": 1e9, "elements": elements})
+    record = pin_record_of_capture(read_capture(path), mapped)
+    assert record.to_board is not None
+    assert bytes(record.to_board.values) == RAMP * 2
+    assert record.to_board.damaged == 0
+    shown = {pin: np.median(pulses.falls - pulses.rises) for pin, pulses in record.pins.items()}
+    assert shown == pytest.approx(dict.fromkeys(range(PINS), 0.5), abs=0.01)
 
 
 def test_slow_down_is_for_a_simulated_board_and_a_terminal():

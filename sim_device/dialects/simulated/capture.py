@@ -1,0 +1,122 @@
+"""The pins and the line of a simulated board in a VCD file, as a logic analyser sees them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Final
+
+from haptogram.errors import unwritable_file
+
+from .process import PERIOD, SimulatedHello
+
+_LINES: Final = ("carrier", "to_board", "to_host")
+_BITS: Final = 10  # of a byte
+_OFF_NS: Final = 1_000_000  # between two boards, of which the second is the first after a reset
+_FIRST_CODE: Final = 33  # of the identifiers, which are 94 signs
+_SIGNS: Final = 94
+
+
+class SimulatedCapture:
+    """A VCD file, to which each power-up of a board is appended.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is made if there is none.
+    hello : SimulatedHello
+        The board.
+    byte_ns : float
+        Time of a byte on the line.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be written.
+    """
+
+    def __init__(self, path: Path, hello: SimulatedHello, byte_ns: float) -> None:
+        self._path, self._period_ns, self._bit_ns = path, hello.period_ns, byte_ns / _BITS
+        names = [*_LINES, *hello.pins]
+        self._codes = [_vcd_code(number) for number in range(len(names))]
+        self._high = 0
+        self._period = -1
+        self._rest = b""
+        self._edges: list[tuple[int, str]] = []  # that are not written yet
+        try:
+            self._file = path.open("a+", encoding="ascii")
+        except OSError as error:
+            raise unwritable_file(path, error, "--simulator-capture") from error
+        self._offset_ns = self._end_of_file_ns()
+        if not self._offset_ns:
+            self._write_header(names)
+
+    def _end_of_file_ns(self) -> int:
+        """Return the time at which the capture goes on."""
+        size = self._file.seek(0, os.SEEK_END)
+        self._file.seek(max(0, size - 100))
+        _, mark, last = self._file.read().rpartition("#")
+        return int(last.split()[0]) + _OFF_NS if mark else 0
+
+    def _write_header(self, names: list[str]) -> None:
+        variables = zip(self._codes, names, strict=True)
+        self._file.write("$timescale 1 ns $end\n$scope module pins $end\n")
+        self._file.writelines(f"$var wire 1 {code} {name} $end\n" for code, name in variables)
+        self._file.write("$upscope $end\n$enddefinitions $end\n#0\n")
+        levels = [int(name in _LINES[1:]) for name in names]
+        edges = zip(levels, self._codes, strict=True)
+        self._file.writelines(f"{level}{code}\n" for level, code in edges)
+
+    def carried(self, line: str, begin_ns: float, value: int) -> None:
+        """Take down a byte, whose start bit begins at a time."""
+        code, before = self._codes[_LINES.index(line)], 1
+        for place, bit in enumerate((0, *(value >> n & 1 for n in range(8)), 1)):
+            if bit != before:
+                self._edges.append((round(begin_ns + place * self._bit_ns), f"{bit}{code}\n"))
+            before = bit
+
+    def changed(self, text: bytes) -> None:
+        """Take down changes of pins, as they come; see :meth:`SimulatedPins.take`."""
+        *lines, self._rest = (self._rest + text).split(b"\n")
+        for line in lines:
+            if line + b"\n" == PERIOD:
+                self._period += 1
+                begin_ns = self._period * self._period_ns
+                self._edges.append((begin_ns, f"1{self._codes[0]}\n"))
+                self._edges.append((begin_ns + self._period_ns // 2, f"0{self._codes[0]}\n"))
+            elif line:
+                _, since, levels = line.split()
+                self._show(self._period * self._period_ns + int(since), int(levels, 16))
+
+    def _show(self, t_ns: int, high: int) -> None:
+        changed, self._high = high ^ self._high, high
+        while changed:
+            pin = (changed & -changed).bit_length() - 1
+            code = self._codes[len(_LINES) + pin]
+            self._edges.append((t_ns, f"{high >> pin & 1}{code}\n"))
+            changed &= changed - 1
+
+    def write(self, up_to_ns: int) -> None:
+        """Write what happened up to a time; a byte that is being sent lasts till its end."""
+        self._edges.sort(key=lambda edge: edge[0])
+        last_ns = -1
+        for count, (t_ns, text) in enumerate(self._edges):
+            if t_ns > up_to_ns - _BITS * self._bit_ns:
+                self._edges = self._edges[count:]
+                return
+            self._file.write(f"#{t_ns + self._offset_ns}\n{text}" if t_ns > last_ns else text)
+            last_ns = t_ns
+        self._edges = []
+
+    def close(self, now_ns: int) -> None:
+        """Write the rest: the pins of a board without power are low."""
+        self._show(now_ns, 0)
+        self.write(now_ns + round(_BITS * self._bit_ns))
+        self._file.write(f"#{now_ns + self._offset_ns}\n")
+        self._file.close()
+
+
+def _vcd_code(number: int) -> str:
+    """Return an identifier of a variable."""
+    text = chr(_FIRST_CODE + number % _SIGNS)
+    return text if number < _SIGNS else _vcd_code(number // _SIGNS - 1) + text
