@@ -294,17 +294,12 @@ _MOST_CODES: Final = {np.uint8: 0xFF, np.uint16: 0xFFFF}
 def _as_drive_codes(
     name: str, values: ArrayLike, limit: int, kind: type[np.uint8] | type[np.uint16]
 ) -> NDArray[Any]:
-    if (
-        isinstance(values, np.ndarray)
-        and values.dtype == kind
-        and values.ndim == 1
-        and limit == _MOST_CODES[kind]
-        and 1 <= len(values) <= MAX_TRANSDUCERS
-    ):
+    if isinstance(values, np.ndarray) and values.dtype == kind and limit == _MOST_CODES[kind]:
         flags = values.flags  # nobody can change what is read-only and no view: it is shared
-        codes = values if flags.owndata and not flags.writeable else values.astype(kind)
-        read_only_array(codes)
-        return codes
+        if values.ndim == 1 and 1 <= len(values) <= MAX_TRANSDUCERS:
+            whole = values if flags.owndata and not flags.writeable else values.astype(kind)
+            read_only_array(whole)
+            return whole
     try:
         array = np.asarray(values)
     except ValueError as error:  # rows of different lengths

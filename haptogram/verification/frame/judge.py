@@ -22,6 +22,7 @@ from haptogram.acoustics import (
 )
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
+from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.acoustics.solvers.several import frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
@@ -31,7 +32,7 @@ from ..tolerance import Tolerance, Uncertainty
 from . import criteria
 from .crc_drive import drive_of_crc
 from .ideal_drive import IdealFrameDrive
-from .ordinary import OrdinaryFrames, Pair
+from .ordinary import BY_CRC, OrdinaryFrames, Pair
 from .several import judge_several_foci
 from .single import SingleFocusFrame, judge_silent_frame, verdict_not_radiated
 from .target import FrameTarget
@@ -137,11 +138,28 @@ class FrameJudge:
 
     def judge_all(self, pairs: Iterable[Pair]) -> Iterator[FrameVerdict]:
         """Yield the verdicts on frames and their latches, as one call of :meth:`judge` for each."""
-        coming = iter(pairs)
-        while some := list(itertools.islice(coming, _AT_ONCE)):
-            found = self._ordinary.verdicts(some, self._carrier_us)
-            for pair, verdict in zip(some, found, strict=True):
-                yield self.judge(*pair) if verdict is None else verdict
+        for missing, coming in itertools.groupby(pairs, self._steps_of_missing_field):
+            while some := list(itertools.islice(coming, _AT_ONCE)):
+                if missing is not None:
+                    some = self._with_fields(some, missing)
+                found = self._ordinary.verdicts(some, self._carrier_us)
+                for pair, verdict in zip(some, found, strict=True):
+                    yield self.judge(*pair) if verdict is None else verdict
+
+    def _steps_of_missing_field(self, pair: Pair) -> int | None:
+        """Return the phase steps of a frame whose field has to be rebuilt first; None: no need."""
+        return pair[0].steps if self._ordinary.is_field_missing(*pair) else None
+
+    def _with_fields(self, pairs: Iterable[Pair], steps: int) -> list[Pair]:
+        asked = [
+            DriveToFind(intended.drive, criteria.judged_frame_step_rad(intended))
+            for intended, _ in pairs
+        ]
+        found = self._reconstructor(steps).reconstruct_all(asked)
+        return [
+            (intended, dataclasses.replace(latch, reconstruction=focus))
+            for (intended, latch), focus in zip(pairs, found, strict=True)
+        ]
 
     def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return the verdict on a frame that was latched, or seen on the wire."""
@@ -215,7 +233,7 @@ class FrameJudge:
         if drive is None and intended.board_computed:
             return None, "the board computed the drive, and only its CRC was seen"
         if drive is None:
-            return intended.drive, "by the CRC of the drive, which is that of the intended one"
+            return intended.drive, BY_CRC
         for seen in (drive, observation.radiated or drive):
             if seen.count != count:
                 return None, f"a drive of {seen.count} elements; the array has {count}"
@@ -241,13 +259,15 @@ class FrameJudge:
             latches=1,
         )
 
+    def _reconstructor(self, steps: int) -> Reconstructor:
+        if steps not in self._reconstructors:
+            self._reconstructors[steps] = Reconstructor(self._model)
+        return self._reconstructors[steps]
+
     def _reconstruct(self, frame: SingleFocusFrame) -> Reconstruction | None:
         """Return what a drive radiates; None: it is wrong anyhow, and too many like it were."""
         # How well the phases fit a focus depends on the wire's steps, not on the registers.
-        steps = frame.intended.steps
-        if steps not in self._reconstructors:
-            self._reconstructors[steps] = Reconstructor(self._model)
-        known = self._reconstructors[steps]
+        known = self._reconstructor(frame.intended.steps)
         weights, slack_rad = frame.latched.weights(), frame.target.tolerated_rad
         step_rad = criteria.judged_frame_step_rad(frame.intended)
         if self._searches >= _MOST_SEARCHES and frame.is_wrong_without_search:

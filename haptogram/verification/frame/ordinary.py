@@ -29,8 +29,17 @@ from .verdict import FrameStatus, FrameVerdict
 Pair: TypeAlias = tuple[Intended, Observation]
 
 _MM: Final = 1e3
+#: Of a frame of which the CRC alone was seen.
+BY_CRC: Final = "by the CRC of the drive, which is that of the intended one"
 _HOLD: Final = ("S1", "S2", "S3", "S4", "S5")
 COMPILED: Final = "compiled"
+#: What each answer of the loops stands for.
+_REASONS: Final = (
+    "",
+    "a coordinate of the focus that does not show",
+    "a peak that has no place, or that rounding moves far",
+    "a criterion that does not hold",
+)
 
 
 class OrdinaryFrames:
@@ -69,6 +78,11 @@ class OrdinaryFrames:
         self._full = bytes([FULL_AMPLITUDE]) * model.array.count
         self._limits: dict[tuple[Any, ...], tuple[float, float]] = {}
 
+    def is_field_missing(self, intended: Intended, latch: Observation) -> bool:
+        """Return True if a frame may be ordinary, but nobody has rebuilt the field of its latch."""
+        is_missing = latch.reconstruction is None and self._why_not is None
+        return is_missing and _why_not_as_sent(intended, latch, self._full) is None
+
     def verdicts(self, pairs: Sequence[Pair], carrier_us: int) -> list[FrameVerdict | None]:
         """Return the verdicts of frames and their latches; None: not ordinary."""
         found: list[FrameVerdict | None] = [None] * len(pairs)
@@ -77,14 +91,17 @@ class OrdinaryFrames:
         if places:
             some = [pairs[place] for place in places]
             for place, verdict in zip(places, self._judged(some, carrier_us), strict=True):
-                found[place] = verdict
-                reasons[place] = COMPILED if verdict else "a criterion that does not hold"
+                if isinstance(verdict, FrameVerdict):
+                    found[place], reasons[place] = verdict, COMPILED
+                else:
+                    reasons[place] = verdict
         self.ways.update(reason for reason in reasons if reason is not None)
         return found
 
-    def _judged(self, pairs: Sequence[Pair], carrier_us: int) -> list[FrameVerdict | None]:
+    def _judged(self, pairs: Sequence[Pair], carrier_us: int) -> list[FrameVerdict | str]:
+        """Return the verdict on each frame, or why there is none."""
         pistons, kernels = self._pistons, self._pistons.kernels
-        codes = np.array([latch.drive.phase_codes for _, latch in pairs if latch.drive])
+        codes = np.array([intended.drive.phase_codes for intended, _ in pairs])
         limits, coherences = np.array([self._limits_of(intended) for intended, _ in pairs]).T.copy()
         targets = np.array([intended.foci[0].position_m for intended, _ in pairs])
         offsets = np.array([_focus_of(latch).position_m for _, latch in pairs]) - targets
@@ -97,10 +114,9 @@ class OrdinaryFrames:
             distances, offsets, limits, coherences, pistons.places, pistons.medium, OBSERVED,
             PEAK_SETTINGS.copy(), measures, answers,
         )  # fmt: skip
-        holds = (answers == kernels.HOLD).tolist()
         return [
-            self._verdict(*pair, row, carrier_us) if hold else None
-            for pair, row, hold in zip(pairs, measures.tolist(), holds, strict=True)
+            _REASONS[answer] or self._verdict(*pair, row, carrier_us)
+            for pair, row, answer in zip(pairs, measures.tolist(), answers.tolist(), strict=True)
         ]
 
     def _limits_of(self, intended: Intended) -> tuple[float, float]:
@@ -150,7 +166,7 @@ class OrdinaryFrames:
             loudness / math.sqrt(2.0),
             dict.fromkeys(_HOLD, True),
             (),
-            "",
+            BY_CRC if latch.drive is None else "",
             due_us,
             seen_us,
             latch.late or late_us >= carrier_us,
@@ -161,19 +177,27 @@ class OrdinaryFrames:
 
 def _why_not_ordinary(intended: Intended, latch: Observation, full: bytes) -> str | None:
     """Return why a frame and its latch are not ordinary, *full* amplitude; None: they may be."""
-    wanted, drive = intended.drive, latch.drive
+    reason = _why_not_as_sent(intended, latch, full)
+    if reason is not None:
+        return reason
+    found = latch.reconstruction
+    return None if isinstance(found, SingleFocus) and not found.rivals_m else "no single focus"
+
+
+def _why_not_as_sent(intended: Intended, latch: Observation, full: bytes) -> str | None:
+    """Return why a latch does not show one focus of *full* amplitude as it was sent; or None."""
+    wanted = intended.drive
+    drive = wanted if latch.shows_by_crc(intended) else latch.drive
     if len(intended.foci) != 1:
         return "several foci"
     if latch.evidence is Evidence.WIRE or drive is None:
-        return "no drive of the board"
-    if not isinstance(latch.reconstruction, SingleFocus) or latch.reconstruction.rivals_m:
-        return "no single focus of somebody else"
+        return "no drive of the board, or another CRC"
     if wanted.phase_bits != REGISTER_BITS or drive.phase_bits != REGISTER_BITS:
         return "phases that are not of 8 bits"
     if drive.amplitude_codes.tobytes() != full:
         return "amplitudes"
-    is_other = latch.radiated is not None or latch.drive_crc not in (None, drive.digest())
-    if is_other or wanted != drive:
+    is_other = latch.radiated is not None or latch.drive_crc not in (None, wanted.digest())
+    if is_other or (drive is not wanted and drive != wanted):
         return "another drive than the intended one"
     return None
 

@@ -9,6 +9,7 @@ from haptogram.acoustics import (
     AcousticModel,
     Calibration,
     Drive,
+    NoFocus,
     PointSource,
     Reconstructor,
     Transducer,
@@ -20,7 +21,7 @@ from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, Focus
 from haptogram.verification import FrameJudge, Tolerance, Uncertainty
 from haptogram.verification.frame import judge as judge_module
-from haptogram.verification.frame.ordinary import COMPILED
+from haptogram.verification.frame.ordinary import BY_CRC, COMPILED
 from latched_drives import drive_of, intend, registers, seen
 
 pytest.importorskip("numba")
@@ -132,8 +133,12 @@ LATCHES = {
         lambda latch: seen_as(radiated=off_by_one(latch).drive)(latch),
     ],
     "amplitudes": [quieter],
-    "no drive of the board": [seen_as(drive=None), seen_as(evidence=Evidence.WIRE)],
-    "no single focus of somebody else": [seen_as(reconstruction=None)],
+    "no drive of the board, or another CRC": [
+        seen_as(drive=None, drive_crc=None),
+        seen_as(drive=None, drive_crc=7),
+        seen_as(evidence=Evidence.WIRE),
+    ],
+    "no single focus": [seen_as(reconstruction=NoFocus("zero amplitude"))],
     "phases that are not of 8 bits": [lambda o: seen_as(drive=o.drive.in_bits(10))(o)],
 }
 
@@ -146,6 +151,19 @@ def test_latches_that_are_not_ordinary_are_judged_one_by_one(reason):
         found, expected, ways = both_ways(MODEL, some)
         assert_same_verdicts(found, expected)
         assert ways == {COMPILED: 3, reason: 3}
+
+
+@pytest.mark.parametrize("bits", [8, 5])
+def test_fields_that_nobody_rebuilt_are_rebuilt_at_once(bits):
+    pairs = run_of(MODEL, path(MODEL), bits, reconstruction=None)
+    some = [
+        (f, off_by_one(o) if n % 9 == 4 else seen_as(drive=None)(o) if n % 3 == 1 else o)
+        for n, (f, o) in enumerate(pairs)
+    ]
+    found, expected, ways = both_ways(MODEL, some)
+    assert_same_verdicts(found, expected)
+    assert ways.get(COMPILED, 0) == (27 if bits == 8 else 0)
+    assert {verdict.note for verdict in found if verdict.passed} >= {"", BY_CRC}
 
 
 def test_several_foci_are_judged_one_by_one():
@@ -165,14 +183,14 @@ def test_what_does_not_hold_is_judged_one_by_one():
 
 
 def test_a_flat_peak_and_a_line_of_elements_are_judged_one_by_one():
-    for model, target in ((AcousticModel.default(4, 4), (0, 0, 0.6)), (line(), (0, 0, 0.1))):
-        found, expected, ways = both_ways(model, run_of(model, [target]))
+    flat, unseen = AcousticModel.default(8, 8), AcousticModel.default(16, 1)
+    for model, height_m, reason in (
+        (flat, 0.6, "a peak that has no place, or that rounding moves far"),
+        (unseen, 0.1, "a coordinate of the focus that does not show"),
+    ):
+        found, expected, ways = both_ways(model, run_of(model, [(0.0, 0.0, height_m)]))
         assert_same_verdicts(found, expected)
-        assert COMPILED not in ways
-
-
-def line():
-    return AcousticModel.default(16, 1)
+        assert ways == {reason: 1}
 
 
 def bowl():

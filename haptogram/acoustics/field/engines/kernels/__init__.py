@@ -16,8 +16,8 @@ from haptogram.acoustics.field.engines.kernels.fields import (
 from haptogram.acoustics.field.engines.kernels.foci import fit_phases_kernel, focus_codes_kernel
 from haptogram.acoustics.field.engines.kernels.focused import MEASURES as FOCUSED_MEASURES
 from haptogram.acoustics.field.engines.kernels.focused import focused_frames_kernel
-from haptogram.acoustics.field.engines.kernels.judged import HOLD, judged_frames_kernel
 from haptogram.acoustics.field.engines.kernels.judged import MEASURES as JUDGED_MEASURES
+from haptogram.acoustics.field.engines.kernels.judged import judged_frames_kernel
 from haptogram.acoustics.field.engines.kernels.multifocus import gerchberg_saxton_kernel
 from haptogram.acoustics.field.engines.kernels.pistons import MOST_GAIN_SQUARE, MOST_LOSS
 from haptogram.acoustics.field.engines.kernels.search import best_cell_kernel, cell_scores_kernel
@@ -27,7 +27,6 @@ __all__ = [
     "ARCTANGENT",
     "COSINE",
     "FOCUSED_MEASURES",
-    "HOLD",
     "JUDGED_MEASURES",
     "MOST_GAIN_SQUARE",
     "MOST_LOSS",
