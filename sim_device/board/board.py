@@ -186,9 +186,11 @@ class Board:
         due = self.output.next_timer()
         if self._playback is not None:
             due_us = self.output.boundary_us(self._playback.due_us)
-            due = _earlier_board_event((due_us, self._latch_playback), due)
-        if (head := self._queue.head) is not None:
-            due = _earlier_board_event((head.t_latch_us, self._latch_stream), due)
+            if due is None or due_us <= due[0]:
+                due = due_us, self._latch_playback
+        head = self._queue.head
+        if head is not None and (due is None or head.t_latch_us <= due[0]):
+            due = head.t_latch_us, self._latch_stream
         return due
 
     # --- session -------------------------------------------------------------------------------
@@ -413,8 +415,3 @@ class Board:
             self.output.note(
                 PlaybackEnd(self.output.now_us, ended.sequence, ended.loops_done, ended.played)
             )
-
-
-def _earlier_board_event(due: Due, other: Due | None) -> Due:
-    """Return the earlier action; *due*, if both are due at one time."""
-    return due if other is None or due[0] <= other[0] else other

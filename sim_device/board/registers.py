@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptogram.acoustics import Drive, saturated_weights, superpose_foci
 from haptogram_protocol.messages import Feature, FocalPoint
@@ -26,17 +25,19 @@ Content: TypeAlias = Drive | Sequence[FocalPoint]
 
 
 @functools.lru_cache(maxsize=_KEPT)
+def drive_of_registers(phase_codes: bytes, amplitude_codes: bytes) -> Drive:
+    """Return the drive of a byte of phase and one of amplitude for each transducer."""
+    return Drive.from_bytes(phase_codes, amplitude_codes)
+
+
 def full_amplitude_registers(phase_codes: bytes) -> Drive:
     """Return the drive of a PHASES frame: every amplitude 255.  HG-5.2."""
-    codes = np.frombuffer(phase_codes, dtype=np.uint8)
-    return Drive(codes, _full_register_codes(len(codes)))
+    return drive_of_registers(phase_codes, _full_register_codes(len(phase_codes)))
 
 
 @functools.cache
-def _full_register_codes(count: int) -> NDArray[np.uint8]:
-    codes = np.full(count, 255, dtype=np.uint8)
-    codes.flags.writeable = False
-    return codes
+def _full_register_codes(count: int) -> bytes:
+    return bytes([255]) * count
 
 
 def to_registers(drive: Drive) -> Drive:

@@ -9,9 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, TypeAlias
 
-import numpy as np
-
-from haptogram.acoustics import Drive
 from haptogram_protocol.connection import (
     NEED_DATA,
     BoardConnection,
@@ -71,7 +68,7 @@ from ..board.board import Board
 from ..board.clock import earliest_board_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange, StreamDropped
 from ..board.refusal import RefusalError
-from ..board.registers import Content, full_amplitude_registers
+from ..board.registers import Content, drive_of_registers
 from ..board.stream_queue import StreamFrame
 
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
@@ -260,10 +257,7 @@ class VirtualHaptogramDialect:
             return message.points
         codes = drive_codes(message, count)
         assert codes is not None  # of PHASES and DRIVES
-        if isinstance(message, Phases):
-            return full_amplitude_registers(message.data)
-        phases, amplitudes = (np.frombuffer(part, np.uint8) for part in codes)
-        return Drive(phases, amplitudes)
+        return drive_of_registers(*codes)
 
     def _greet(self, hello: Hello, request: RequestReceived) -> None:
         self.board.open_session(hello.nonce)

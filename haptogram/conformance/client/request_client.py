@@ -121,8 +121,9 @@ class RequestClient:
         """Return header and payload of a frame."""
         if session is None:
             session = 0 if kind == Hello.TYPE else self.session
-        header = Header(kind, flags, seq & 0xFFFF, time_us & 0xFFFFFFFF, session)
-        return header.pack() + payload
+        return (
+            Header.LAYOUT.pack(kind, flags, seq & 0xFFFF, time_us & 0xFFFFFFFF, session) + payload
+        )
 
     def request_wire(
         self, message: Message, *, seq: int | None = None, **header: Any
