@@ -14,7 +14,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.pins import PinRecord
 
-from .alignment import PinAlignment, align_pins_by_onset, align_pins_to_run, rates_of_pin_alignment
+from .alignment import PinAlignment, align_pins_to_run
 from .elements.faults import PinDrives
 from .latch_steps import PinSteps, pin_steps, sound_before_run
 from .pin_weights import SETTLED, common_turns_of_pins, pin_weights, pin_weights_of_frame
@@ -36,12 +36,7 @@ _MOST_JITTER_RAD: Final = math.pi / 256.0  # of a mean: half a step of 8 bits
 _SHARES: Final = 51  # of a mixture of two drives that are tried
 _SHORT_FRAME: Final = 12.0  # periods: of a shorter one too few are left when it comes late
 _MOST_BLURRED: Final = 0.5  # between two drives that single pulses may not tell apart
-_SHIFTS: Final = (-1, 1, -2, 2, -3, 3)  # frames by which a correlation may be off
 _LATCH_SLACK: Final = 2.0  # periods by which a latch may seem to be early
-_SHORT_RUN: Final = 64  # frames: of a shorter one every shift is tried
-_PREFERS_RIGHT: Final = 2  # power: some drives that are right count more than many that are wrong
-_NO_RUN: Final = FIT_SHARE**_PREFERS_RIGHT / 2.0
-_GOOD_SHARE: Final = 0.98  # of right drives: no other shift is tried
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,10 +140,7 @@ def frames_shown_by_pins(
 ) -> FramesShownByPins:
     """Return the frames of a run that a capture shows; *offset* is when it begins, if known."""
     limits = PinCaptureLimits.of(record)
-    if offset is None:
-        found = _best_pin_alignment(record, run, limits)
-    else:
-        found = PinAlignment(offset, 1.0, 0.0)
+    found = align_pins_to_run(record, run) if offset is None else PinAlignment(offset)
     starts, ends = found.starts(run), found.ends(run)
     plain_drives = _pin_drives(record, run, found, limits, each=False)
     prior = sound_before_run(record, run, float(starts[0]))
@@ -233,46 +225,6 @@ def _frames_blurred_on_pins(drives: PinDrives, lost: Bools, late: FloatArray) ->
     return blurred
 
 
-def _best_pin_alignment(
-    record: PinRecord, run: PinRunDrives, limits: PinCaptureLimits
-) -> PinAlignment:
-    """Return the alignment in which most drives are right."""
-
-    def share(place: PinAlignment) -> float:
-        return _share_of_right_pins(_pin_drives(record, run, place, limits))
-
-    most, best = -1.0, PinAlignment(0.0, 1.0, 0.0)
-    for rate in rates_of_pin_alignment(record, run):
-        for place in align_pins_to_run(record, run, rate):
-            if (found := share(place)) > most:
-                most, best = found, place
-            if most > _GOOD_SHARE:
-                return best
-    onset = align_pins_by_onset(record, run)
-    shifts = _SHIFTS if run.count > _SHORT_RUN else range(-run.count, run.count + 1)
-    tried = [best.shifted(shift * run.gap) for shift in shifts]
-    for place in tried:
-        if (found := share(place)) > most:
-            most, best = found, place
-    # A run that begins behind silence, and that no latch tells the place of, begins with the sound.
-    is_told = most >= _NO_RUN and not best.within
-    return best if onset is None or is_told or share(onset) < _HALF * most else onset
-
-
-def _share_of_right_pins(drives: PinDrives) -> float:
-    """Return the share of drives that are right, less where fewer frames are seen."""
-    seen = np.isfinite(drives.weights).all(axis=1)
-    if not seen.any():
-        return 0.0
-    right = float(drives.all_right()[seen].mean())
-    return right**_PREFERS_RIGHT * _share_of_seen_frames(drives)
-
-
-def _share_of_seen_frames(drives: PinDrives) -> float:
-    """Return the root of the share of frames that are seen: the worth of a place in a capture."""
-    return math.sqrt(float(np.isfinite(drives.weights).all(axis=1).mean()))
-
-
 def _pin_drives(
     record: PinRecord,
     run: PinRunDrives,
@@ -287,7 +239,6 @@ def _pin_drives(
     starts, ends = found.starts(run), found.ends(run)
     shape = run.count, len(run.elements)
     lows = np.broadcast_to(starts[:, None], shape) + SETTLED
-    lows[0] += found.within  # what comes before the run may differ from it by any amount
     highs = np.broadcast_to(ends[:, None], shape) - 1.0
     highs[-1] = _end_of_last_pin_frame(record, run, starts, ends)
     if steps is not None:
