@@ -33,9 +33,6 @@ _LATCH_PERIODS: Final = 1.5  # in which all pins latch: one, and a pulse that th
 _EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
 _ROUNDING_RAD: Final = 1e-4
 _MOST_JITTER_RAD: Final = math.pi / 256.0  # of a mean: half a step of 8 bits
-_SHARES: Final = 51  # of a mixture of two drives that are tried
-_SHORT_FRAME: Final = 12.0  # periods: of a shorter one too few are left when it comes late
-_MOST_BLURRED: Final = 0.5  # between two drives that single pulses may not tell apart
 _LATCH_SLACK: Final = 2.0  # periods by which a latch may seem to be early
 
 
@@ -84,8 +81,6 @@ class FramesShownByPins:
         Frames during which the pins kept the drive of the one before, or that the latch pin lacks.
     late : (F,) numpy.ndarray
         By how much later than most a frame was latched; 0: not known.
-    blurred : (F,) numpy.ndarray of bool
-        Frames whose mean is of two drives, as no pulse tells when one became the other.
     """
 
     starts: FloatArray
@@ -94,13 +89,11 @@ class FramesShownByPins:
     steps: PinSteps
     lost: Bools
     late: FloatArray
-    blurred: Bools
 
     @cached_property
     def seen(self) -> Bools:
         """(F,) whether all pins show the frame for long enough."""
-        seen: Bools = np.isfinite(self.drives.weights).all(axis=1) & ~self.blurred
-        return seen
+        return np.asarray(np.isfinite(self.drives.weights).all(axis=1))
 
     @cached_property
     def right(self) -> Bools:
@@ -146,15 +139,10 @@ def frames_shown_by_pins(
     prior = sound_before_run(record, run, float(starts[0]))
     lost, before = _frames_lost_on_pins(record, plain_drives, prior)
     weights = pin_weights_of_frame(record, run, starts, ends).weights
-    steps, drives = _steps_and_drives(record, run, found, limits, weights, before, each=True)
-    if not drives.all_right().all() and record.reference_element is None:
-        # Two drives, the means of a late frame, may share a phase by chance.
-        plain = _steps_and_drives(record, run, found, limits, weights, before, each=False)
-        steps, drives = _nearer_frames_on_pins((steps, drives), plain)
+    steps, drives = _steps_and_drives(record, run, found, limits, weights, before)
     lost |= _pins_without_latch(record, starts, ends) & ~steps.is_inside.any(axis=1)
     late = _pin_lateness(steps, lost)
-    blurred = _frames_blurred_on_pins(drives, lost, late)
-    return FramesShownByPins(starts, ends, drives, steps, lost, late, blurred)
+    return FramesShownByPins(starts, ends, drives, steps, lost, late)
 
 
 def _steps_and_drives(
@@ -164,12 +152,10 @@ def _steps_and_drives(
     limits: PinCaptureLimits,
     weights: ComplexArray,
     before: NDArray[np.int64],
-    *,
-    each: bool,
 ) -> tuple[PinSteps, PinDrives]:
-    """Return the steps, and the drives from them on; *each* frame may have its own phase."""
+    """Return the steps, and the drives from them on."""
     starts, ends = found.starts(run), found.ends(run)
-    turns = common_turns_of_pins(record, run, weights, limits.phase_rad, each=each)
+    turns = common_turns_of_pins(record, run, weights, limits.phase_rad)
     steps = pin_steps(record, run, starts, ends, before, turns)
     latest = np.where(steps.is_inside, steps.after, 0.0).max(axis=1)[:-1]
     held = np.append(-np.inf, starts[:-1] + latest + TORN_PERIODS)
@@ -177,52 +163,7 @@ def _steps_and_drives(
         steps = pin_steps(record, run, starts, ends, before, turns, not_before=held)
     if run.held is not None:  # what moves with a carrier that is not steady is no step
         steps = replace(steps, is_inside=np.zeros_like(steps.is_inside))
-    return steps, _pin_drives(record, run, found, limits, steps, before, each=each)
-
-
-def _nearer_frames_on_pins(
-    own: tuple[PinSteps, PinDrives], plain: tuple[PinSteps, PinDrives]
-) -> tuple[PinSteps, PinDrives]:
-    """Return, frame by frame, the steps and drives of which more are right."""
-    better = plain[1].all_right().sum(axis=1) > own[1].all_right().sum(axis=1)
-    chosen = better[:, None]
-    steps = PinSteps(
-        np.where(chosen, plain[0].after, own[0].after),
-        np.where(chosen, plain[0].before, own[0].before),
-        np.where(chosen, plain[0].is_inside, own[0].is_inside),
-    )
-    weights = np.where(chosen, plain[1].weights, own[1].weights)
-    limit_rad = np.where(chosen, plain[1].limit_rad, own[1].limit_rad)
-    turns_rad = np.where(better, plain[1].turns_rad, own[1].turns_rad)
-    return steps, replace(own[1], weights=weights, limit_rad=limit_rad, turns_rad=turns_rad)
-
-
-def _frames_blurred_on_pins(drives: PinDrives, lost: Bools, late: FloatArray) -> Bools:
-    """Return the (F,) frames that show a mixture of the drive before and their own at all pins.
-
-    So they come late, by a time that is written into *late*: the share of the window that the old
-    drive has. An object that moves so little shows no step in single pulses.
-    """
-    run, weights = drives.run, drives.weights
-    blurred = np.zeros(run.count, np.bool_)
-    shares = np.linspace(0.0, 1.0, _SHARES)[1:-1, None]
-    is_right = drives.all_right().all(axis=1)
-    for frame in np.flatnonzero(np.isfinite(weights).all(axis=1) & ~lost & ~is_right):
-        if drives.before[frame] < 0:
-            continue
-        old, new, seen = run.weights[drives.before[frame]], run.weights[frame], weights[frame]
-        mixed = (1.0 - shares) * old + shares * new
-        turns = np.angle((seen * np.conj(mixed)).sum(axis=1))[:, None]
-        errors = np.abs(seen * np.exp(-1j * turns) - mixed)
-        limits = drives.limit_amplitude + drives.limit_rad[frame] * np.abs(mixed)
-        limits = limits + np.abs(new - old) * (_LATCH_PERIODS / max(run.gap, 1.0))
-        fits = (errors <= limits).all(axis=1)
-        is_short = run.ends[frame] - run.starts[frame] < _SHORT_FRAME
-        if fits.any() and (is_short or np.abs(new - old).max() <= _MOST_BLURRED):
-            blurred[frame] = True
-            share = float(shares[fits].mean())
-            late[frame] = (1.0 - share) * float(run.ends[frame] - run.starts[frame])
-    return blurred
+    return steps, _pin_drives(record, run, found, limits, steps, before)
 
 
 def _pin_drives(
