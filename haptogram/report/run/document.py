@@ -30,8 +30,13 @@ from . import pictures, wording
 from .checks import run_checks_of_result
 from .fieldmap import RunFieldPicture, frame_field_picture, run_finite_amplitude
 from .frame_rows import run_frame_place_text, run_frame_table
-from .pin_elements import PIN_COLUMNS, run_pin_elements, run_pin_pictures
-from .pins import run_capture_figures, run_result_sentence
+from .pins import (
+    PIN_COLUMNS,
+    run_capture_figures,
+    run_pin_elements,
+    run_pin_pictures,
+    run_result_sentence,
+)
 from .wording import NOTHING, run_figure_wording
 
 _BITS: Final = 8

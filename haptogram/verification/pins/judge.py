@@ -159,7 +159,7 @@ class _PinJudge:
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
         shown = self.shown
-        return np.flatnonzero((shown.late > LATE_PERIODS) & (shown.seen | shown.blurred))
+        return np.flatnonzero((shown.late > LATE_PERIODS) & shown.seen)
 
     @property
     def _period_us(self) -> float:

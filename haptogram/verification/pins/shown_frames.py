@@ -14,7 +14,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.pins import PinRecord
 
-from .alignment import PinAlignment, align_pins_by_onset, align_pins_to_run, rates_of_pin_alignment
+from .alignment import PinAlignment, align_pins_to_run
 from .elements.faults import PinDrives
 from .latch_steps import PinSteps, pin_steps, sound_before_run
 from .pin_weights import SETTLED, common_turns_of_pins, pin_weights, pin_weights_of_frame
@@ -33,15 +33,7 @@ _LATCH_PERIODS: Final = 1.5  # in which all pins latch: one, and a pulse that th
 _EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
 _ROUNDING_RAD: Final = 1e-4
 _MOST_JITTER_RAD: Final = math.pi / 256.0  # of a mean: half a step of 8 bits
-_SHARES: Final = 51  # of a mixture of two drives that are tried
-_SHORT_FRAME: Final = 12.0  # periods: of a shorter one too few are left when it comes late
-_MOST_BLURRED: Final = 0.5  # between two drives that single pulses may not tell apart
-_SHIFTS: Final = (-1, 1, -2, 2, -3, 3)  # frames by which a correlation may be off
 _LATCH_SLACK: Final = 2.0  # periods by which a latch may seem to be early
-_SHORT_RUN: Final = 64  # frames: of a shorter one every shift is tried
-_PREFERS_RIGHT: Final = 2  # power: some drives that are right count more than many that are wrong
-_NO_RUN: Final = FIT_SHARE**_PREFERS_RIGHT / 2.0
-_GOOD_SHARE: Final = 0.98  # of right drives: no other shift is tried
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +81,6 @@ class FramesShownByPins:
         Frames during which the pins kept the drive of the one before, or that the latch pin lacks.
     late : (F,) numpy.ndarray
         By how much later than most a frame was latched; 0: not known.
-    blurred : (F,) numpy.ndarray of bool
-        Frames whose mean is of two drives, as no pulse tells when one became the other.
     """
 
     starts: FloatArray
@@ -99,13 +89,11 @@ class FramesShownByPins:
     steps: PinSteps
     lost: Bools
     late: FloatArray
-    blurred: Bools
 
     @cached_property
     def seen(self) -> Bools:
         """(F,) whether all pins show the frame for long enough."""
-        seen: Bools = np.isfinite(self.drives.weights).all(axis=1) & ~self.blurred
-        return seen
+        return np.asarray(np.isfinite(self.drives.weights).all(axis=1))
 
     @cached_property
     def right(self) -> Bools:
@@ -145,24 +133,16 @@ def frames_shown_by_pins(
 ) -> FramesShownByPins:
     """Return the frames of a run that a capture shows; *offset* is when it begins, if known."""
     limits = PinCaptureLimits.of(record)
-    if offset is None:
-        found = _best_pin_alignment(record, run, limits)
-    else:
-        found = PinAlignment(offset, 1.0, 0.0)
+    found = align_pins_to_run(record, run) if offset is None else PinAlignment(offset)
     starts, ends = found.starts(run), found.ends(run)
     plain_drives = _pin_drives(record, run, found, limits, each=False)
     prior = sound_before_run(record, run, float(starts[0]))
     lost, before = _frames_lost_on_pins(record, plain_drives, prior)
     weights = pin_weights_of_frame(record, run, starts, ends).weights
-    steps, drives = _steps_and_drives(record, run, found, limits, weights, before, each=True)
-    if not drives.all_right().all() and record.reference_element is None:
-        # Two drives, the means of a late frame, may share a phase by chance.
-        plain = _steps_and_drives(record, run, found, limits, weights, before, each=False)
-        steps, drives = _nearer_frames_on_pins((steps, drives), plain)
+    steps, drives = _steps_and_drives(record, run, found, limits, weights, before)
     lost |= _pins_without_latch(record, starts, ends) & ~steps.is_inside.any(axis=1)
     late = _pin_lateness(steps, lost)
-    blurred = _frames_blurred_on_pins(drives, lost, late)
-    return FramesShownByPins(starts, ends, drives, steps, lost, late, blurred)
+    return FramesShownByPins(starts, ends, drives, steps, lost, late)
 
 
 def _steps_and_drives(
@@ -172,12 +152,10 @@ def _steps_and_drives(
     limits: PinCaptureLimits,
     weights: ComplexArray,
     before: NDArray[np.int64],
-    *,
-    each: bool,
 ) -> tuple[PinSteps, PinDrives]:
-    """Return the steps, and the drives from them on; *each* frame may have its own phase."""
+    """Return the steps, and the drives from them on."""
     starts, ends = found.starts(run), found.ends(run)
-    turns = common_turns_of_pins(record, run, weights, limits.phase_rad, each=each)
+    turns = common_turns_of_pins(record, run, weights, limits.phase_rad)
     steps = pin_steps(record, run, starts, ends, before, turns)
     latest = np.where(steps.is_inside, steps.after, 0.0).max(axis=1)[:-1]
     held = np.append(-np.inf, starts[:-1] + latest + TORN_PERIODS)
@@ -185,92 +163,7 @@ def _steps_and_drives(
         steps = pin_steps(record, run, starts, ends, before, turns, not_before=held)
     if run.held is not None:  # what moves with a carrier that is not steady is no step
         steps = replace(steps, is_inside=np.zeros_like(steps.is_inside))
-    return steps, _pin_drives(record, run, found, limits, steps, before, each=each)
-
-
-def _nearer_frames_on_pins(
-    own: tuple[PinSteps, PinDrives], plain: tuple[PinSteps, PinDrives]
-) -> tuple[PinSteps, PinDrives]:
-    """Return, frame by frame, the steps and drives of which more are right."""
-    better = plain[1].all_right().sum(axis=1) > own[1].all_right().sum(axis=1)
-    chosen = better[:, None]
-    steps = PinSteps(
-        np.where(chosen, plain[0].after, own[0].after),
-        np.where(chosen, plain[0].before, own[0].before),
-        np.where(chosen, plain[0].is_inside, own[0].is_inside),
-    )
-    weights = np.where(chosen, plain[1].weights, own[1].weights)
-    limit_rad = np.where(chosen, plain[1].limit_rad, own[1].limit_rad)
-    turns_rad = np.where(better, plain[1].turns_rad, own[1].turns_rad)
-    return steps, replace(own[1], weights=weights, limit_rad=limit_rad, turns_rad=turns_rad)
-
-
-def _frames_blurred_on_pins(drives: PinDrives, lost: Bools, late: FloatArray) -> Bools:
-    """Return the (F,) frames that show a mixture of the drive before and their own at all pins.
-
-    So they come late, by a time that is written into *late*: the share of the window that the old
-    drive has. An object that moves so little shows no step in single pulses.
-    """
-    run, weights = drives.run, drives.weights
-    blurred = np.zeros(run.count, np.bool_)
-    shares = np.linspace(0.0, 1.0, _SHARES)[1:-1, None]
-    is_right = drives.all_right().all(axis=1)
-    for frame in np.flatnonzero(np.isfinite(weights).all(axis=1) & ~lost & ~is_right):
-        if drives.before[frame] < 0:
-            continue
-        old, new, seen = run.weights[drives.before[frame]], run.weights[frame], weights[frame]
-        mixed = (1.0 - shares) * old + shares * new
-        turns = np.angle((seen * np.conj(mixed)).sum(axis=1))[:, None]
-        errors = np.abs(seen * np.exp(-1j * turns) - mixed)
-        limits = drives.limit_amplitude + drives.limit_rad[frame] * np.abs(mixed)
-        limits = limits + np.abs(new - old) * (_LATCH_PERIODS / max(run.gap, 1.0))
-        fits = (errors <= limits).all(axis=1)
-        is_short = run.ends[frame] - run.starts[frame] < _SHORT_FRAME
-        if fits.any() and (is_short or np.abs(new - old).max() <= _MOST_BLURRED):
-            blurred[frame] = True
-            share = float(shares[fits].mean())
-            late[frame] = (1.0 - share) * float(run.ends[frame] - run.starts[frame])
-    return blurred
-
-
-def _best_pin_alignment(
-    record: PinRecord, run: PinRunDrives, limits: PinCaptureLimits
-) -> PinAlignment:
-    """Return the alignment in which most drives are right."""
-
-    def share(place: PinAlignment) -> float:
-        return _share_of_right_pins(_pin_drives(record, run, place, limits))
-
-    most, best = -1.0, PinAlignment(0.0, 1.0, 0.0)
-    for rate in rates_of_pin_alignment(record, run):
-        for place in align_pins_to_run(record, run, rate):
-            if (found := share(place)) > most:
-                most, best = found, place
-            if most > _GOOD_SHARE:
-                return best
-    onset = align_pins_by_onset(record, run)
-    shifts = _SHIFTS if run.count > _SHORT_RUN else range(-run.count, run.count + 1)
-    tried = [best.shifted(shift * run.gap) for shift in shifts]
-    for place in tried:
-        if (found := share(place)) > most:
-            most, best = found, place
-    # A run that begins behind silence, and that no latch tells the place of, begins with the sound.
-    is_told = most >= _NO_RUN and not best.within
-    return best if onset is None or is_told or share(onset) < _HALF * most else onset
-
-
-def _share_of_right_pins(drives: PinDrives) -> float:
-    """Return the share of drives that are right, less where fewer frames are seen."""
-    seen = np.isfinite(drives.weights).all(axis=1)
-    if not seen.any():
-        return 0.0
-    right = float(drives.all_right()[seen].mean())
-    return right**_PREFERS_RIGHT * _share_of_seen_frames(drives)
-
-
-def _share_of_seen_frames(drives: PinDrives) -> float:
-    """Return the root of the share of frames that are seen: the worth of a place in a capture."""
-    return math.sqrt(float(np.isfinite(drives.weights).all(axis=1).mean()))
+    return steps, _pin_drives(record, run, found, limits, steps, before)
 
 
 def _pin_drives(
@@ -287,7 +180,6 @@ def _pin_drives(
     starts, ends = found.starts(run), found.ends(run)
     shape = run.count, len(run.elements)
     lows = np.broadcast_to(starts[:, None], shape) + SETTLED
-    lows[0] += found.within  # what comes before the run may differ from it by any amount
     highs = np.broadcast_to(ends[:, None], shape) - 1.0
     highs[-1] = _end_of_last_pin_frame(record, run, starts, ends)
     if steps is not None:

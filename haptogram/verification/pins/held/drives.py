@@ -24,7 +24,8 @@ from ..run_drives import fundamentals_of_run_drives
 _Ints: TypeAlias = NDArray[np.int64]
 
 _SAMPLES: Final = 1.5  # an edge is seen up to one late, so two are apart by less than one more
-_SPREADS: Final = 7.5  # median distances from the median: five standard deviations
+_MOST: Final = 0.8  # of the pulses, between which no latch is
+_SPREADS: Final = 4.0  # of what those are off by at most: five standard deviations
 _MOST_JITTER: Final = 0.02  # periods: a change by one of 32 steps is none
 _SILENT: Final = 1.6  # periods without a pulse
 _LEAST: Final = 2.0  # periods for which a drive is held
@@ -108,8 +109,15 @@ class HeldDrives:
         return not self.weights[place].any()
 
 
-def held_pin_drives(record: PinRecord) -> HeldDrives:
-    """Return the drives that the pins of a capture hold."""
+def held_pin_drives(record: PinRecord, *, window: float | None = None) -> HeldDrives:
+    """Return the drives that the pins of a capture hold.
+
+    Parameters
+    ----------
+    window : float, optional
+        Periods within which changes that follow each other belong to one latch; by default those
+        of the capture.
+    """
     elements = tuple(sorted(record.pins))
     pins = [record.pins[element] for element in elements]
     found = [_changes_of_pin(pin, record) for pin in pins]
@@ -123,7 +131,7 @@ def held_pin_drives(record: PinRecord) -> HeldDrives:
     limit = 1.0 + _SAMPLES / record.samples
     groups = [
         (_latch_of_changes(after[a:b], before[a:b], owners[a:b], limit), owners[a:b])
-        for a, b in _bounds_of_groups(before, record.latch_window)
+        for a, b in _bounds_of_groups(before, record.latch_window if window is None else window)
     ]
     return _joined_held_drives(record, elements, pins, groups)
 
@@ -144,7 +152,7 @@ def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, Floa
     due = rises[:-1] + pin.every
     off = np.abs(rises[1:] - due)
     samples = _SAMPLES / record.samples
-    usual = _SPREADS * float(np.median(off)) if len(off) else 0.0
+    usual = _SPREADS * float(np.quantile(off, _MOST)) if len(off) else 0.0
     tolerance = max(samples, min(usual, _MOST_JITTER))
     silent = _SILENT * pin.every
     moved, stopped = off > tolerance, rises[1:] - rises[:-1] > silent
