@@ -115,7 +115,7 @@ class DialogueGenerator:
         if self._makers.configs.with_status:
             told.append(self._inputs.told("another configuration"))
         elif self._random.random() < _GREETING_SHARE:
-            told.append([self._makers.greeting()])
+            told.append(self._inputs.told("HELLO wrapping"))
         while len(told) < slots:
             if self._random.random() < _SCENE_SHARE[self._timed]:
                 told += self._scenes.scene()

@@ -45,8 +45,8 @@ class DialogueHost:
         Of the next frames.
     slot_us : int
         Device time of the slot that is rendered.
-    last, remembered : bytes
-        Body of the last request, and of the last one that a board remembers with its reply.
+    last : bytes
+        Body of the last request.
     sessions : list of int
         Nonces of the sessions before the open one, the latest last.
     computed : set of tuple of int
@@ -65,7 +65,6 @@ class DialogueHost:
     slot_us: int
     stream_next: int = FIRST_STREAM_SEQ
     last: bytes = b""
-    remembered: bytes = b""
     sessions: list[int] = field(default_factory=list)
     computed: set[tuple[int, int]] = field(default_factory=set)
     inexact: set[tuple[int, int]] = field(default_factory=set)
@@ -92,7 +91,6 @@ class DialogueHost:
 
     def remember(self, body: bytes) -> None:
         """Note a request that the board remembers with its reply."""
-        self.remembered = body
         self._of_session.setdefault((self.session, "first"), body)
         self._of_session[self.session, "last"] = body
 

@@ -45,7 +45,10 @@ DEFECTS: Final[dict[str, dict[str, int]]] = {
     "numbers left out": {"number": 300},
     "almost half of all numbers left out": {"number": 0x7FF0},
 }
-HELLOS: Final = ("open", "last", "earlier", "new", "near", "largest", "0", "next major")
+#: Nonces of HELLO; what begins with 0 or another version opens no session.
+HELLOS: Final = (
+    *("open", "last", "earlier", "new", "near", "largest", "wrapping", "0", "next major"),
+)
 _FIRST_NUMBERS: Final = (0xFFFF, 0x7FFF, 0xFF, 0x100FE)
 _FAR_US: Final = 4_000_000  # later than any dialogue ends
 _LATCHED_AS_IT_COMES: Final = (None, "late", "too late", "at a limit")
@@ -111,19 +114,17 @@ class RandomFrames(DialogueMaker):
 
         return DialogueAction(0, name, body, ends_slot=True)
 
-    def repeated(self, which: str = "remembered") -> DialogueAction:
-        """Return the request that the board remembers, or the last one, once more."""
-        name = f"the {which} request once more"
-        again = Ping(0)
-
-        def body(host: DialogueHost) -> bytes:
-            return getattr(host, which) or host.request(again)
-
-        return DialogueAction(0, name, body, ends_slot=True)
+    def repeated(self) -> DialogueAction:
+        """Return the last request of this nonce that the board has remembered, once more."""
+        return self.again("last", 0)
 
     def hello(self, which: str) -> DialogueAction:
-        """Return a HELLO with the open nonce, one of sessions before, a new one or none."""
+        """Return a HELLO with the open nonce, one of sessions before, a new one or none.
+
+        Numbers of a session that is *wrapping* soon wrap, or pass the middle.
+        """
         new, near = self._across(1, 0x10000), self._pick(WRONG_SESSIONS)
+        first = self._pick(_FIRST_NUMBERS) - self._across(6)
         minor, back = self._pick((0, 0, 1, 0xFF)), self._pick((0, 0, 0, 1, 5, 0x4000))
         table = self._pick((0, self._across(2**32)))
 
@@ -134,23 +135,14 @@ class RandomFrames(DialogueMaker):
                 known |= {"last": host.sessions[-1], "earlier": host.sessions[0]}
             nonce = known.get(which, new)
             takes = which not in ("0", "next major")
-            if takes and nonce != host.session:
+            if which == "wrapping":
+                host.seq = first
+            elif takes and nonce != host.session:
                 host.seq -= back
             message = Hello(VERSION_MAJOR + (which == "next major"), minor, nonce, table)
             return host.hello(message, takes=takes)
 
         return DialogueAction(0, f"HELLO {which}", body)
-
-    def greeting(self) -> DialogueAction:
-        """Return a HELLO of a new session, whose numbers soon wrap, or pass the middle."""
-        seq = self._pick(_FIRST_NUMBERS) - self._across(6)
-        hello = Hello(VERSION_MAJOR, 0, self._across(1, 0x10000))
-
-        def body(host: DialogueHost) -> bytes:
-            host.seq = seq
-            return host.hello(hello)
-
-        return DialogueAction(0, "HELLO new", body)
 
     def _ahead_us(self, at: At) -> int:
         horizon_us = self._identity.max_horizon_us

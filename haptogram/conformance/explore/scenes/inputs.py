@@ -74,6 +74,9 @@ _PLAYS: Final[dict[str, tuple[float, tuple[int, ...]]]] = {
 }
 _TIMERS: Final = "timers "  # lease and hold in slots, ramp in ms (-: it never ends, any)
 _Makers: TypeAlias = dict[str, Callable[[], DialogueAction]]
+_LAST: Final = DialogueAction(
+    0, "the last request again", lambda host: host.last or host.request(Ping(0)), ends_slot=True
+)
 _FAULT: Final = DialogueAction(0, "the hardware fails", lambda _: b"", FAULT)
 
 
@@ -152,7 +155,6 @@ class SceneInputs:
             "a frame due now": partial(self.frame, 0.0),
             "a frame a period ahead": partial(self.frame, 0.0, apart_us=25),
             "a keeping request": makers.keeping,
-            "a HELLO whose numbers wrap": makers.greeting,
             "the same HELLO": partial(makers.again, "hello", 0),
             "the HELLO of a session before": partial(makers.again, "hello", 1),
             "the first request of this nonce": partial(makers.again, "first", 0),
@@ -251,7 +253,7 @@ class SceneInputs:
         found |= {f"type {kind:#x}": partial(self._unknown, kind) for kind in _UNKNOWN_TYPES}
         found["foreign MUTE"] = lambda: makers.defective(Mute(), "another session")
         found["the remembered request again"] = makers.repeated
-        found["the last request again"] = partial(makers.repeated, "last")
+        found["the last request again"] = lambda: _LAST
         return found
 
     def defects(self) -> Iterator[tuple[str, ...]]:

@@ -36,7 +36,7 @@ class MemoryScenes(SceneMaker):
         names: list[str] = []
         while len(names) < _STEPS:
             names += self._next("steps of sessions", lambda: product(steps, repeat=2))
-        found = self._inputs.slots("a HELLO whose numbers wrap | a keeping request | HELLO new")
+        found = self._inputs.slots("HELLO wrapping | a keeping request | HELLO new")
         for told in (told for name in names for told in self._inputs.told(name)):
             is_alone = told.name == Mute.TYPE.name or not exact
             if not is_alone and self._random.random() < _TOGETHER:
@@ -48,7 +48,7 @@ class MemoryScenes(SceneMaker):
     def numbers(self) -> ActionSlots:
         """Return requests around the wrap of their numbers, each of them twice."""
         twice = " | a keeping request + the remembered request again"
-        return self._inputs.slots("a HELLO whose numbers wrap" + twice * _NUMBERS)
+        return self._inputs.slots("HELLO wrapping" + twice * _NUMBERS)
 
     def ring(self) -> ActionSlots:
         """Return latches of which the ring keeps some, and requests for parts of them."""

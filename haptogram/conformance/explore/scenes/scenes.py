@@ -11,6 +11,7 @@ from typing import Final
 from haptogram_protocol.messages import Config, Feature, Stop
 
 from ..actions import ActionSlots, DialogueAction
+from ..makers.frames import HELLOS
 from .inputs import SceneInputs
 from .memories import MemoryScenes
 from .moments import MomentScenes
@@ -38,7 +39,7 @@ _LONG_SLOTS: Final = 14  # until hundreds of frames were played
 _CHUNKS: Final = 16  # in a slot
 _EARLY_SLOTS: Final = 6  # before the first HELLO
 _EARLY: Final = 3  # inputs in each of them
-_OPENS: Final = frozenset(f"HELLO {which}" for which in ("open", "last", "earlier", "new", "near"))
+_OPENS: Final = {f"HELLO {which}" for which in HELLOS} - {"HELLO 0", "HELLO next major"}
 _VALUE_SLOTS: Final = 3
 _VALUE_FRAMES: Final = {True: 24, False: 5}  # where bytes take no time, and where they do
 _BYTES: Final = 8000  # of a slot, at most
