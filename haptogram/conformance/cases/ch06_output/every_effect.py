@@ -8,7 +8,6 @@ there as before: in every state, with frames queued, a playback and an upload un
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -50,8 +49,7 @@ from ...judge import effects, events
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
 from ...judge.timers import judge_in_time
-from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, check_fields, named
-from ...verdict import Behaviour
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, named
 from ..ch05_stream.every_drop import (
     BEFORE_STATE,
     DROPS,
@@ -87,7 +85,6 @@ _AFTER_MS: Final = 20  # how long the board is watched afterwards, behind its ho
 _HOLD_MS: Final = 200
 _RAMP_MS: Final = 900
 _RAMPS: Final[dict[str, Any]] = {"ramp_ms": _RAMP_MS}
-_TRIES: Final = 3
 _OTHER_SESSION: Final = 0x0660
 _FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
 
@@ -349,10 +346,6 @@ class Moment:
     lasts_ms: int = 3000
 
 
-class _TooLateError(CaseEndedError):
-    """A moment was over before its end was answered: host, line or emulator were held up."""
-
-
 def _output_with_queue(board: BoardClient) -> None:
     latch_now(board)
     OUTPUT_STATES[QUEUES](board)
@@ -448,10 +441,9 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
         since, begin_us = board.link.mark(), board.wire.now_us()
         moment.bring(board)
         end.send(board)
-        took_ms, lasts_ms = (board.wire.now_us() - begin_us) // _MS, moment.lasts_ms
-        if took_ms >= lasts_ms:
-            text = f"answered after {took_ms} ms; the board leaves this state after {lasts_ms} ms"
-            raise _TooLateError(Behaviour.INCONCLUSIVE, text)
+        board.wire.check_not_after(
+            begin_us + moment.lasts_ms * _MS, "a state that has ended by itself"
+        )
         due = OUTPUT_TRANSITIONS[OutputState.ARMED, end.event]
         board.check_status("behind it", state=due, queued=0 if is_over else moment.queued)
     if is_over:
@@ -459,15 +451,6 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
     _check_end_of_played_output(board, moment, since)
     if is_over:
         _check_output_stays_off(board, since, moment.config.get("hold_ms", 0) + _AFTER_MS)
-
-
-def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -> None:
-    """Judge; once more, twice at most, if the moment was over too soon."""
-    for _ in range(_TRIES - 1):
-        with contextlib.suppress(_TooLateError):
-            _judge_end_of_output(board, end, moment)
-            return
-    _judge_end_of_output(board, end, moment)
 
 
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
@@ -503,7 +486,7 @@ def _case_of_output_end(end: End) -> Case:
             if not board.has(moment.needs):
                 continue
             with named(f"{end.name} {moment.name}"):
-                _judge_end_of_output_in_time(board, end, moment)
+                _judge_end_of_output(board, end, moment)
 
     summary = f"{end.name} while sounding, queued, fading, waiting and playing ends what it has to"
     needs = _PLAYS if end.event is OutputInput.STOP else Feature.CONFIG
