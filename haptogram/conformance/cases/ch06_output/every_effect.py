@@ -73,12 +73,9 @@ from .states import fail_hardware, recover_from_hardware_fault
 _OTHER: Final = 7  # sequence of an upload that is begun and not committed
 _FOREIGN: Final = 0x0550
 _UPLOADS: Final = Feature.SEQUENCE_PHASES
-_REUSED: Final = ErrorCode.SEQUENCE_REUSED
 _UNKNOWN_FLAG: Final = 0x40
 _ON: Final = (QUEUES, PLAYING_SLOWLY, WAITS)
-_CONFIG: Final = Feature.CONFIG
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
-_NO_EFFECT: Final = effects.no_effect
 _MS: Final = 1000
 _STORED: Final = 2  # frames of it, if one upload takes them
 _AFTER_MS: Final = 20  # how long the board is watched afterwards, behind its hold if that is short
@@ -190,11 +187,13 @@ def _every_event() -> Iterator[Effect]:
     for name in ("crc", "cobs", "short", "oversize", "unknown_type"):
         yield Effect("HG-3.9/1", f"a frame for {name}", events.event_of_damage(name), once(name))
     for name in BEFORE_STATE:
-        due = effects.effect_of_copies if name == "duplicate" else _NO_EFFECT
+        due = effects.effect_of_copies if name == "duplicate" else effects.no_effect
         yield Effect("HG-3.9/1", f"stream frames for {name}", _drop_for_effect(name), due)
     again, same = "HELLO with the open nonce", "SET_CONFIG as it is"
     yield Effect("HG-4.6/1", again, _greet_again, once("repeated"), variant="moments")
-    yield Effect("HG-7.1/3", same, _configure_again, _NO_EFFECT, _CONFIG, variant="same")
+    yield Effect(
+        "HG-7.1/3", same, _configure_again, effects.no_effect, Feature.CONFIG, variant="same"
+    )
     yield _input("HG-6.3/2", "ARM", Arm())
     yield _input("HG-6.4/2", "MUTE", Mute())
     yield Effect("HG-6.4/2", "MUTE of another session", _foreign_mute, of_mute)
@@ -209,8 +208,8 @@ def _every_event() -> Iterator[Effect]:
     correct, play = events.event_of_correction, events.event_of_waiting_playback
     yield Effect("HG-7.4/1", "a new correction", correct, corrected, Feature.CORRECTION)
     yield Effect("HG-7.6/3", "PLAY", play, plays, _UPLOADS, (QUEUES,))
-    yield _timer(MuteReason.HOLD_EXPIRED, events.event_of_hold, _CONFIG, *_ON)
-    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, _CONFIG, QUEUES)
+    yield _timer(MuteReason.HOLD_EXPIRED, events.event_of_hold, Feature.CONFIG, *_ON)
+    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, Feature.CONFIG, QUEUES)
     alone = events.event_of_unattended_time
     yield _timer(MuteReason.UNATTENDED, alone, _PLAYS, QUEUES, WAITS)
     yield Effect("HG-6.6/1", "a fault", fail_hardware, effects.effect_of_fault)
@@ -231,7 +230,7 @@ def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held
         board.link.barrier()  # or MUTE may overtake it (HG-3.8/2)
     effect.happen(board)
     old = (board.link.seq - 1) & 0xFFFF
-    board.link.refused(Ping(board.random.getrandbits(64)), _REUSED, old, seq=old)
+    board.link.refused(Ping(board.random.getrandbits(64)), ErrorCode.SEQUENCE_REUSED, old, seq=old)
     # A frame that uses its number and nothing else: gap and duplicate tell which one was due.
     board.link.stream(board.shortest_stream(), flags=_UNKNOWN_FLAG)
     return judged_held_state(board, since)
