@@ -83,7 +83,7 @@ def _stale_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]
 
 
 def _old_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    for back in (1, 2, 32):
+    for back in (1, 2, 3, 15, 16, 17, 31, 32):
         yield board.link.stream_wire(kind.make(), seq=board.link.stream_next - back)
 
 

@@ -38,15 +38,7 @@ _ONE_LATCHED: Final = {"accepted": 1, "flushed": 0, "dropped_order": 0, "latched
 @case("HG-5.5/1", evidence=SELF_REPORTED)
 def drops_duplicates_of_the_stream(board: BoardClient) -> None:
     """frames 1 to 32 before the expected one are counted in duplicate and not latched"""
-    board.arm()
-    for _ in range(20):
-        latch_now(board)
-    behind = (1, 2, 3, 15, 16, 17, 31, 32)
-    with board.counting(duplicate=len(behind), latched=1):
-        for back in behind:
-            board.link.stream(board.flat_phases(), seq=board.link.stream_next - back)
-        board.clock.wait_latched(0)
-        latch_now(board)
+    judge_first_drop(board, "HG-5.5/1")
 
 
 @case("HG-5.5/2", evidence=SELF_REPORTED)

@@ -8,7 +8,6 @@ there as before: in every state, with frames queued, a playback and an upload un
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -50,8 +49,7 @@ from ...judge import effects, events
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
 from ...judge.timers import judge_in_time
-from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, check_fields, named
-from ...verdict import Behaviour
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, named
 from ..ch05_stream.every_drop import (
     BEFORE_STATE,
     DROPS,
@@ -75,19 +73,15 @@ from .states import fail_hardware, recover_from_hardware_fault
 _OTHER: Final = 7  # sequence of an upload that is begun and not committed
 _FOREIGN: Final = 0x0550
 _UPLOADS: Final = Feature.SEQUENCE_PHASES
-_REUSED: Final = ErrorCode.SEQUENCE_REUSED
 _UNKNOWN_FLAG: Final = 0x40
 _ON: Final = (QUEUES, PLAYING_SLOWLY, WAITS)
-_CONFIG: Final = Feature.CONFIG
 _PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
-_NO_EFFECT: Final = effects.no_effect
 _MS: Final = 1000
 _STORED: Final = 2  # frames of it, if one upload takes them
 _AFTER_MS: Final = 20  # how long the board is watched afterwards, behind its hold if that is short
 _HOLD_MS: Final = 200
 _RAMP_MS: Final = 900
 _RAMPS: Final[dict[str, Any]] = {"ramp_ms": _RAMP_MS}
-_TRIES: Final = 3
 _OTHER_SESSION: Final = 0x0660
 _FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
 
@@ -193,11 +187,13 @@ def _every_event() -> Iterator[Effect]:
     for name in ("crc", "cobs", "short", "oversize", "unknown_type"):
         yield Effect("HG-3.9/1", f"a frame for {name}", events.event_of_damage(name), once(name))
     for name in BEFORE_STATE:
-        due = effects.effect_of_copies if name == "duplicate" else _NO_EFFECT
+        due = effects.effect_of_copies if name == "duplicate" else effects.no_effect
         yield Effect("HG-3.9/1", f"stream frames for {name}", _drop_for_effect(name), due)
     again, same = "HELLO with the open nonce", "SET_CONFIG as it is"
     yield Effect("HG-4.6/1", again, _greet_again, once("repeated"), variant="moments")
-    yield Effect("HG-7.1/3", same, _configure_again, _NO_EFFECT, _CONFIG, variant="same")
+    yield Effect(
+        "HG-7.1/3", same, _configure_again, effects.no_effect, Feature.CONFIG, variant="same"
+    )
     yield _input("HG-6.3/2", "ARM", Arm())
     yield _input("HG-6.4/2", "MUTE", Mute())
     yield Effect("HG-6.4/2", "MUTE of another session", _foreign_mute, of_mute)
@@ -212,8 +208,8 @@ def _every_event() -> Iterator[Effect]:
     correct, play = events.event_of_correction, events.event_of_waiting_playback
     yield Effect("HG-7.4/1", "a new correction", correct, corrected, Feature.CORRECTION)
     yield Effect("HG-7.6/3", "PLAY", play, plays, _UPLOADS, (QUEUES,))
-    yield _timer(MuteReason.HOLD_EXPIRED, events.event_of_hold, _CONFIG, *_ON)
-    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, _CONFIG, QUEUES)
+    yield _timer(MuteReason.HOLD_EXPIRED, events.event_of_hold, Feature.CONFIG, *_ON)
+    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, Feature.CONFIG, QUEUES)
     alone = events.event_of_unattended_time
     yield _timer(MuteReason.UNATTENDED, alone, _PLAYS, QUEUES, WAITS)
     yield Effect("HG-6.6/1", "a fault", fail_hardware, effects.effect_of_fault)
@@ -234,7 +230,7 @@ def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held
         board.link.barrier()  # or MUTE may overtake it (HG-3.8/2)
     effect.happen(board)
     old = (board.link.seq - 1) & 0xFFFF
-    board.link.refused(Ping(board.random.getrandbits(64)), _REUSED, old, seq=old)
+    board.link.refused(Ping(board.random.getrandbits(64)), ErrorCode.SEQUENCE_REUSED, old, seq=old)
     # A frame that uses its number and nothing else: gap and duplicate tell which one was due.
     board.link.stream(board.shortest_stream(), flags=_UNKNOWN_FLAG)
     return judged_held_state(board, since)
@@ -349,10 +345,6 @@ class Moment:
     lasts_ms: int = 3000
 
 
-class _TooLateError(CaseEndedError):
-    """A moment was over before its end was answered: host, line or emulator were held up."""
-
-
 def _output_with_queue(board: BoardClient) -> None:
     latch_now(board)
     OUTPUT_STATES[QUEUES](board)
@@ -448,10 +440,9 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
         since, begin_us = board.link.mark(), board.wire.now_us()
         moment.bring(board)
         end.send(board)
-        took_ms, lasts_ms = (board.wire.now_us() - begin_us) // _MS, moment.lasts_ms
-        if took_ms >= lasts_ms:
-            text = f"answered after {took_ms} ms; the board leaves this state after {lasts_ms} ms"
-            raise _TooLateError(Behaviour.INCONCLUSIVE, text)
+        board.wire.check_not_after(
+            begin_us + moment.lasts_ms * _MS, "a state that has ended by itself"
+        )
         due = OUTPUT_TRANSITIONS[OutputState.ARMED, end.event]
         board.check_status("behind it", state=due, queued=0 if is_over else moment.queued)
     if is_over:
@@ -459,15 +450,6 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
     _check_end_of_played_output(board, moment, since)
     if is_over:
         _check_output_stays_off(board, since, moment.config.get("hold_ms", 0) + _AFTER_MS)
-
-
-def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -> None:
-    """Judge; once more, twice at most, if the moment was over too soon."""
-    for _ in range(_TRIES - 1):
-        with contextlib.suppress(_TooLateError):
-            _judge_end_of_output(board, end, moment)
-            return
-    _judge_end_of_output(board, end, moment)
 
 
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
@@ -503,7 +485,7 @@ def _case_of_output_end(end: End) -> Case:
             if not board.has(moment.needs):
                 continue
             with named(f"{end.name} {moment.name}"):
-                _judge_end_of_output_in_time(board, end, moment)
+                _judge_end_of_output(board, end, moment)
 
     summary = f"{end.name} while sounding, queued, fading, waiting and playing ends what it has to"
     needs = _PLAYS if end.event is OutputInput.STOP else Feature.CONFIG

@@ -19,7 +19,7 @@ from ...client.playback import (
     send_phases_to_store,
     send_phases_to_store_if_supported,
 )
-from ...judge.ramps import RampReading, judge_straight_ramp, judged_ramp, judged_ramp_reading
+from ...judge.ramps import judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import (
     HOLD,
     LEASE,
@@ -89,17 +89,12 @@ def mutes_the_output_after_hold(board: BoardClient) -> None:
     board.check_status("behind the hold", reason=MuteReason.HOLD_EXPIRED)
 
 
-def _ramp_of_output(board: BoardClient, *, ramp_ms: int) -> list[RampReading]:
-    """Return what is radiated from before a ramp of the hold to behind its end."""
-    board.arm(hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
-    latch_now(board)
-    return judged_ramp(board, hold_ms=_HOLD_MS, ramp_ms=ramp_ms)
-
-
 @case("HG-6.11/1", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_do_not_rise(board: BoardClient) -> None:
     """during a ramp the amplitude in read-backs never rises"""
-    ramp = _ramp_of_output(board, ramp_ms=300)
+    board.arm(hold_ms=_HOLD_MS, ramp_ms=300)
+    latch_now(board)
+    ramp = judged_ramp(board, hold_ms=_HOLD_MS, ramp_ms=300)
     for before, after in itertools.pairwise(ramp):
         rises = [b for a, b in zip(before.amplitudes, after.amplitudes, strict=True) if b > a]
         text = f"{after.from_ms:.1f} ms into the ramp the amplitude rises to "
@@ -109,9 +104,7 @@ def output_ramps_do_not_rise(board: BoardClient) -> None:
 @case("HG-6.11/2", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_reach_silence(board: BoardClient) -> None:
     """the amplitude is full before a ramp, is that of a straight line within it, and then 0"""
-    ramp_ms = 400
-    ramp = _ramp_of_output(board, ramp_ms=ramp_ms)
-    judge_straight_ramp(board, ramp, ramp_ms, bytes([FULL]) * board.identity.transducers)
+    _judge_output_ramp(board, FULL, 400, plays=False)
 
 
 @case("HG-6.11/3")

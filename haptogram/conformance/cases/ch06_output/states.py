@@ -23,7 +23,7 @@ from haptogram_protocol.messages import (
     UploadCommit,
 )
 from haptogram_protocol.rules import PLAYBACK
-from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
+from haptogram_protocol.state import MuteReason, OutputInput, OutputState
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -36,7 +36,6 @@ from ...client.playback import (
     send_phases_to_store,
     send_phases_to_store_if_supported,
 )
-from ...client.request_client import flags_at_once
 from ...client.stream_kinds import valid_requests_to_send
 from ...client.uploads import require_room_for_upload
 from ...judge.effects import OUTPUT_REQUESTS, StateAndReason, state_and_reason_after
@@ -219,7 +218,11 @@ def _judge_input_to_output_state(
     before = _output_state(board)
     is_there = before[:parts] == due[:parts]
     check(is_there, f"{_state_text(before)} where {_state_text(due)} is due")
-    told = getattr(getattr(happen(), "message", None), "state", None)
+    answer = getattr(happen(), "message", None)
+    if isinstance(answer, Error):
+        code, state = ErrorCode.BAD_STATE, int(before[0])
+        check_fields(answer, f"{name} in {before[0].name}", code=code, detail=state)
+    told = getattr(answer, "state", None)
     after = _output_state(board)
     wanted = before if event is None else state_and_reason_after(before, event)
     check_equal(after[:parts], wanted[:parts], f"{name} in {_state_text(before)}")
@@ -295,6 +298,7 @@ def _inputs_to_output_states(board: BoardClient) -> Iterator[_Input]:
     for event, message in OUTPUT_REQUESTS.items():
         if event is not OutputInput.STOP or plays:
             yield event.name, event, partial(board.link.ask, message)
+    yield "MUTE without a session", OutputInput.MUTE, partial(board.mute, session=0)
     yield "a new session", OutputInput.NEW_SESSION, board.hello
     yield "HELLO again", None, lambda: board.hello(board.link.session)
     yield "a stream frame", None, lambda: latch_now(board)
@@ -374,31 +378,7 @@ def a_lasting_hardware_fault_refuses_disarm(board: BoardClient) -> None:
 @case("HG-6.2/1-fault")
 def follows_the_output_states_in_a_fault(board: BoardClient) -> None:
     """in FAULT every input leads to the state in the table"""
-    inputs = dict(OUTPUT_REQUESTS)
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_that_fit(board, _SEQUENCE, frames=2)
-        inputs |= {OutputInput.PLAY: play_request(board, _SEQUENCE, loops=1, unattended_ms=100)}
-    if not board.identity.features & PLAYBACK:
-        del inputs[OutputInput.STOP]
-    for event in (*inputs, OutputInput.LATCH, OutputInput.NEW_SESSION):
-        fail_hardware(board)
-        due = OUTPUT_TRANSITIONS.get((OutputState.FAULT, event))
-        if event is OutputInput.NEW_SESSION:
-            board.hello()
-        elif event is OutputInput.DISARM:
-            recover_from_hardware_fault(board)
-        elif event is OutputInput.LATCH:
-            with board.counting(dropped_state=None, latched=0):
-                board.link.stream(board.flat_phases())
-        elif due is None:
-            flags, state = flags_at_once(inputs[event]), int(OutputState.FAULT)
-            board.link.refused(inputs[event], ErrorCode.BAD_STATE, state, flags=flags)
-        else:
-            board.link.ask(inputs[event])
-        board.check_status(
-            f"{event.name} in FAULT", state=OutputState.FAULT if due is None else due
-        )
-        recover_from_hardware_fault(board)
+    _judge_inputs_in_fault(board, with_reason=False)
 
 
 @case("HG-6.2/3-fault", evidence=SELF_REPORTED)
@@ -406,18 +386,20 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
     """MUTE of any session, a refused ARM, a new session and a second fault leave the reason
     FAULT
     """
-    others: dict[str, Callable[[], object]] = {
-        "MUTE": board.mute,
-        "MUTE without a session": lambda: board.mute(session=0),
-        "ARM": lambda: board.link.ask(Arm()),
-        "a new session": board.hello,
-        "a second fault": lambda: fail_hardware(board),
-    }
-    fail_hardware(board)
-    for name, happen in others.items():
-        happen()
-        board.check_status(f"{name} in FAULT", **_IN_FAULT)
-    recover_from_hardware_fault(board)
+    _judge_inputs_in_fault(board, with_reason=True)
+
+
+def _judge_inputs_in_fault(board: BoardClient, *, with_reason: bool) -> None:
+    """FAILED unless in FAULT inputs lead where they have to, and DISARM leads out."""
+    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    fault = OutputState.FAULT, MuteReason.FAULT
+    again: _Input = "a second fault", None, partial(fail_hardware, board)
+    for one in (*_inputs_to_output_states(board), again):
+        fail_hardware(board)
+        if one[1] is not OutputInput.DISARM:
+            _judge_input_to_output_state(board, fault, one, with_reason=with_reason)
+        recover_from_hardware_fault(board)
+        board.check_status("DISARM in FAULT", state=OutputState.DISARMED)
 
 
 @case("HG-6.2/1-requests", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)

@@ -47,8 +47,10 @@ from ...client.playback import (
 )
 from ...client.stream_kinds import random_points_to_send
 from ...client.uploads import upload_to_board
+from ...judge.refused_requests import STORED
 from ...judge.timers import UNATTENDED, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, fail, require
+from ..ch05_stream.every_drop import OUTPUT_STATES, PLAYING_SLOWLY, WAITS
 
 _MS: Final = 1000
 _NEEDS: Final = Feature.SEQUENCE_PHASES
@@ -57,7 +59,6 @@ _WIDTHS: Final = (8, 15, 16, 24, 31, 32)
 _SEEN: Final = 12  # latches after which a playback of very many frames is stopped
 _LOOK_MS: Final = 60
 _SLOW_US: Final = 9_500_000
-_ENDED: Final = 5
 _FRAMES: Final = 3
 _AHEAD_US: Final = 3_000_000
 _ALONE_MS: Final = 200
@@ -414,18 +415,9 @@ def every_passed_start_is_refused(board: BoardClient) -> None:
 # --- Ended at every moment ---------------------------------------------------------------------
 
 
-def _wait_for_start(board: BoardClient) -> None:
-    play_later(board, _ENDED, _AHEAD_US)
-
-
-def _playback_in_its_first_frame(board: BoardClient) -> None:
-    play_now(board, _ENDED, loops=0, period_us=9_000_000)
-    board.clock.wait_latched()
-
-
 def _playback_in_a_later_frame(board: BoardClient) -> None:
     period_us = period_to_play(board)
-    play_now(board, _ENDED, loops=0, period_us=period_us)
+    play_now(board, STORED, loops=0, period_us=period_us)
     for _ in range(2 * (_FRAMES + 2)):
         board.wire.idle(period_us // 2)
         board.link.ask(GetStatus())  # a slow board is not left alone for so long
@@ -433,8 +425,8 @@ def _playback_in_a_later_frame(board: BoardClient) -> None:
 
 #: Moments of a playback, with the least number of frames that it has latched.
 _MOMENTS: Final[dict[str, tuple[PlaybackAct, int]]] = {
-    "that waits for its start": (_wait_for_start, 0),
-    "in its first frame": (_playback_in_its_first_frame, 1),
+    "that waits for its start": (OUTPUT_STATES[WAITS], 0),
+    "in its first frame": (OUTPUT_STATES[PLAYING_SLOWLY], 1),
     "in a later frame": (_playback_in_a_later_frame, _FRAMES + 1),
 }
 #: Every moment with every end.
@@ -446,7 +438,7 @@ def every_playback_end_is_told(board: BoardClient) -> None:
     """one PLAYBACK_ENDED tells of a playback that waits, in its first frame and later, by every
     end
     """
-    send_phases_to_store(board, _ENDED, frames=_FRAMES)
+    send_phases_to_store(board, STORED, frames=_FRAMES)
     for (moment, (bring, least)), (name, end) in _ENDED_AT:
         board.arm()
         since, before = board.link.mark(), board.status().counters
@@ -454,7 +446,7 @@ def every_playback_end_is_told(board: BoardClient) -> None:
         end(board)
         latched = board.counted_since(before)["latched"]
         text = f"a playback {moment}, ended by {name}"
-        judge_end_told(board, since, _ENDED, _FRAMES, latched, text)
+        judge_end_told(board, since, STORED, _FRAMES, latched, text)
         check(latched >= least, f"{text}: {latched} latches")
 
 
@@ -462,7 +454,7 @@ def every_playback_end_is_told(board: BoardClient) -> None:
 def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
     """behind a playback that was ended at any moment, by every end, the next begins with frame 0"""
     mode = ask_for_board_latches(board)
-    send_phases_to_store(board, _ENDED, frames=_FRAMES)
+    send_phases_to_store(board, STORED, frames=_FRAMES)
     period_us = board.clock.on_carrier(period_to_play(board))
     for (moment, (bring, _)), (name, end) in _ENDED_AT:
         board.arm()
@@ -470,7 +462,7 @@ def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
         end(board)
         board.arm()
         since, asked_us = board.link.mark(), board.clock.device_us()
-        play_now(board, _ENDED, loops=1, period_us=period_us)
+        play_now(board, STORED, loops=1, period_us=period_us)
         most_us = board.clock.on_carrier(board.clock.ready_us(board.clock.device_us()))
         await_playback_end(board, since, _FRAMES * period_us)
         seen = latches_received_from_board(board, since, mode)[-_FRAMES:]
@@ -486,7 +478,7 @@ def every_playback_begins_with_its_first_frame(board: BoardClient) -> None:
 @case("HG-3.6/4-playback", needs=PLAYS, depth=Depth.DEFAULT)
 def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
     """the event that a new session causes by ending a playback has the number 0, the next one 1"""
-    send_phases_to_store(board, _ENDED, frames=_FRAMES)
+    send_phases_to_store(board, STORED, frames=_FRAMES)
     period_ms = board.quick_status_ms
     for moment, (bring, _) in _MOMENTS.items():
         since = board.arm(status_period_ms=period_ms)
@@ -509,15 +501,15 @@ def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
 @case("HG-7.6/5-config", needs=PLAYS)
 def every_lease_leaves_a_playback_its_time(board: BoardClient) -> None:
     """SET_CONFIG while a sequence plays or waits: unattended_ms still stands for host_timeout_ms"""
-    send_phases_to_store(board, _ENDED, frames=_FRAMES)
+    send_phases_to_store(board, STORED, frames=_FRAMES)
     alone_ms = min(_ALONE_MS, board.identity.max_unattended_ms)
     for is_waiting in (False, True) if board.thorough else (False,):
         board.configure()
         board.arm()
         if is_waiting:
-            play_later(board, _ENDED, _AHEAD_US, unattended_ms=alone_ms)
+            play_later(board, STORED, _AHEAD_US, unattended_ms=alone_ms)
         else:
-            play_now(board, _ENDED, loops=0, period_us=50 * _MS, unattended_ms=alone_ms)
+            play_now(board, STORED, loops=0, period_us=50 * _MS, unattended_ms=alone_ms)
         since = board.link.mark()
         board.configure(host_timeout_ms=_SHORT_LEASE_MS)
         judged_mute_by_timer(board, since, 2 * alone_ms * _MS, MuteReason.UNATTENDED)

@@ -36,17 +36,17 @@ from ...client.latching import (
 )
 from ...client.playback import (
     play_later,
-    play_now,
     play_out,
     send_phases_to_store,
-    send_phases_to_store_if_supported,
     shortest_period_to_play_us,
 )
 from ...client.stream_kinds import stream_kinds
 from ...client.uploads import upload_correction
 from ...judge.events import played_keys
+from ...judge.refused_requests import STORED
 from ...judge.witness import expect_witnessed_drive, judge_nothing_read_back
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields
+from ..ch05_stream.every_drop import output_states
 from ..ch07_configuration.configuration import spans_of_elements
 
 _RING_TRIED: Final = 6000  # latches: a longer ring is not filled
@@ -60,7 +60,6 @@ _FIT: Final = (MAX_BODY_BYTES - HEADER_BYTES - TraceReply.LAYOUT.size) // TraceR
 _BETWEEN: Final = ("nothing", "a playback", "MUTE", "an upload", "DISARM")
 _RING: Final = Feature.TRACE_RING | Feature.CONFIG
 _PLAYED_RING: Final = _RING | Feature.SEQUENCE_PHASES
-_PLAYED: Final = 3
 _CEILING: Final = 77
 _AHEAD_US: Final = 2_000_000
 _HOUR_US: Final = 3_600_000_000
@@ -312,7 +311,7 @@ def _wait_with_a_frame(board: BoardClient) -> None:
 
 def _wait_with_a_playback(board: BoardClient) -> None:
     board.arm()
-    play_later(board, _PLAYED, _AHEAD_US, loops=1, unattended_ms=2000)
+    play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=2000)
 
 
 def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
@@ -329,27 +328,17 @@ def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
     yield "DISARMED", BoardClient.disarm
 
 
-def _ends_of_session_before(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
-    """Yield what the session before ends in."""
-    yield "a drive", lambda board: latch_random(board, 1)
-    if board.has(Feature.SEQUENCE_PHASES):
-        yield "a playback", lambda board: play_now(board, _PLAYED, loops=0)
-    yield "MUTE", lambda board: board.mute()
-    yield "nothing", BoardClient.status
-
-
 @case("HG-8.6/4-kinds", evidence=SELF_REPORTED)
 def every_empty_read_back(board: BoardClient) -> None:
     """before a session's first latch both kinds show 0, armed, muted, waiting, under a
     correction
     """
     board.need_any(READ_BACKS)
-    send_phases_to_store_if_supported(board, _PLAYED, frames=2)
     if board.has(Feature.CONFIG | Feature.AMPLITUDE):
         board.configure(amplitude_ceiling=_CEILING)
     if board.has(Feature.CORRECTION):
         upload_correction(board)
-    for before, leave in _ends_of_session_before(board):
+    for before, leave in output_states(board):
         board.arm()
         leave(board)
         board.hello()

@@ -66,12 +66,14 @@ from ...judge.refused_requests import (
 from ...judge.timers import LEASE, UNATTENDED, judge_within_hold
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, fail
 from ..ch05_stream.every_drop import (
+    DROPS,
     MUTED,
     OFF,
     OUTPUT_STATES,
     PLAYING_SLOWLY,
     QUEUES,
     WAITS,
+    frames_to_drop,
 )
 
 _FRAMES: Final = 3
@@ -121,21 +123,14 @@ def error_refusals_change_nothing(board: BoardClient) -> None:
 @case("HG-10.1/2")
 def stream_gets_no_error(board: BoardClient) -> None:
     """stream frames, good ones and bad ones of every kind, get no answer"""
+    kind = stream_kinds(board)[0]
+    for drop in DROPS:
+        if drop.queued >= 0:
+            _, wires = frames_to_drop(board, drop, kind)
+            board.link.unanswered(f"a stream frame {drop.summary}", *wires)
     board.arm()
-    good = board.flat_phases()
-    frames = [
-        board.link.stream_wire(good),
-        board.link.stream_wire(good, flags=0x80),
-        board.link.stream_wire(good, seq=board.link.stream_next - 1),
-        board.link.stream_wire(good, session=0),
-        board.link.stream_wire(good, board.clock.device_us() - 10_000),
-        board.link.stream_wire(good, board.clock.device_us() + board.identity.max_horizon_us * 2),
-        board.link.stream_raw(0x3C, b"abc"),
-        board.link.stream_raw(good.TYPE, b""),
-    ]
-    board.link.unanswered("a stream frame", *frames)
-    board.disarm()
-    board.link.unanswered("a stream frame while DISARMED", board.link.stream_wire(good))
+    others = board.link.stream_wire(kind.make()), board.link.stream_raw(0x3C, b"abc")
+    board.link.unanswered("a stream frame that is latched, or of no known type", *others)
 
 
 @case("HG-10.2/1")
