@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import option_word
 from haptogram.settings.board import is_grid_setting
 from haptogram.settings.parser import Acting
 
@@ -34,17 +35,17 @@ def refuse_idle_options(
     ConfigurationError
         Names the option and the modes in which it acts.
     """
-    words = {name: f"--{name.replace('_', '-')}" for name in sorted(arguments.given)}
+    words = {name: option_word(name) for name in sorted(arguments.given)}
     keys = {name: f"{file}: {name}" for name in sorted(in_file) if name not in words}
-    for name, told in (words | keys).items():
+    for name, source in (words | keys).items():
         acting = arguments.parser.acting.get(name)
         if acting is not None and not acting.is_there(arguments if settings is None else settings):
-            raise ConfigurationError(f"{told} acts only {acting.where}; leave it out")
+            raise ConfigurationError(f"{source} acts only {acting.where}; leave it out")
 
 
 def with_option(*names: str) -> Acting:
     """Return that an option acts with any of the options *names*."""
-    *others, last = (f"--{name.replace('_', '-')}" for name in names)
+    *others, last = map(option_word, names)
     where = f"with {', '.join(others)} or {last}" if others else f"with {last}"
     return Acting(where, lambda s: any(getattr(s, name, None) for name in names))
 

@@ -166,11 +166,11 @@ def _soak_command_progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[P
 
 
 def _soak_command_lines(campaign: SoakCampaign) -> Progress:
-    told, is_estimated = campaign.done, False
+    reported, is_estimated = campaign.done, False
     start_s, began_s = campaign.done_s, time.monotonic()
 
     def show(done_s: float) -> None:
-        nonlocal told, is_estimated
+        nonlocal reported, is_estimated
         spent_s = time.monotonic() - began_s
         if not is_estimated and done_s > start_s and spent_s > _MEASURED_S:
             is_estimated = True
@@ -182,8 +182,8 @@ def _soak_command_lines(campaign: SoakCampaign) -> Progress:
                 file=sys.stderr,
                 flush=True,
             )
-        if campaign.done > told:
-            told = campaign.done
+        if campaign.done > reported:
+            reported = campaign.done
             wrong = sum(campaign.failures.values())
             print(
                 f"soak: {campaign.done_s / 60:.1f} of {campaign.setup.seconds / 60:.1f} min, "

@@ -105,11 +105,11 @@ def did_you_mean(word: str, known: Collection[str]) -> str:
 
 
 def check_argument_kind(
-    name: str, value: Any, kind: type[_T] | tuple[type[_T], ...], told: str
+    name: str, value: Any, kind: type[_T] | tuple[type[_T], ...], expected: str
 ) -> None:
-    """Raise unless *value* is of *kind*, which is called *told* in the message."""
+    """Raise unless *value* is of *kind*, which the message calls *expected*."""
     if not isinstance(value, kind):
-        raise ConfigurationError(f"{name} is {shown_argument(value)}, must be {told}")
+        raise ConfigurationError(f"{name} is {shown_argument(value)}, must be {expected}")
 
 
 def check_texts(name: str, value: Any, such_as: str) -> None:
@@ -129,6 +129,11 @@ def check_callable(name: str, value: Any) -> None:
     """Raise unless *value* can be called, or is None."""
     if value is not None and not callable(value):
         raise ConfigurationError(f"{name} is {shown_argument(value)}, must be callable, or None")
+
+
+def option_word(name: str) -> str:
+    """Return the option on a command line of the setting *name*."""
+    return f"--{name.replace('_', '-')}"
 
 
 def shown_argument(value: Any) -> str:

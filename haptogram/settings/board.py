@@ -97,14 +97,12 @@ class PinCaptureConfig(Settings):
         unit="ELEMENT=US",
         help="the pin of this element (or all) latches so much later than the board; may be "
         "repeated",
-        absent="none",
     )
     capture_lingers: tuple[str, ...] = option(
         (),
         unit="ELEMENT=US",
         help="the pin of this element (or all) sounds on for so long after the board has fallen "
         "silent; may be repeated",
-        absent="none",
     )
 
     def elements(self, count: int) -> list[int]:

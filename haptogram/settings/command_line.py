@@ -58,11 +58,6 @@ def given_options(arguments: argparse.Namespace, rows: Iterable[str]) -> dict[st
     return {name: value for name, value in values.items() if value is not None}
 
 
-def setting_option_name(setting: str) -> str:
-    """Return the option of *setting* on the command line."""
-    return f"--{setting.replace('_', '-')}"
-
-
 def written_options(values: Mapping[str, Any], rows: Mapping[str, Option]) -> list[str]:
     """Return the words of a command line that say *values*, which :func:`given_options` returns."""
     words = []

@@ -23,6 +23,7 @@ from .arguments import (
     check_number,
     check_whole,
     did_you_mean,
+    option_word,
     read_number_argument,
     shown_argument,
 )
@@ -108,7 +109,7 @@ class Option:
     @property
     def word(self) -> str:
         """The option on a command line."""
-        return f"--{self.name.replace('_', '-')}"
+        return option_word(self.name)
 
     @property
     def is_required(self) -> bool:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, NoReturn, TypeVar
 
 from ..errors import ConfigurationError
-from .arguments import check_choice, did_you_mean
+from .arguments import check_choice, did_you_mean, option_word
 
 _T = TypeVar("_T")
 _COLUMNS: Final = 80
@@ -182,7 +182,7 @@ class Parser(argparse.ArgumentParser):
         """
         name = message.partition(" ")[0]
         key = name.removeprefix("--").replace("-", "_")
-        option = _setting_as_option(key)
+        option = option_word(key)
         known = key.isidentifier() and option in self.option_actions and name in (key, option)
         return self._in_file.get(key, option) + message[len(name) :] if known else message
 
@@ -238,10 +238,6 @@ def _in_short(action: argparse.Action) -> argparse.Action:
     short = copy.copy(action)
     short.help = "".join(part or "" for part in found.groups()) if found else action.help
     return short
-
-
-def _setting_as_option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
 
 
 def _options_among_command_words(words: Sequence[str]) -> Iterator[str]:

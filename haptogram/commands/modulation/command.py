@@ -187,9 +187,9 @@ def run_modulation(arguments: argparse.Namespace) -> int:
 
 def _modulation_config(arguments: argparse.Namespace) -> VerifyConfig:
     """Return the settings of a run that would display it."""
-    held = arguments.kind in ("stm", HOLD)
+    runs_along = arguments.kind in ("stm", HOLD)
     defaults = {
-        "object": "circle" if held else "point",
+        "object": "circle" if runs_along else "point",
         "radius_mm": _RADIUS_MM,
         "center_mm": _CENTER_MM,
         "mode": "points",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -182,10 +183,7 @@ def _replay_as_dict(result: ReplayResult) -> dict[str, Any]:
             {
                 "same": dict(comparison.same),
                 "differing": dict(comparison.differing),
-                "differences": [
-                    {"what": d.what, "t_us": d.t_us, "detail": d.detail}
-                    for d in comparison.differences
-                ],
+                "differences": list(map(dataclasses.asdict, comparison.differences)),
             }
             for comparison in result.comparisons
         ],

@@ -7,13 +7,10 @@ import functools
 from typing import TYPE_CHECKING
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import option_word
 from haptogram.settings.array import ArrayConfig
 from haptogram.settings.board import DEFAULT_ARRAY
-from haptogram.settings.command_line import (
-    add_setting_options,
-    given_options,
-    setting_option_name,
-)
+from haptogram.settings.command_line import add_setting_options, given_options
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import name_option
 
@@ -54,7 +51,7 @@ def array_model(arguments: argparse.Namespace) -> AcousticModel:
     for name in _OWN:
         if getattr(arguments, name) is not None:
             raise ConfigurationError(
-                f"{setting_option_name(name)} is {getattr(arguments, name):g}; --preset "
+                f"{option_word(name)} is {getattr(arguments, name):g}; --preset "
                 f"{arguments.preset} brings its own array and air"
             )
     return find_preset(arguments.preset).build()

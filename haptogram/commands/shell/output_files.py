@@ -21,6 +21,7 @@ from haptogram.machine.terminal import (
     paint_verdicts_on_terminal,
     terminal_error_line,
 )
+from haptogram.settings.arguments import option_word
 from haptogram.settings.board import is_grid_setting
 from haptogram.settings.shape import SHAPES
 
@@ -77,7 +78,7 @@ class CommandOutputs:
 
     def __init__(self, settings: Any, *names: str, pictures: bool = True) -> None:
         self._program: str = settings.parser.prog
-        given = {_output_as_option(name): getattr(settings, name) for name in names}
+        given = {option_word(name): getattr(settings, name) for name in names}
         self.paths: dict[str, Path] = {
             option: Path(path) for option, path in given.items() if path is not None
         }
@@ -152,7 +153,7 @@ class CommandOutputs:
         bool
             False if one could not be written, which was said; it does not cost the others.
         """
-        by_option = {_output_as_option(name): write for name, write in writers.items()}
+        by_option = {option_word(name): write for name, write in writers.items()}
         written = [
             self._is_written(path, by_option[option])
             for option, path in self.paths.items()
@@ -205,11 +206,7 @@ def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
         value = getattr(settings, name, None)
         for path in value if isinstance(value, list | tuple) else [value]:
             if path is not None and is_file(str(path)):
-                yield "this command" if name in _POSITIONAL else _output_as_option(name), Path(path)
-
-
-def _output_as_option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
+                yield "this command" if name in _POSITIONAL else option_word(name), Path(path)
 
 
 def print_command_error(program: str, error: object) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 from haptogram.errors import LinkError
 from haptogram.settings.board_url import SCHEME, read_board_url
+from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
@@ -88,10 +89,10 @@ class RunBoards:
         from haptogram.driver.frames.dialect_boards import dialect_display_of
         from haptogram.driver.line.budget import check_dialect_rate
 
-        boards, given = made.boards_of_dialect(config), given_verify_settings(arguments)
+        boards = made.boards_of_dialect(config)
+        given = given_options(arguments, options_of(VerifyConfig))
         dialect_display_of(boards.dialect, boards.count)  # refuses one that cannot be driven
-        named = {name for name, value in given.items() if value is not None}
-        named |= set(read_settings_table(arguments.config)) if arguments.config else set()
+        named = {*given, *(read_settings_table(arguments.config) if arguments.config else ())}
         usual = {
             name: value
             for name, value in _usual_dialect_rates(config, boards).items()
@@ -166,12 +167,6 @@ def baud_of_verified_port(port: str, baud: int) -> int | None:
         return read_board_url(port).board.line.baud
     is_pty = os.path.realpath(port).startswith(_PTYS)
     return None if is_pty or port.startswith(_NETWORK) else baud
-
-
-def given_verify_settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings of *arguments*; None is an option that was not given."""
-    names = options_of(VerifyConfig)
-    return {name: value for name, value in vars(arguments).items() if name in names}
 
 
 def _usual_dialect_rates(config: VerifyConfig, boards: DialectBoardsUnderTest) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from haptogram.errors import (
 )
 from haptogram.machine.files import check_file_has_content
 from haptogram.machine.process import process_without_garbage_collector
+from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
 from haptogram.settings.run.outputs import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
@@ -33,7 +34,7 @@ from ..shell.output_files import (
     print_command_error,
 )
 from ..shell.progress import progress_bar
-from .boards import ProgramBoards, RunBoards, given_verify_settings
+from .boards import ProgramBoards, RunBoards
 from .captures import verified_captures_at_port, verify_recorded_captures
 from .files import verify_seen_by_number, write_run_files
 from .live_view import VerifyLiveView, live_view
@@ -94,10 +95,10 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     """Check the settings, run the job, and return the exit status."""
     from haptogram.report.formats.html import check_html_page
 
-    file, given = arguments.config, given_verify_settings(arguments)
+    file, given = arguments.config, given_options(arguments, options_of(VerifyConfig))
     config = load_verify_config(file, given)
     in_file = read_settings_table(file) if file else {}
-    arguments.parser.settle_source(file, (key for key in in_file if given.get(key) is None))
+    arguments.parser.settle_source(file, (key for key in in_file if key not in given))
     settings = argparse.Namespace(
         **config.values(),
         frame_kind=config.frame_kind,
@@ -270,11 +271,11 @@ def _blaming_planned_faults(planned: FaultPlan, board: BoardUnderTest) -> Iterat
 def _planned_faults_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
     from haptogram.report import run as report
 
-    told = next(report.run_faults_wording({"faults": faults, "troubles": {}}))
+    counts = next(report.run_faults_wording({"faults": faults, "troubles": {}}))
     # What is at the other end is known: no guess at another device or version.
     is_guess = isinstance(error, WrongProtocolError | VersionMismatchError)
     seen = "no frame came whole" if is_guess else error
-    return f"inconclusive: the fault plan broke the session ({seen}); {told}"
+    return f"inconclusive: the fault plan broke the session ({seen}); {counts}"
 
 
 def _verified_board_dict(found: RunRecord) -> dict[str, object]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import given_options
 from haptogram.settings.option import Settings, option, options_of
 from haptogram.settings.tolerance import ToleranceConfig
@@ -135,8 +134,3 @@ class WatchConfig(Settings):
         absent="a run in which no latch makes a pattern is inconclusive",
     )
     frames: Path | None = option(None, unit="FILE", help="write a line of JSON for each latch")
-
-
-def watched_board_config(**values: object) -> BoardConfig:
-    """Return the virtual board with *values*: options of :data:`WATCHED_BOARD_OPTIONS` by name."""
-    return BoardConfig.of(**{name: value for name, value in values.items() if value is not None})

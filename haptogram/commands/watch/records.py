@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from haptogram.errors import ConfigurationError, unreadable_file
 from haptogram.machine.interrupts import DelayedInterrupts
 from haptogram.settings.board import BoardConfig
+from haptogram.settings.command_line import given_options
 
-from .expected import WATCHED_BOARD_OPTIONS, watched_board_config
+from .expected import WATCHED_BOARD_OPTIONS
 
 if TYPE_CHECKING:
     from haptogram.evidence.backdoor_stream import BackdoorReader
@@ -173,8 +174,7 @@ def _replayed_to_watch(records: list[Record]) -> WatchedRecords:
 
 
 def _watched_board_settings(arguments: argparse.Namespace) -> BoardConfig:
-    values = {name: getattr(arguments, name) for name in WATCHED_BOARD_OPTIONS}
-    return watched_board_config(**values)
+    return BoardConfig.of(**given_options(arguments, WATCHED_BOARD_OPTIONS))
 
 
 def _read_watched_bytes(source: str) -> bytes:

@@ -46,7 +46,7 @@ class RecordingTransport:
         self.now_ns = transport.now_ns  # the very method: a driver calls it a dozen times a frame
         self.last_ns = transport.now_ns() + offset_ns
         self._transport, self._writer = transport, writer
-        self._records, self._told = records, 0
+        self._records, self._written = records, 0
         self._offset_ns = offset_ns
 
     def read_available(self, deadline_ns: int) -> bytes:
@@ -69,9 +69,9 @@ class RecordingTransport:
 
     def tell(self, records: Sequence[Mapping[str, Any]]) -> None:
         """Write those of the records of a back door that were not told before."""
-        while self._told < len(records):
-            self._writer.record(records[self._told])
-            self._told += 1
+        while self._written < len(records):
+            self._writer.record(records[self._written])
+            self._written += 1
 
     def hardware_fault(self) -> None:
         """Write that the hardware of the board is made to fail now."""

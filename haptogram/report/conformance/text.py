@@ -220,12 +220,12 @@ def _deciding_frames(result: CaseResult) -> list[_Frame]:
     """Return the frame of the board that the finding speaks of, what it answers, and its cause."""
     frames = _frames_of(result.transcript)
     done = _NOT_DONE.sub("", result.detail)
-    told = {"STATUS_REPLY"} if "counted " in done else set(_WORDS.findall(done))
+    words_found = {"STATUS_REPLY"} if "counted " in done else set(_WORDS.findall(done))
 
     def place(frame: _Frame) -> tuple[int, int]:
         words = set(_WORDS.findall(frame.text))
-        alike = sum(1 if word.islower() else 3 for word in words & told)
-        is_named = bool(told & {frame.name, frame.name.removesuffix("_REPLY")})
+        alike = sum(1 if word.islower() else 3 for word in words & words_found)
+        is_named = bool(words_found & {frame.name, frame.name.removesuffix("_REPLY")})
         return alike + 4 * is_named, frame.lines.start
 
     board = [frame for frame in frames if frame.sender == "board"]

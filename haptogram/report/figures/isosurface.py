@@ -187,37 +187,21 @@ def _plot_isosurface(
     # The inner surface last, so that its colour is not mixed with those around it.
     for db, colour, opacity in zip(_LEVELS_DB, _COLOURS, _OPACITY, strict=True):
         triangles = isosurface_mesh(level, float(level.max()) * 10.0 ** (db / 20.0))
-        shown_mm.append((low_mm + triangles * step_mm).reshape(-1, 3))
+        corners_mm = low_mm + triangles * step_mm
+        shown_mm.append(corners_mm.reshape(-1, 3))
+        light = LightSource(azdeg=225, altdeg=45)
+        style: dict[str, Any] = {"facecolors": colour, "alpha": opacity, "linewidths": 0}
         axes.add_collection3d(
-            Poly3DCollection(
-                low_mm + triangles * step_mm,
-                facecolors=colour,
-                alpha=opacity,
-                shade=True,
-                lightsource=LightSource(azdeg=225, altdeg=45),
-                linewidths=0,
-                zorder=db,
-            )
+            Poly3DCollection(corners_mm, shade=True, lightsource=light, zorder=db, **style)
         )
         handles.append(Patch(color=colour, alpha=max(opacity, 0.3), label=f"−{-db:g} dB"))
-    handles += axes.plot(
-        [target_mm[0]],
-        [target_mm[1]],
-        [target_mm[2]],
-        "k+",
-        markersize=12,
-        label="target",
-        zorder=1.0,
-    )
     peak_mm = low_mm + step_mm * np.array(np.unravel_index(int(np.argmax(level)), level.shape))
-    handles += axes.plot(
-        *peak_mm[:, None],
-        "ko",
-        markersize=9,
-        fillstyle="none",
-        label="peak",
-        zorder=1.0,
-    )
+    for place_mm, sign, size, name in (
+        (target_mm, "k+", 12.0, "target"),
+        (peak_mm, "ko", 9.0, "peak"),
+    ):
+        mark = {"markersize": size, "fillstyle": "none", "label": name, "zorder": 1.0}
+        handles += axes.plot(*place_mm[:, None], sign, **mark)
     low_mm, high_mm = _frame_isosurface(np.concatenate(shown_mm))
     for name, shown, low, high in zip("xyz", names, low_mm, high_mm, strict=True):
         getattr(axes, f"set_{name}lim")(low, high)

@@ -181,18 +181,18 @@ def _soak_counter_rows(tally: SoakTally) -> Iterator[tuple[str, str, str]]:
 def _soak_checks(campaign: SoakCampaign) -> Iterator[Check]:
     for name, statement in VIOLATIONS.items():
         count = campaign.failures.get(name, 0)
-        told: list[str] = []
+        examples: list[str] = []
         if count:
             outcome = Outcome.FAILED
             message = f"{name}: {count} times" if count > 1 else f"{name}: once"
-            told = [text for text in campaign.tally.examples if f", {name}: " in text]
-            told += [_soak_memory(campaign)] if name == MEMORY_GREW else []
+            examples = [text for text in campaign.tally.examples if f", {name}: " in text]
+            examples += [_soak_memory(campaign)] if name == MEMORY_GREW else []
         elif campaign.done:
             outcome = Outcome.PASSED
             message = f"{name}: never, in {campaign.done_s:g} s of virtual time"
         else:
             outcome, message = Outcome.NOT_JUDGED, "no segment came to its end"
-        yield Check("violations", statement, outcome, message, told, name)
+        yield Check("violations", statement, outcome, message, examples, name)
     message = f"{campaign.done} of {campaign.setup.segments} segments"
     outcome = Outcome.PASSED if campaign.is_complete else Outcome.INCONCLUSIVE
     statement = "the soak comes to its end"

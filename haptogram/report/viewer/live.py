@@ -123,7 +123,7 @@ class LiveViewerScene:
     def _newest(self, count: int) -> ViewerScene:
         newest = list(islice(reversed(self._frames), max(0, count)))[::-1]
         return ViewerScene.of(
-            self.model, newest, counters=self._told(), client_axes=self._client_axes
+            self.model, newest, counters=self._shown_counters(), client_axes=self._client_axes
         )
 
     def _latch(self, seen: Observation) -> None:
@@ -179,9 +179,9 @@ class LiveViewerScene:
         elif record["event"] not in _OF_THE_WATCH:
             self._counters[record["event"].replace("_", " ")] += 1
 
-    def _told(self) -> dict[str, Any]:
+    def _shown_counters(self) -> dict[str, Any]:
         counted = {name: count for name, count in self._counters.items() if count}
-        told = counted | {"board": self.firmware}
+        shown = counted | {"board": self.firmware}
         if self._has_states:
-            told["state"] = self._state or "as at power-up"
-        return told | ({"remark": self._remark} if self._remark else {})
+            shown["state"] = self._state or "as at power-up"
+        return shown | ({"remark": self._remark} if self._remark else {})

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ...errors import ConfigurationError
-from ..arguments import did_you_mean
-from ..command_line import setting_option_name
+from ..arguments import did_you_mean, option_word
 from ..option import SettingError, options_of, unknown_setting_text
 from ..text_file import read_toml_file
 from .verify import VerifyConfig
@@ -38,7 +37,7 @@ def load_verify_config(path: Path | None, overrides: Mapping[str, Any]) -> Verif
         return VerifyConfig.of(**(in_file | given))
     except SettingError as error:
         is_in_file = error.name in in_file and error.name not in given
-        written = f"{path}: {error.name}" if is_in_file else setting_option_name(error.name)
+        written = f"{path}: {error.name}" if is_in_file else option_word(error.name)
         raise ConfigurationError(f"{written} {error.message}") from error
 
 
