@@ -18,6 +18,7 @@ from haptogram.errors import ConfigurationError, missing_extra, plain_reason
 
 LOCAL: Final = "local"
 _TIMEOUT_S: Final = 10
+_QUIET: Final = "distributed.nanny.pre-spawn-environ.DASK_LOGGING__DISTRIBUTED"
 #: What must be the same at both ends: for what they say to each other, and for the same rows.
 _WIRE: Final[tuple[str, ...]] = ("distributed", "cloudpickle", "msgpack")
 _ROWS: Final[tuple[str, ...]] = ("haptogram", "numpy", "scipy", "numba", "pyserial")
@@ -82,23 +83,25 @@ def dask_workers(address: str, jobs: int) -> Iterator[Workers]:
         If there is no scheduler or worker, or one of them has other versions than this machine.
     """
     try:
+        from dask import config
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise missing_extra("--scheduler needs distributed", "sweep") from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
+        logging.disable()  # a worker that dies or a scheduler that goes is told in our words
+        stack.callback(logging.disable, logging.NOTSET)
         stack.enter_context(warnings.catch_warnings())
         warnings.simplefilter("ignore")  # of other versions, which are refused below
         place: Any = address
         if address == LOCAL:
-            place = stack.enter_context(
-                LocalCluster(
-                    n_workers=jobs,
-                    threads_per_worker=1,
-                    dashboard_address=None,
-                    silence_logs=logging.CRITICAL,
-                )
-            )
+            stack.enter_context(config.set({_QUIET: "critical"}))
+            # Deaf to Ctrl-C, as the processes that it starts: this one ends them.
+            before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+            try:
+                cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
+                place = stack.enter_context(cluster)
+            finally:
+                signal.signal(signal.SIGINT, before)
         try:
             client = stack.enter_context(Client(place, timeout=_TIMEOUT_S, set_as_default=False))
             count = _checked_dask_workers(client.get_versions(packages=_ROWS))

@@ -36,7 +36,6 @@ GREEN: Final = "#009E73"
 VERMILION: Final = "#D55E00"
 BLACK: Final = "#000000"
 GREY: Final = "#888888"
-WHITE: Final = "#ffffff"
 
 _STYLE: Final[dict[str, Any]] = {
     "axes.axisbelow": True,

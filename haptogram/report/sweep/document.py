@@ -82,7 +82,7 @@ def _sweep_pictures(
 
 
 def _sweep_level_table(name: str, levels: Sequence[SweepLevel], measure: Measure) -> Table:
-    head = (name, "points", *reversed(VERDICTS), f"median {measure.text}", measure.text)
+    head = (name, "points", *reversed(VERDICTS), f"{measure.text}, median", "worst")
     return Table(head, [level.cells() for level in levels], range(1, len(head)))
 
 

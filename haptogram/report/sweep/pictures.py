@@ -9,7 +9,7 @@ import numpy as np
 
 from haptogram.campaigns.sweep.rows import Measure, Row
 
-from ..figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, WHITE, figure_legend, new_figure
+from ..figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, figure_legend, new_figure
 from .levels import SweepLevel
 
 if TYPE_CHECKING:
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 _COLOURS: Final = {"pass": GREEN, "fail": VERMILION, "error": BLACK, "inconclusive": ORANGE}
 _PER_LINE: Final = 2  # panels beside each other
 _DECADES: Final = 100.0  # from the least to the largest, from which on an axis is logarithmic
+_INK: Final = "#111111"  # on a bright cell, in a dark page too
+_CHALK: Final = "#fefefe"
 _BRIGHT: Final = 0.6  # of the largest value, from which on a cell is bright
 _LABEL: Final = 24  # characters
 
@@ -57,7 +59,7 @@ def _draw_sweep_cells(axes: Axes, values: np.ndarray, texts: np.ndarray, most: f
     axes.grid(visible=False)
     axes.imshow(values, aspect="auto", origin="lower", vmin=0.0, vmax=most)
     for (y, x), text in np.ndenumerate(texts):
-        colour = BLACK if values[y, x] > _BRIGHT * most else WHITE
+        colour = _INK if values[y, x] > _BRIGHT * most else _CHALK
         axes.text(x, y, text, ha="center", va="center", color=colour, fontsize=8.0)
 
 
