@@ -34,6 +34,8 @@ examples:
       --fault "device.stuck column=3 from=2s"
   PROGRAM --link /tmp/board --dialect sonicsurface
                      a board that other programs drive: start yours on /tmp/board
+  PROGRAM --link /tmp/board --dialect sonicsurface --simulator obj/Vboard --slow-down 50
+                     its firmware, in a simulator (docs/simulators.md)
   PROGRAM --link /tmp/board --dialect ultraino-mega64 --dialect-option boards=2 --array tinylev
   PROGRAM --dialect ultraino-mega64 --as-device -- java -jar AcousticFieldSim.jar
                      a program that lists serial ports and takes no path

@@ -50,6 +50,7 @@ def _board_outputs_of(options: argparse.Namespace) -> dict[str, Path]:
         "--backdoor": options.backdoor,
         "--record": getattr(options, "record", None),
         "--capture": options.capture,
+        "--simulator-capture": options.simulator_capture,
     }
     names = {option: str(path) for option, path in given.items() if path is not None}
     return {option: Path(name) for option, name in names.items() if not name.startswith(SOCKET)}

@@ -85,7 +85,7 @@ _ACTING_ON_A_RUN: Final = {
         ),
     ),
     "simulator": Acting(
-        "with --dialect and --virtual-time (haptogram board --simulator is for programs on a pty)",
+        "with --dialect and --virtual-time (on a pty: haptogram board)",
         lambda s: s.port is None and s.dialect is not None and s.virtual_time,
     ),
     "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
