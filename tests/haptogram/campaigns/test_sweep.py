@@ -195,6 +195,7 @@ def test_three_workers_give_the_rows_of_one(expected: list[Row], tmp_path: Path)
     assert "fail" in {row["verdict"] for row in expected[4:]}
 
 
+@pytest.mark.nightly
 def test_each_row_has_the_command_that_repeats_it(
     expected: list[Row], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -221,6 +222,7 @@ def test_a_conformance_run_is_a_point(tmp_path: Path) -> None:
     assert wrong["failed"] >= 1
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_point_that_crashes_is_a_row_and_the_others_go_on(count: int, tmp_path: Path) -> None:
     rows = rows_of(planned(FATAL, tmp_path), jobs(count))
@@ -414,6 +416,7 @@ def cluster(tmp_path: Path) -> Iterator[Callable[..., str]]:
         yield start
 
 
+@pytest.mark.nightly
 @needs_dask
 def test_the_workers_of_a_cluster_give_the_same_rows(
     cluster: Callable[..., str], expected: list[Row], tmp_path: Path
@@ -458,7 +461,7 @@ def test_a_worker_of_dask_that_is_killed_costs_no_row(expected: list[Row], tmp_p
 
 
 @needs_dask
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("count", "patch", "told"),
     [
@@ -482,6 +485,7 @@ def test_workers_that_would_give_other_rows_are_refused_before_any_work(
     assert done.stdout == ""
 
 
+@pytest.mark.sampled(1)
 @needs_dask
 @pytest.mark.parametrize(
     "address", ["tcp://127.0.0.1:1", "tcp://no.such.host.invalid:8786", "x://"]
