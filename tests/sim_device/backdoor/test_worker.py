@@ -1,5 +1,6 @@
 """The worker behind the back door: it never stops the board, and nothing is lost uncounted."""
 
+import dataclasses
 import json
 import os
 import pickle
@@ -14,7 +15,9 @@ import pytest
 
 from haptogram.acoustics import AcousticModel, Drive, superpose_foci
 from haptogram.errors import ConfigurationError
+from haptogram.evidence.backdoor import observations_of_backdoor
 from haptogram_protocol.messages import LatchKey
+from sim_device.backdoor import recorder as recorder_module
 from sim_device.backdoor import worker as reconstruction
 from sim_device.backdoor.recorder import BackdoorEstimator, InlineReconstructionWorker
 from sim_device.backdoor.worker import ReconstructionWorker
@@ -50,6 +53,27 @@ def test_worker_and_inline_write_the_same(tmp_path):
     inline.finish()
     assert records(tmp_path / "door") == kept
     assert kept[-1]["reconstructed"] == 12
+
+
+@pytest.mark.parametrize("at_once", [1, 5, 100])
+def test_fields_that_come_later_are_the_same_and_observations_are_the_records(monkeypatch, at_once):
+    monkeypatch.setattr(recorder_module, "_AT_ONCE", at_once)
+    kept, later, told = [], [], []
+    inline = InlineReconstructionWorker(SETTINGS, kept.append)
+    lazy = InlineReconstructionWorker(SETTINGS, later.append, told=told)
+    for recorder in (inline, lazy):
+        recorder.notice(SessionOpened(5, 1))
+        for index in (*range(9), 3):
+            recorder.latch(dataclasses.replace(a_latch(index % 7), number=index))
+        recorder.latch(dataclasses.replace(a_latch(2), ramping=True, late=True, t_received_us=7))
+        dead = Drive(a_latch(4).drive.phase_codes, np.full(16, 200, np.uint8))
+        recorder.latch(dataclasses.replace(a_latch(4), radiated=dead))
+    lazy.settle()
+    assert later == kept
+    assert told == observations_of_backdoor(kept)
+    for recorder in (inline, lazy):
+        recorder.finish()
+    assert later == kept
 
 
 def test_records_are_handed_over_many_at_a_time(tmp_path):

@@ -20,7 +20,7 @@ from haptogram.acoustics import (
     quantise_phase,
     superpose_foci,
 )
-from haptogram.acoustics.solvers.focus import focus_steering_reach_m
+from haptogram.acoustics.solvers.focus import check_focus_targets, focus_steering_reach_m
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import finite_angles, grids, models, seeds, targets
@@ -327,3 +327,29 @@ def test_a_hopeless_fit_ends():
     fit = fit_focus(MODEL, phases, [0, 0, 0.1], phase_bits=8)
     assert fit.iterations <= 32
     assert fit.residual_rms_rad > 1.0
+
+
+@given(seeds)
+def test_targets_are_refused_together_as_one_by_one(seed):
+    rng = np.random.default_rng(seed)
+    low, high = (-0.3, -0.3, -0.1), (0.3, 0.3, 1.1)
+    near = rng.normal(0.0, 0.03, (10, 3))
+    places = np.vstack([rng.uniform(low, high, (10, 3)), near, rng.uniform(0.05, 0.1, (10, 3))])
+
+    def refused(*some):
+        try:
+            check_focus_targets(MODEL, np.array(some))
+        except ConfigurationError as error:
+            return str(error)
+        return None
+
+    def alone(place):
+        try:
+            check_focus_target(MODEL, place)
+        except ConfigurationError as error:
+            return str(error)
+        return None
+
+    expected = [alone(place) for place in places]
+    assert [refused(place) for place in places] == expected
+    assert refused(*places) == next(filter(None, expected), None)
