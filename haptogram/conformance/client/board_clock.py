@@ -227,6 +227,8 @@ class ClockClient:
             self._wire.note_held_up(self._wire.limits.lead_us)
             late_us = at_us - t_device_us
             raise HeldUpError(f"{what}, by {late_us} µs")
+        if at_us > t_device_us - self._wire.limits.lead_us // 2:
+            self._wire.note_late()
 
     def require_frames_in_carrier(self, size: int, part: int = 1) -> None:
         """End the case as NOT-OBSERVED unless *size* bytes come in a *part* of a carrier period."""

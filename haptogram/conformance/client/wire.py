@@ -90,7 +90,7 @@ class ClientWaitLimits:
         answer_us = round(timeout_s * 1e6)
         if virtual:
             return cls(answer_us, 12 * _HOUR_US, slack_us=0, lead_us=3_000)
-        return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=15_000)
+        return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=25_000)
 
     def with_trips(self, trip_us: int) -> Self:
         """Return limits for a board that has answered after *trip_us* at the latest."""
@@ -408,6 +408,10 @@ class RawFrameClient:
         """
         late_us = self.trip_us if self.trip_us > self.limits.lead_us // _TRIPS_IN_LEAD else 0
         return max(self.held_up_us, late_us)
+
+    def note_late(self) -> None:
+        """Note that what follows may come behind its t_apply: later ones lie farther ahead."""
+        self.trip_us = max(self.trip_us, self.limits.lead_us // _TRIPS_IN_LEAD + 1)
 
     def note_held_up(self, duration_us: int) -> None:
         """Note that something between host and board was held up for so long."""

@@ -312,24 +312,34 @@ class SuiteRunner:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
         if ended.behaviour is Behaviour.FAILED:
             ended = CaseEndedError(ended.behaviour, f"{ended}{self._found_meanwhile(board, ended)}")
-        if ended.behaviour is Behaviour.FAILED and self._is_hold_too_short(board, ended):
-            board.wire.note_held_up(1000 * board.config.hold_ms)
-            ended = self._ended_by_hold(board, ended)
+        if ended.behaviour is Behaviour.FAILED and (timer := self._short_timer(board, ended)):
+            ended = self._ended_by_timer(board, timer, ended)
         lenient = clause.level is Level.SHOULD and not self._options.strict
         if ended.behaviour is Behaviour.FAILED and lenient:
             return _Outcome(Behaviour.NON_STRICT, str(ended))
         return _Outcome(ended.behaviour, str(ended))
 
-    def _is_hold_too_short(self, board: BoardClient, ended: CaseEndedError) -> bool:
-        """Return True if a hold that the case did not ask for ended before the host came back."""
-        reasons = {event.reason for _, event in board.link.events(StateChanged, 0)}
-        if MuteReason.HOLD_EXPIRED not in reasons or board.has(Feature.CONFIG):
-            return False
-        return MuteReason.HOLD_EXPIRED.name not in str(ended).partition(" (meanwhile")[0]
+    def _short_timer(self, board: BoardClient, ended: CaseEndedError) -> str:
+        """Return the timer that the case did not ask for and that ended before the host came back.
 
-    def _ended_by_hold(self, board: BoardClient, ended: CaseEndedError) -> CaseEndedError:
-        """Return the end of a case that takes longer than a hold that nothing extends."""
-        text = f"longer than the hold of {board.config.hold_ms} ms, which nothing extends: {ended}"
+        Empty: none did.  A lease does so only at a wall clock, as every frame renews it.
+        """
+        reasons = {event.reason for _, event in board.link.events(StateChanged, 0)}
+        timers = {MuteReason.HOLD_EXPIRED: "hold"}
+        if not self._access.virtual:
+            timers[MuteReason.HOST_SILENT] = "lease"
+        told = str(ended).partition(" (meanwhile")[0]
+        ends = (timers[one] for one in timers if one in reasons and one.name not in told)
+        return "" if board.has(Feature.CONFIG) else next(ends, "")
+
+    def _ended_by_timer(
+        self, board: BoardClient, timer: str, ended: CaseEndedError
+    ) -> CaseEndedError:
+        """Return the end of a case that takes longer than a timer that nothing extends."""
+        config = board.config
+        length_ms = config.hold_ms if timer == "hold" else config.host_timeout_ms
+        board.wire.note_held_up(1000 * length_ms)
+        text = f"longer than the {timer} of {length_ms} ms, which nothing extends: {ended}"
         if self._access.virtual:
             return CaseEndedError(Behaviour.NOT_OBSERVED, f"this line takes {text}")
         return HeldUpError(f"for {text}")
