@@ -172,7 +172,10 @@ class PinRecord:
     @property
     def duration_s(self) -> float:
         """Length in seconds of the analyser's clock."""
-        return self.end * self.period_s
+        if self.carrier is None or self.carrier.is_steady:
+            return self.end * self.period_s
+        behind = (self.end - float(self.carrier.periods[-1])) * self.period_s
+        return float(self.carrier.times_s[-1]) + behind
 
     @property
     def drift_ppm(self) -> float:

@@ -96,7 +96,7 @@ def _capture_elements_rows(document: dict[str, Any]) -> Iterator[str]:
             yield f"{head}{'-':>18}{'-':>12}{'-':>11}"
             continue
         duty = f"{min(duties):.3f} to {max(duties):.3f}"
-        yield f"{head}{duty:>18}{fmean(periods_us):>12.4f}{max(jitters_ns):>11.1f}"
+        yield f"{head}{duty:>18}{fmean(periods_us):>12.4f}{max(jitters_ns):>z11.1f}"
 
 
 def _capture_latches_rows(document: dict[str, Any]) -> Iterator[str]:

@@ -86,8 +86,9 @@ def checked_capture_period(
 
 def _usual_captured_distance(distances: _Floats, sample: float) -> float:
     """Return the mean of most *distances*: no latch is between, and none is drawn out."""
-    cells, counts = np.unique(np.rint(distances / (_SAMPLES * sample)), return_counts=True)
-    away = np.abs(distances - cells[counts.argmax()] * _SAMPLES * sample)
+    cells = np.rint(distances / (_SAMPLES * sample))
+    values, counts = np.unique(cells, return_counts=True)
+    away = np.abs(distances - np.median(distances[cells == values[counts.argmax()]]))
     jitter = float(np.median(away[away <= _MOST_JITTER * distances.mean()]))
     return float(distances[away <= max(2.0 * _SAMPLES * sample, _SPREADS * jitter)].mean())
 

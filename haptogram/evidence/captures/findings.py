@@ -10,6 +10,7 @@ import numpy as np
 
 from haptogram.records.pins import PinRecord
 from haptogram.verification.pins.elements.faults import grouped_pin_faults
+from haptogram.verification.pins.elements.levels import levels_of_pins_in_time
 from haptogram.verification.pins.held.drives import HeldDrives, PinLatch
 
 from .capture import Capture
@@ -69,6 +70,9 @@ def notes_of_capture(found: HeldDrives) -> list[str]:
             f"{record.carrier.longest_s * _US:.2f} µs; what moves with it is no latch, and pins "
             f"hold a drive {100.0 * held:.0f} % of the time"
         )
+    levels = levels_of_pins_in_time(record)
+    if levels is not None and levels.text:
+        notes.append(f"amplitude {levels.text}")
     return notes
 
 
@@ -113,9 +117,10 @@ def capture_element_rows(found: HeldDrives) -> Iterator[dict[str, Any]]:
 def capture_latch_rows(found: HeldDrives) -> Iterator[dict[str, Any]]:
     """Yield the latches for JSON: time, channels that changed, and whether all did together."""
     us = found.record.period_s * _US
+    times_s = found.record.seconds(np.array([latch.begin for latch in found.latches]))
     for number, latch in enumerate(found.latches):
         yield {
-            "t_us": latch.begin * us,
+            "t_us": float(times_s[number]) * _US,
             "channels": len(latch.places),
             "skew_us": latch.skew * us,
             "torn": latch.is_torn,

@@ -121,10 +121,6 @@ def run_pin_elements(captures: Mapping[str, Any] | None) -> list[list[str]]:
 def _pin_cell(value: object) -> str:
     if value is None:
         return "–"
-    return f"{value:+.3f}" if isinstance(value, float) and value < 0 else _plain_pin_cell(value)
-
-
-def _plain_pin_cell(value: object) -> str:
     return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 

@@ -59,9 +59,8 @@ def pin_steps(
     starts: FloatArray,
     ends: FloatArray,
     before: NDArray[np.int64],
-    turn_rad: float | FloatArray,
+    turn_rad: FloatArray,
     *,
-    early: float = 0.0,
     not_before: FloatArray | None = None,
 ) -> PinSteps:
     """Return the steps of every pin.
@@ -72,16 +71,12 @@ def pin_steps(
         When the frames are due and over, in periods of the capture.
     before : (F,) numpy.ndarray of int
         Frame whose drive was there before each; -1: none.
-    turn_rad : float or (F,) numpy.ndarray
+    turn_rad : (F,) numpy.ndarray
         Phase of the pins against the drives.
-    early : float
-        Share of the frame before that belongs to the search.
     not_before : (F,) numpy.ndarray, optional
         Times before which the drive of the frame before was not there yet: it came late.
     """
     lead = np.full(run.count, min(_LEAD, run.gap / 4.0))
-    if early:
-        lead = lead + early * np.diff(starts, prepend=starts[0] - run.gap)
     lows, highs = starts - lead, np.append(starts[1:] - lead[1:], ends[-1] - lead[-1])
     if starts[0] >= -_SETTLED:
         lows[0] = max(lows[0], 0.0)
@@ -92,7 +87,7 @@ def pin_steps(
     after, first = np.full(shape, np.nan), np.full(shape, np.nan)
     inside = np.zeros(shape, np.bool_)
     prior = sound_before_run(record, run, float(starts[0]))
-    turns = np.exp(1j * np.broadcast_to(turn_rad, (run.count,)))
+    turns = np.exp(1j * turn_rad)
     faint = math.sin(math.pi * _FAINT / record.samples)
     for place, element in enumerate(run.elements):
         wanted = run.weights[:, place] * turns

@@ -76,17 +76,6 @@ def pin_weights_of_frame(
     return pin_weights(record, run, lows, np.broadcast_to((ends - _BEFORE_NEXT)[:, None], shape))
 
 
-def pin_turns_of_reference(
-    record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
-) -> FloatArray:
-    """Return the (F,) phase by which the element that is the reference differs from its drive."""
-    if record.reference_element is None:
-        return np.zeros(run.count)
-    found = pin_weights_of_frame(record, run, starts, ends).weights
-    place = run.elements.index(record.reference_element)
-    return _filled_pin_weights(np.angle(found[:, place] * np.conj(run.weights[:, place])))
-
-
 def common_turns_of_pins(
     record: PinRecord,
     run: PinRunDrives,

@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +87,13 @@ def test_a_run_at_a_port_is_judged_by_its_pins(capsys):
     CapturedBoard("sonicsurface", frames).capture(Path("pins.sr"))
     assert main(JUDGED.split()) == 0
     assert "PASS: all 256 elements" in capsys.readouterr().out
+    analyser = threading.Timer(1.0, shutil.copyfile, ("pins.sr", "new.sr"))
+    analyser.start()
+    assert main(f"verify {SURFACE} {PORT} --capture new.sr --channels map.toml".split()) == 0
+    analyser.join()
+    said = capsys.readouterr()
+    assert "waiting for new.sr: end the capture" in said.err
+    assert "drive pins\nPASS: all 256 elements" in said.out
     few = "verify --from-recording run.mcap --capture pins.sr --channels few.toml"
     assert main(few.split()) == 0
     assert "PASS: 3 of 256 elements" in capsys.readouterr().out
@@ -106,10 +115,33 @@ def test_a_watch_tells_what_pins_radiate(capsys):
     assert "pins of 3 of 256 elements were captured" in capsys.readouterr().out
 
 
+def test_a_capture_alone_tells_the_carrier(capsys):
+    board = CapturedBoard("ultraino-mega64", frames_of("ultraino-mega64", 2), every=2)
+    board.capture(Path("half.sr"), range(8))
+    assert main(["capture", "half.sr", "--map", "map.toml", "--quiet"]) == 1
+    (line,) = (text for text in capsys.readouterr().out.splitlines() if "wrong" in text)
+    assert line.endswith("p7): 20000 Hz: a pulse in every 2 periods of the carrier of 40000 Hz")
+    board = CapturedBoard("ultraino-mega64", frames_of("ultraino-mega64", 2), busy_s=4e-3)
+    board.capture(Path("busy.sr"), range(8))
+    assert main(["capture", "busy.sr", "--map", "map.toml", "--json", "busy.json"]) == 0
+    said = capsys.readouterr().out
+    assert "note: the carrier is not steady: periods of 25.00 to " in said
+    assert "note: amplitude for " in said
+    latches = json.loads(Path("busy.json").read_text())["latches"]
+    assert [latch["silent"] for latch in latches] == [
+        True,
+        False,
+        False,
+        True,
+    ]  # off, 2 frames, off
+    assert not any(latch["torn"] for latch in latches)
+
+
 BAD = {
     "watch --dialect sonicsurface --capture pins.sr": "--capture needs the map of its --channels",
     "watch --capture pins.sr --channels map.toml": "--capture needs --dialect",
     "watch --dialect ultraino-mega64 --capture pins.sr --channels map.toml": "elements 0 to 63",
+    f"{JUDGED.replace('map', 'known')}": "element 1 (p1) is missing, which known.toml names",
     "verify --object point --pin-calibration a.csv": "is of captured pins: name the --capture",
     f"{JUDGED} --pin-calibration map.toml": "map.toml",
 }
@@ -118,6 +150,8 @@ BAD = {
 @pytest.mark.parametrize("words", BAD)
 def test_bad_input_is_one_line(words, capsys):
     captured(1)
+    Path("known.toml").write_text(f'calibration = "one.csv"\n{Path("map.toml").read_text()}')
+    Calibration(np.ones(1), np.zeros(1), np.zeros((1, 3))).to_file("one.csv")
     assert main(words.split()) == 2
     said = capsys.readouterr().err
     assert BAD[words] in said

@@ -74,10 +74,16 @@ def _pairs_as_they_come(seen: ComplexArray, meant: ComplexArray) -> _Ints:
 
 
 def _starts_of_frames(frames: _Ints, starts: FloatArray, end: float, count: int) -> FloatArray:
-    """Return the (F,) starts of all frames, from those of some and the *end* of the last one."""
-    knots, times = np.append(frames, count), np.append(starts, max(end, starts[-1]))
+    """Return the (F,) starts of all frames, from those of some and the *end* of the last one.
+
+    Those before the first and behind the last of these follow each other as most do: a capture may
+    show a part of a run.
+    """
+    gap = max(end - float(starts[-1]), 1.0) / (count - float(frames[-1]))
+    if len(frames) > 1:
+        gap = float(np.median(np.diff(starts) / np.diff(frames)))
     places = np.arange(count)
-    found: FloatArray = np.interp(places, knots, times)
-    gap = float(np.median(np.diff(times) / np.diff(knots)))
-    found += np.minimum(places - knots[0], 0.0) * gap
+    found: FloatArray = np.interp(places, frames, starts)
+    outside = np.minimum(places - frames[0], 0.0) + np.maximum(places - frames[-1], 0.0)
+    found += outside * gap
     return found

@@ -128,6 +128,19 @@ def test_a_frame_that_never_came_is_lost_and_a_few_pins_say_what_they_cover(tmp_
     assert "3 of 64 elements" in str(found)
 
 
+def test_a_capture_of_a_part_of_the_run_judges_that_part(tmp_path):
+    """Nor is a frame that was lost at its end one that the board fell silent in."""
+    frames = frames_of("ultraino-mega64", 12)
+    board = CapturedBoard("ultraino-mega64", frames[:4], carrier_hz=MEGA_HZ)
+    board.intended = [frame.intended(number) for number, frame in enumerate(frames)]
+    (pins,) = judged(board, tmp_path / "pins.sr", MEGA).pins
+    assert pins.counts["right"] == 4
+    assert pins.findings == {}
+    (pins,) = judged(mega(left_out=(3,)), tmp_path / "pins.sr", MEGA).pins
+    assert pins.events == ("3: not latched; the pins kept the drive they had",)
+    assert pins.counts["right"] == 3
+
+
 def test_exchanged_pins_and_other_frames_are_named(tmp_path):
     board = CapturedBoard("sonicsurface", frames_of("sonicsurface", 5))
     elements = {f"p{n}": n for n in range(16)} | {"p3": 9, "p9": 3}
