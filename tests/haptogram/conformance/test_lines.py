@@ -181,7 +181,7 @@ def test_an_end_that_arrives_when_a_timer_has_ended_the_output_is_sent_again(tim
     assert result.behaviour is verdict, result.detail
     assert result.seconds > 0.25 * times
     if verdict is Behaviour.INCONCLUSIVE:
-        assert result.detail.startswith("DISARM sounding: answered after 25")
+        assert result.detail.startswith("DISARM sounding: the host, its line or an emulator")
 
 
 class Storing(Wrapped):

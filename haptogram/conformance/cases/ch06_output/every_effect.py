@@ -8,6 +8,7 @@ there as before: in every state, with frames queued, a playback and an upload un
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -49,7 +50,7 @@ from ...judge import effects, events
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
 from ...judge.timers import judge_in_time
-from ...outcome import SELF_REPORTED, check, check_equal, check_fields, named
+from ...outcome import SELF_REPORTED, HeldUpError, check, check_equal, check_fields, named
 from ..ch05_stream.every_drop import (
     BEFORE_STATE,
     DROPS,
@@ -81,6 +82,7 @@ _STORED: Final = 2  # frames of it, if one upload takes them
 _AFTER_MS: Final = 20  # how long the board is watched afterwards, behind its hold if that is short
 _HOLD_MS: Final = 200
 _RAMP_MS: Final = 900
+_TRIES: Final = 3
 _RAMPS: Final[dict[str, Any]] = {"ramp_ms": _RAMP_MS}
 _OTHER_SESSION: Final = 0x0660
 _FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
@@ -452,6 +454,15 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
         _check_output_stays_off(board, since, moment.config.get("hold_ms", 0) + _AFTER_MS)
 
 
+def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -> None:
+    """Judge; once more, twice at most, if the moment was over too soon."""
+    for _ in range(_TRIES - 1):
+        with contextlib.suppress(HeldUpError):
+            _judge_end_of_output(board, end, moment)
+            return
+    _judge_end_of_output(board, end, moment)
+
+
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
     board.link.barrier()
     told = [event for _, event in board.link.events(PlaybackEnded, since)]
@@ -485,7 +496,7 @@ def _case_of_output_end(end: End) -> Case:
             if not board.has(moment.needs):
                 continue
             with named(f"{end.name} {moment.name}"):
-                _judge_end_of_output(board, end, moment)
+                _judge_end_of_output_in_time(board, end, moment)
 
     summary = f"{end.name} while sounding, queued, fading, waiting and playing ends what it has to"
     needs = _PLAYS if end.event is OutputInput.STOP else Feature.CONFIG

@@ -66,8 +66,8 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
         answer = board.link.ask_raw(Mute.TYPE, b"\x01\x02\x03", **header)
         text = f"MUTE with {header} while {state.name}"
         reply = board.link.reply_in(answer, MuteReply, Mute.TYPE)
-        check_fields(reply, f"{text}: MUTE_REPLY", state=OutputState.MUTED)
         board.check_status(text, state=OutputState.MUTED)
+        check_fields(reply, f"{text}: MUTE_REPLY", state=OutputState.MUTED)
         with board.counting(dropped_state=None, latched=0):
             latch_now(board)
         check_silent(board, "MUTE is acknowledged")

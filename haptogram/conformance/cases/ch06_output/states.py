@@ -30,6 +30,7 @@ from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYS
 from ...client.latching import check_silent, latch_now, queue_frames, read_back_radiated
 from ...client.playback import (
+    play_now,
     play_out,
     play_request,
     send_phases_that_fit,
@@ -287,8 +288,13 @@ def _sound_for_output_state(board: BoardClient) -> None:
 
 
 def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
-    since = board.link.mark()
-    timer.start(board, _SHORT_MS)
+    """Let one timer run out."""
+    long = {LEASE.name: 10_000, HOLD.name: 10_000}
+    since = board.arm(**long | ({} if timer is UNATTENDED else {timer.name: _SHORT_MS}))
+    if timer is UNATTENDED:
+        play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
+    elif timer is HOLD:
+        latch_now(board)
     judged_mute_by_timer(board, since, 1000 * _MS, timer.reason)
     board.configure()
 

@@ -197,10 +197,10 @@ def limits_the_chunks_of_an_upload(board: BoardClient) -> None:
 @case("HG-7.3/4")
 def refuses_stray_upload_chunks(board: BoardClient) -> None:
     """a chunk past the end is refused with BAD_VALUE, one without an upload with BAD_STATE"""
-    board.hello()
-    board.link.refused(UploadChunk(0, b"\x01"), ErrorCode.BAD_STATE)
     form = upload_forms(board)[0]
     frame = form.frame_bytes
+    board.hello()
+    board.link.refused(UploadChunk(0, b"\x01"), ErrorCode.BAD_STATE)
     _judge_chunks(
         board, form, frame, ((frame, 1), (frame - 1, 2), (_LARGEST - 15, 1), (_LARGEST, 2))
     )
