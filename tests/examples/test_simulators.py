@@ -23,7 +23,6 @@ VERIFY = ["verify", "--virtual-time", *DIALECT, *CIRCLE]
 AVR = "atmega328p 20480000 25000 1000000 B"
 ECHO = """
 module board (input clk, input rx, output reg tx, output reg [15:0] pins);
-    initial begin tx = 1; pins = 0; end
     always @(posedge clk) tx <= rx;
 endmodule
 """

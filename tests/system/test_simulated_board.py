@@ -9,6 +9,10 @@ from pathlib import Path
 import pytest
 import serial
 
+from haptogram.start import main
+from sim_device.dialects.table import EMULATIONS
+
+EVERY = Path(__file__).with_name("simulated_firmware.py")
 SCRIPT = Path(__file__).parents[1] / "sim_device" / "dialects" / "python_simulator.py"
 SIMULATOR = shlex.join([sys.executable, str(SCRIPT), "16"])
 HAPTOGRAM = [sys.executable, "-m", "haptogram"]
@@ -52,3 +56,39 @@ def test_a_program_on_a_pseudo_terminal_meets_it_too(tmp_path, slow_down):
             text, _ = watch.communicate(timeout=60)
     assert watch.returncode in (0, 1, 3)
     assert "2 latches of the client" in text
+
+
+def judged(dialect, capsys, *simulator):
+    where = ["--object", "point", "--center-mm", "0,0,55", "--repeat", "2", "--quiet"]
+    status = main(["verify", "--virtual-time", "--dialect", dialect, *where, *simulator])
+    return status, capsys.readouterr().out.replace("simulated", "external").splitlines()
+
+
+QUICK = ("interactlab", "autd3")  # both answer
+
+
+@pytest.mark.parametrize(
+    "dialect",
+    [
+        dialect if dialect in QUICK else pytest.param(dialect, marks=pytest.mark.nightly)
+        for dialect in EMULATIONS
+    ],
+)
+def test_firmware_that_is_the_emulation_has_its_verdict(dialect, capsys):
+    simulator = shlex.join([sys.executable, str(EVERY), dialect])
+    assert judged(dialect, capsys, "--simulator", simulator) == judged(dialect, capsys)
+
+
+def test_a_simulator_that_dies_behind_a_terminal_is_one_line_at_the_end(tmp_path):
+    link = tmp_path / "board"
+    words = [*HAPTOGRAM, "board", *BOARD[:-1], f"{SIMULATOR} dies", "--link", str(link)]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as board:
+        assert board.stdout is not None
+        assert "listening" in board.stdout.readline()
+        with serial.Serial(str(link), 230_400) as port:
+            port.write(b"\xfe" + bytes(256) + b"\xfd")
+            _, log = board.communicate(timeout=60)
+    assert board.returncode == 1
+    assert log.strip().splitlines()[-1].endswith("has ended: out of memory in the 3rd process")

@@ -14,7 +14,7 @@ module simulator;
     reg clk = 0, rx = 1;
     wire tx;
     wire [`COUNT-1:0] pins;
-    reg [`COUNT-1:0] shown = 0;
+    reg [`COUNT-1:0] raw = 0, levels = 0, shown = 0;
     reg [64*8-1:0] text;
     reg [7:0] word, value;
     reg [9:0] coming, sent;
@@ -50,9 +50,11 @@ module simulator;
         clk = 1;
         #(`HALF_CLOCK_PS) clk = 0;
         tell_periods(now);
-        if (pins !== shown) begin
-            shown = pins;
-            $display("P %0d %h", (now + PERIOD_PS - period) / 1000, pins);
+        if (pins !== raw) begin
+            raw = pins;
+            for (n = 0; n < `COUNT; n = n + 1) levels[n] = pins[n] === 1;  // x and z are low
+            if (levels != shown) $display("P %0d %h", (now + PERIOD_PS - period) / 1000, levels);
+            shown = levels;
         end
 `ifdef TX
         if (sending == 0 && tx === 0) begin

@@ -19,6 +19,7 @@ _UNSTEADY: Final = 8  # periods over which pins that do not repeat are averaged
 _SAME: Final = 0.5 / 64  # of the amplitude; a step of 1/32 period is 0.2
 _SILENT: Final = 1e-3
 _CODES: Final = 256  # of a phase in a drive
+_ALIKE: Final = 0.8
 
 
 class ShownDrive(NamedTuple):
@@ -131,12 +132,13 @@ class SimulatedPins:
 def _pulses_of(weights: ComplexArray) -> PulseDrive:
     """Return pulses with these fundamentals, none of which is wider than half a period.
 
-    They are turned by less than a code, so that the phases of most lie on codes: else a drive whose
-    common phase is between two of them would be rounded both ways.
+    If their phases are codes apart, all are turned to codes: else a drive whose common phase is
+    between two of them would be rounded both ways.
     """
     sizes = np.abs(weights)
     is_on = sizes > _SILENT
-    fine = np.angle(np.sum((weights[is_on] / sizes[is_on]) ** _CODES)) / _CODES
+    places = np.sum((weights[is_on] / sizes[is_on]) ** _CODES)  # within a code
+    fine = np.angle(places) / _CODES if abs(places) > _ALIKE * np.sum(is_on) else 0.0
     widths = np.arcsin(np.minimum(sizes, 1.0)) / math.pi * STEPS
     rises = (np.angle(weights) - fine) / math.tau * STEPS - widths / 2.0
     return PulseDrive(

@@ -74,7 +74,7 @@ class SimulatedUnit:
         self._latches: list[PulseLatch] = []  # in their order
         self._sent: deque[SentByte] = deque()
         self._now_us = self._boot_us = now_us
-        self._is_lost = False
+        self._is_lost = self._has_warned = False
         periods = -(-hello.start_ns // hello.period_ns) + _PERIODS_AHEAD
         self._boot_ns = periods * hello.period_ns
         self._power_up()
@@ -179,6 +179,9 @@ class SimulatedUnit:
                 self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
         except ValueError as error:
             self._process.garbage(str(error).encode())
+        if self._pins.halved and not self._has_warned:
+            self._has_warned = True
+            _LOG.warning("half the carrier: pins repeat after %d ns", 2 * self._pins.period_ns)
         due = self._process.now_ns // self._pins.period_ns
         if not due - 1 <= self._pins.periods <= due:
             self._process.fail(

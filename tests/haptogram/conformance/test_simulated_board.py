@@ -8,7 +8,7 @@ import pytest
 
 from haptogram.start import main
 
-SCRIPT = Path(__file__).with_name("simulated_firmware.py")
+SCRIPT = Path(__file__).parents[2] / "system" / "simulated_firmware.py"
 MAP = """\
 reference = "carrier"
 to_board = "to_board"
@@ -35,7 +35,7 @@ def test_right_firmware_passes_by_its_answers_and_by_its_pins(tmp_path, capsys):
 
 
 def test_firmware_that_says_muted_and_sounds_on_fails_by_its_pins(tmp_path, capsys):
-    status, text = conform(tmp_path, capsys, "lingers")
+    status, text = conform(tmp_path, capsys, "own", "lingers")
     assert status == 1
     assert "HG-6.6/1-pins  FAILED [SIMULATED" in text
 

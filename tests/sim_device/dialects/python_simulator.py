@@ -20,6 +20,7 @@ WAYS = (
     "bad-pins",
     "echo",
     "no-clocks",
+    "half",
 )
 
 
@@ -73,6 +74,9 @@ class Simulator:
         while True:
             due = self.line[0][0] + 10 * self.bit_ns if self.line else until + 1
             while self.period <= min(due, until):
+                if self.way == "half":
+                    high = self.period // PERIOD_NS % 2 * (2**self.pins - 1)
+                    self.text = f"|\nP 100 {high:0{-(-self.pins // 4)}x}\n"
                 lines.append(self.text)
                 self.period += PERIOD_NS
             if due > until:

@@ -158,6 +158,14 @@ def test_a_carrier_of_half_the_frequency_is_counted_and_radiates_nothing():
     assert abs(shown[-1].pulses.weights()[0]) < 1e-3
 
 
+def test_half_the_carrier_is_said_once(caplog):
+    port = opened(command(PINS, "half"))
+    port.wait_until_ns(port.now_ns() + 5_000_000)
+    port.close()
+    (said,) = [record for record in caplog.records if record.levelname == "WARNING"]
+    assert said.getMessage() == "half the carrier: pins repeat after 50000 ns"
+
+
 def test_pins_that_jitter_by_a_nanosecond_show_one_drive():
     pins = SimulatedPins(1, 25_000)
     text = b"".join(period([(n % 3, 1), (12_500 + n % 2, 0)]) for n in range(40))

@@ -1,6 +1,7 @@
-"""A simulator of firmware of Haptogram's own wire: the virtual board, at the end of a real line.
+"""A simulator of any board that is emulated here, at the end of a real line.
 
-``simulated_firmware.py [lingers]``: with it the pins sound on for 2 ms when the output is off.
+``simulated_firmware.py [DIALECT|own] [lingers]``: with it the pins sound on for 2 ms when the
+output is off.
 """
 
 import sys
@@ -8,9 +9,11 @@ import sys
 import numpy as np
 
 from haptogram.acoustics import AcousticModel
+from haptogram.settings.board import BoardConfig
 from haptogram_protocol.state import OutputState
 from sim_device.assembly import HEALTHY
 from sim_device.backdoor.pin_waveforms import PinWaveformPulses
+from sim_device.blueprint import blueprint_of
 from sim_device.board.events import Latch, StateChange
 from sim_device.board.settings import BOOT_US, BoardSettings
 
@@ -37,13 +40,17 @@ def period_text(weights):
 class Firmware:
     """The board, which takes whole bytes, and sends them one after the other."""
 
-    def __init__(self, way):
-        settings = BoardSettings(model=AcousticModel.default(NX, NY))
-        self.board = HEALTHY.assemble(settings)
+    def __init__(self, dialect, way):
+        settings, parts = BoardSettings(model=AcousticModel.default(NX, NY)), HEALTHY
+        if dialect != "own":
+            blueprint = blueprint_of(BoardConfig.of(dialect=dialect))
+            settings, parts = blueprint.settings, blueprint.parts
+        self.count = settings.count if settings.wiring is None else settings.wiring.channel_count
+        self.board = parts.assemble(settings)
         self.lingers_us = 2_000 if way == "lingers" else 0
         self.bit_ns, self.line, self.period, self.free_ns = 0, [], 0, 0
         self.sending = bytearray()
-        self.silent = self.text = period_text(np.zeros(NX * NY))
+        self.silent = self.text = period_text(np.zeros(self.count))
         self.changes = []
 
     def step(self, t_ns, data=b""):
@@ -54,8 +61,9 @@ class Firmware:
         self.board.receive(data, BOOT_US + t_ns // 1000)
         self.sending += self.board.take_output()
         for seen in self.board.take_latches():
-            if isinstance(seen, Latch):
-                self.changes.append((seen.t_latch_us, period_text(seen.radiated.weights())))
+            own = isinstance(seen, Latch)
+            weights = seen.radiated.weights() if own else seen.pulses.weights()
+            self.changes.append((seen.t_latch_us, period_text(weights)))
         for notice in self.board.take_notices():
             if isinstance(notice, StateChange) and notice.state is not OutputState.ARMED:
                 self.changes.append((notice.t_us + self.lingers_us, self.silent))
@@ -89,9 +97,9 @@ class Firmware:
             self.period += PERIOD_NS
 
 
-def main(way=None):
-    firmware = Firmware(way)
-    names = " ".join(f"e{pin}" for pin in range(NX * NY))
+def main(dialect="own", way=None):
+    firmware = Firmware(dialect, way)
+    names = " ".join(f"e{pin}" for pin in range(firmware.count))
     hello = f"hello 1\nby the virtual board\npins {names}\nperiod {PERIOD_NS}\n. 0\n"
     for line in sys.stdin:
         word, number, *rest = line.split()
