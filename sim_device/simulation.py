@@ -15,7 +15,7 @@ from haptogram.settings.line import LineSettings
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
-from .board.clock import NS_PER_US, whole_board_us
+from .board.clock import NS_PER_US, earliest_board_time, whole_board_us
 from .board.events import AnyLatch, LineCounted, Notice, PowerDown, Remark
 from .board.settings import BoardSettings
 from .dialects.haptogram import VirtualHaptogramDialect
@@ -247,19 +247,15 @@ class Simulation:
         return None if self._next_ns is None else max(self._next_ns, self._now_ns)
 
     def _first_event_ns(self) -> int | None:
-        times = []
-        if (board_us := self.dialect.next_event_us()) is not None:
-            times.append(self._clock.reached_ns(board_us))
-        if (down_ns := self._down.next_event_ns(self.dialect.next_frame_end)) is not None:
-            times.append(whole_board_us(down_ns))
-        if (up_ns := self._up.next_event_ns(_end_of_answer)) is not None:
-            times.append(up_ns)
-        if self._can_feed:
-            times.append(self._up.free_ns)
-        if self._injector is not None:
-            change_ns = self._injector.next_change_ns(self._now_ns)
-            times += [] if change_ns is None else [change_ns]
-        return min(times, default=None)
+        board_us, injector = self.dialect.next_event_us(), self._injector
+        down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
+        return earliest_board_time(
+            None if board_us is None else self._clock.reached_ns(board_us),
+            None if down_ns is None else whole_board_us(down_ns),
+            self._up.next_event_ns(_end_of_answer),
+            self._up.free_ns if self._can_feed else None,
+            None if injector is None else injector.next_change_ns(self._now_ns),
+        )
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*.
@@ -318,8 +314,6 @@ class Simulation:
 
     def _record(self) -> None:
         notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
-        if not notices and not latches:
-            return
         if self._injector is not None:
             latches = [self._injector.radiate(latch, self._now_ns) for latch in latches]
         for recorder in self._recorders:
@@ -359,9 +353,8 @@ class Simulation:
     @property
     def _can_feed(self) -> bool:
         # With a buffer of its own the host never makes the board wait: what does not fit is lost.
-        if not self.dialect.output_bytes:
-            return False
-        return self._line.host_buffer is not None or len(self._unread) < HOST_BUFFER
+        waits = self._line.host_buffer is None and len(self._unread) >= HOST_BUFFER
+        return self.dialect.output_bytes > 0 and not waits
 
     def _feed_line(self) -> None:
         """Give the line to the host more bytes, once it has sent the last ones."""
