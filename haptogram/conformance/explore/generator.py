@@ -27,7 +27,8 @@ _DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new
 #: Kinds of inputs, how often they are sent, and by what a dialogue multiplies that: dialogues that
 #: lack a kind, or have much of one, come further than those in which everything is likely.
 _WEIGHTS: Final = {
-    "frame": 9.0,
+    "frame": 7.0,
+    "limit": 2.0,
     "request": 7.0,
     "playback": 2.5,
     "configuration": 1.0,
@@ -149,7 +150,9 @@ class DialogueGenerator:
     def _rarest(self) -> list[DialogueAction]:
         """Return the one of a few inputs that has followed the last one least often."""
         (kind,) = self._random.choices(list(_WEIGHTS), self._weights)
-        names = self._random.choices(self._inputs.kinds.get(kind, ["nothing"]), k=_CANDIDATES)
+        names = self._random.choices(
+            self._inputs.kinds.get(kind, self._inputs.kinds["frame"]), k=_CANDIDATES
+        )
         name = min(names, key=lambda one: self._coverage.pairs[self._last, one])
         self._coverage.pairs[self._last, name] += 1
         self._last = name

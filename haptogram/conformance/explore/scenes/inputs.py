@@ -113,6 +113,7 @@ class SceneInputs:
                 f"damage {damage}": partial(self._damaged, damage)
                 for damage in (*_DAMAGES, *(PARTS,) * exact)
             },
+            "limit": {"a frame at a limit": partial(self.frame, "at a limit")} if exact else {},
             "fault": {"a fault": lambda: _FAULT} if exact else {},
         }
         self.kinds = {kind: list(some) for kind, some in of_kind.items() if some}
@@ -208,8 +209,6 @@ class SceneInputs:
         if conditions.timed:
             ahead = (1.5, 1.5, 2.5, 3.5, 6.5)
             found["a frame some slots ahead"] = lambda: self.frame(self._pick(ahead))
-        if conditions.exact:
-            found["a frame at a limit"] = partial(self.frame, "at a limit")
         return found
 
     def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> DialogueAction:
