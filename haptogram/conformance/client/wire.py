@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Final, NoReturn, Protocol, Self, runtime_checkable
+from dataclasses import dataclass
+from typing import Final, NoReturn, Protocol, runtime_checkable
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
@@ -35,8 +35,6 @@ _FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be 
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 _TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
-_LONGEST_LEAD_US: Final = 60_000
-_TRIP_KEPT: Final = 0.9  # of the longest trip, from one beginning to the next
 _STATUS: Final = (Status, StatusReply)
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
@@ -76,7 +74,7 @@ class ClientWaitLimits:
     slack_us : int
         Delay that the host's scheduling may add to a wait; 0 in virtual time.
     lead_us : int
-        Time between sending a frame and its t_apply, where answers come at once.
+        Time between sending a frame and its t_apply.
     """
 
     answer_us: int
@@ -90,12 +88,7 @@ class ClientWaitLimits:
         answer_us = round(timeout_s * 1e6)
         if virtual:
             return cls(answer_us, 12 * _HOUR_US, slack_us=0, lead_us=3_000)
-        return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=25_000)
-
-    def with_trips(self, trip_us: int) -> Self:
-        """Return limits for a board that has answered after *trip_us* at the latest."""
-        lead_us = min(self.lead_us + _TRIPS_IN_LEAD * trip_us, _LONGEST_LEAD_US)
-        return replace(self, lead_us=lead_us) if self.slack_us else self
+        return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=60_000)
 
 
 @dataclass(slots=True, eq=False)  # frozen would take four times as long to make
@@ -188,7 +181,7 @@ class RawFrameClient:
     """
 
     def __init__(self, transport: Transport, limits: ClientWaitLimits, *, baudrate: int) -> None:
-        self.limits = self._least_limits = limits
+        self.limits = limits
         self.baudrate = baudrate
         self.received: list[ReceivedByClient] = []
         self.on_piece: Callable[[ReceivedByClient], None] | None = None
@@ -199,7 +192,6 @@ class RawFrameClient:
         self.counters: Counters | None = None
         self._transport = transport
         self.held_up_us = self.trip_us = 0
-        self._usual_trip_us = 0.0
         self._leave(self.now_us())
         self._partial = b""
         self.ended_whole = True
@@ -211,9 +203,6 @@ class RawFrameClient:
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""
         self.forget_received()
-        trip_us = min(max(self.trip_us, self.held_up_us), _LONGEST_LEAD_US // _TRIPS_IN_LEAD)
-        self._usual_trip_us = max(trip_us, self._usual_trip_us * _TRIP_KEPT)
-        self.limits = self._least_limits.with_trips(round(self._usual_trip_us))
         self.held_up_us = self.trip_us = 0
         self._leave(self.now_us())
         self._deadline_us = self.now_us() + self.limits.case_us
@@ -410,7 +399,7 @@ class RawFrameClient:
         return max(self.held_up_us, late_us)
 
     def note_late(self) -> None:
-        """Note that what follows may come behind its t_apply: later ones lie farther ahead."""
+        """Note that what follows may come behind its t_apply."""
         self.trip_us = max(self.trip_us, self.limits.lead_us // _TRIPS_IN_LEAD + 1)
 
     def note_held_up(self, duration_us: int) -> None:
