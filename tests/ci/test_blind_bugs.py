@@ -38,7 +38,7 @@ def test_bugs_are_caught_missed_and_remembered(bugs, capsys):
     words = [str(bugs), "--clause", "HG-2.4/2", "--grid", "3x2", "--jobs", "1"]
     assert main(words) == 2  # one patch does not apply
     out = capsys.readouterr().out
-    assert "caught  crc [HG-2.4/2]: HG-2.4/2: " in out
+    assert "caught  crc [HG-2.4/2]: HG-2.4/2" in out
     assert "MISSED  harmless (exit status 0)" in out
     assert "ERROR   stale: does not apply" in out
     assert "caught 1 of 2 (50 %)" in out

@@ -330,7 +330,8 @@ class SuiteRunner:
             timers[MuteReason.HOST_SILENT] = "lease"
         told = str(ended).partition(" (meanwhile")[0]
         ends = (timers[one] for one in timers if one in reasons and one.name not in told)
-        return "" if board.has(Feature.CONFIG) else next(ends, "")
+        timer = next(ends, "")
+        return "" if not timer or board.has(Feature.CONFIG) else timer
 
     def _ended_by_timer(
         self, board: BoardClient, timer: str, ended: CaseEndedError

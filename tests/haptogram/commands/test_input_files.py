@@ -22,6 +22,7 @@ OUTPUTS = {
         "json",
         "junit",
         "picture",
+        "pin_calibration",
         "record",
         "rows",
         "summary",
@@ -49,6 +50,7 @@ BESIDE = {
     "capture": ["--port", "none", "--channels", "map.toml"],
     "channels": ["--port", "none", "--capture", "pins.vcd"],
     "from_recording": ["--capture", "pins.vcd", "--channels", "map.toml"],
+    "pin_calibration": ["--port", "none", "--capture", "pins.vcd", "--channels", "map.toml"],
 }
 CAPTURED = {"conform", "verify"}
 SUFFIX = {"picture": ".svg"}
@@ -64,6 +66,12 @@ def file_options(command: str) -> dict[str, argparse.Action]:
 def takes_file(action: argparse.Action) -> bool:
     is_path = action.type is file_name_option or action.dest == "object"
     return is_path or any(word in str(action.metavar) for word in ("FILE", "JSON", "json"))
+
+
+def beside(command: str, *names: str) -> list[str]:
+    """Return the words that one of the options makes sense with."""
+    words = [BESIDE[name] for name in names if name in BESIDE]
+    return words[0] if words and command in CAPTURED else []
 
 
 PAIRS = [
@@ -110,7 +118,7 @@ def test_an_output_does_not_replace_an_input(
         other = str(source) if spelling == "same" else f"./{source}"
     options = file_options(command)
     options_words = [f"{word(options[reader])}={source}", f"{word(options[writer])}={other}"]
-    needed = [*NEEDED.get(command, []), *(BESIDE.get(reader, []) if command in CAPTURED else [])]
+    needed = [*NEEDED.get(command, []), *beside(command, reader, writer)]
     assert main([command, *needed, *options_words]) == 2
     said = capsys.readouterr()
     assert said.err == (

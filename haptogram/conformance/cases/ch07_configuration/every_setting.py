@@ -349,17 +349,18 @@ def configuration_changes_a_running_lease(board: BoardClient) -> None:
 def _lease_with_configuration(
     board: BoardClient, timer: TimerKind, changes: Mapping[str, Any]
 ) -> None:
-    before = {"host_timeout_ms": _LENGTH_MS, "hold_ms": 5000, "ramp_ms": 0}
+    length_ms = board.clock.timer_ms(_LENGTH_MS, 0)
+    before = {"host_timeout_ms": length_ms, "hold_ms": 5000, "ramp_ms": 0}
     after = before | dict(changes)
     since = board.link.mark()
-    begun_us = timer.start(board, _LENGTH_MS, **before)
+    begun_us = timer.start(board, length_ms, **before)
     if timer is LEASE:
         latch_now(board)
     board.wire.idle(_BEFORE_MS * _MS)
     asked_us = board.clock.device_estimate_us()
     start_us = _set_configuration_alone(board, **after)
-    board.clock.require_before(begun_us + _LENGTH_MS * _MS, "SET_CONFIG in a lease", start_us)
-    due_ms = after["host_timeout_ms"] if timer is LEASE else _LENGTH_MS
+    board.clock.require_before(begun_us + length_ms * _MS, "SET_CONFIG in a lease", start_us)
+    due_ms = after["host_timeout_ms"] if timer is LEASE else length_ms
     name = f"{timer.name}, {dict(changes)} meanwhile"
     due_ms += after["ramp_ms"]
     timer.judge(board, since, start_us, due_ms, name, asked_us=asked_us)

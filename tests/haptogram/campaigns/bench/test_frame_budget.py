@@ -36,11 +36,11 @@ def test_a_loop_is_never_early():
 def test_the_command_says_what_fits_and_what_does_not(capsys):
     assert main(["budget", "--baud", "3000000", "--rate-hz", "1000"]) == 0
     text = capsys.readouterr().out
-    assert "wire        913.3 µs   91.3 %  274 bytes of 10 bits at 3000000 baud" in text
+    assert "wire     913.3 µs   91.3 %  274 bytes of 10 bits at 3000000 baud" in text
     assert "1000 Hz fits: the line is 91.3 % full" in text
     for name in bench_frame_formats(256):
         assert name in text
-    assert "latency timer of 16 ms, as it comes   16193.3 µs" in text
+    assert "latency timer of 16 ms, as it comes  16193.3 µs" in text
     assert main(["budget", "--baud", "115200", "--rate-hz", "1000"]) == 1
     text = capsys.readouterr().out
     assert "1000 Hz does not fit" in text
