@@ -74,6 +74,8 @@ def beside(command: str, *names: str) -> list[str]:
     return words[0] if words and command in CAPTURED else []
 
 
+#: A recording is judged where nothing runs; faults are of a board that has no pins to capture.
+EXCLUSIVE = {("from_recording", "record"), ("fault_plan", "pin_calibration")}
 PAIRS = [
     (command, reader, writer)
     for command in COMMANDS
@@ -81,7 +83,7 @@ PAIRS = [
     for reader in sorted(file_options(command).keys() & INPUTS.keys())
     for writer in sorted(file_options(command).keys() & OUTPUTS)
     if reader != "compare" or (command, writer) in (("conform", "html"), ("bench", "json"))
-    if (reader, writer) != ("from_recording", "record")  # a recording is judged where nothing runs
+    if (reader, writer) not in EXCLUSIVE
 ]
 
 
