@@ -41,10 +41,11 @@ def ticks():
 
 def undisturbed(measure):
     """Return what *measure* finds, measured again if the machine was taken away, and how far."""
-    for last in (False, True):
-        watch = Disturbance()
-        found = measure()
-        stolen = watch.stolen
-        if last or stolen <= MOST_STOLEN:
-            return found, round(stolen, 3)
-    raise AssertionError
+    found, stolen = _watched(measure)
+    return (found, stolen) if stolen <= MOST_STOLEN else _watched(measure)
+
+
+def _watched(measure):
+    watch = Disturbance()
+    found = measure()
+    return found, round(watch.stolen, 3)
