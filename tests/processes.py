@@ -5,6 +5,7 @@ those that run them are its copies. Each takes whole files from one queue, with 
 """
 
 import contextlib
+import gc
 import os
 import signal
 from itertools import groupby
@@ -47,6 +48,7 @@ def _start(session, count, ends):
     os.write(numbers, b"".join(n.to_bytes(NUMBER_BYTES, "big") for n in range(len(files))))
     os.close(numbers)
     folder = session.config._tmp_path_factory.getbasetemp()  # noqa: SLF001 - each has one in it
+    gc.freeze()  # what is collected stays, and none of the processes looks through it again
     receivers = []
     for number in range(count):
         results, sender = Pipe(duplex=False)

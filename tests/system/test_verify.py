@@ -25,7 +25,7 @@ from sim_device.board.settings import ALL_FEATURES
 from virtual_ports import BAUD, BoardPort
 
 _CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "4", "--quiet"]
-_FRAMES = 32
+_FRAMES = 31
 
 
 def _verify(tmp_path: Path, *words: str) -> tuple[int, dict[str, Any]]:

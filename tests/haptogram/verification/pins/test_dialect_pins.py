@@ -25,9 +25,9 @@ def judged(board, path, keys, **how):
     return verify_captures([record], board.intended, model=model_of(board.dialect))
 
 
-def mega(**defects):
+def mega(gap_s=6e-3, **defects):
     frames = frames_of("ultraino-mega64", 4)
-    return CapturedBoard("ultraino-mega64", frames, carrier_hz=MEGA_HZ, **defects)
+    return CapturedBoard("ultraino-mega64", frames, carrier_hz=MEGA_HZ, gap_s=gap_s, **defects)
 
 
 @pytest.mark.parametrize("name", ["pins.sr", "pins.vcd"])
@@ -36,7 +36,7 @@ def mega(**defects):
     [("sonicsurface", range(40)), ("ultraino-mega64", range(64)), ("ultraino-nano16", range(12))],
 )
 def test_a_healthy_board_passes(dialect, some, name, tmp_path):
-    board = CapturedBoard(dialect, frames_of(dialect, 4))
+    board = CapturedBoard(dialect, frames_of(dialect, 4), gap_s=6e-3)
     keys = EVERY | {"sample_rate_hz": 24e6}  # edges of ten steps of a period do not show it
     found = judged(board, tmp_path / name, keys, channels=some)
     (pins,) = found.pins
@@ -48,7 +48,7 @@ def test_a_healthy_board_passes(dialect, some, name, tmp_path):
 
 def test_late_channels_are_one_line_and_lose_no_focus(tmp_path):
     late = tuple(range(3, 256, 8))
-    board = CapturedBoard("sonicsurface", frames_of("sonicsurface", 3), late_step=late)
+    board = CapturedBoard("sonicsurface", frames_of("sonicsurface", 3), gap_s=6e-3, late_step=late)
     found = judged(board, tmp_path / "pins.sr", EVERY)
     assert found.pins[0].findings["phases"] == (
         "elements n mod 8 = 3 (32 of 256 pins): one step of 32 late, +11.2 degrees",
@@ -131,7 +131,7 @@ def test_a_frame_that_never_came_is_lost_and_a_few_pins_say_what_they_cover(tmp_
 def test_a_capture_of_a_part_of_the_run_judges_that_part(tmp_path):
     """Nor is a frame that was lost at its end one that the board fell silent in."""
     frames = frames_of("ultraino-mega64", 12)
-    board = CapturedBoard("ultraino-mega64", frames[:4], carrier_hz=MEGA_HZ)
+    board = CapturedBoard("ultraino-mega64", frames[:4], gap_s=6e-3, carrier_hz=MEGA_HZ)
     board.intended = [frame.intended(number) for number, frame in enumerate(frames)]
     (pins,) = judged(board, tmp_path / "pins.sr", MEGA).pins
     assert pins.counts["right"] == 4
@@ -142,7 +142,7 @@ def test_a_capture_of_a_part_of_the_run_judges_that_part(tmp_path):
 
 
 def test_exchanged_pins_and_other_frames_are_named(tmp_path):
-    board = CapturedBoard("sonicsurface", frames_of("sonicsurface", 5))
+    board = CapturedBoard("sonicsurface", frames_of("sonicsurface", 5), gap_s=6e-3)
     elements = {f"p{n}": n for n in range(16)} | {"p3": 9, "p9": 3}
     some = range(16)
     found = judged(board, tmp_path / "pins.sr", EVERY | {"elements": elements}, channels=some)
