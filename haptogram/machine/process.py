@@ -1,4 +1,4 @@
-"""Settings of process and kernel for a real-time loop, and how they are restored."""
+"""Settings of process and kernel for a real-time loop, how they are restored; memory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
+from .posix import posix_module
+
 _PRESSURE: Final = Path("/proc/pressure/cpu")  # Linux
+_STATM: Final = Path("/proc/self/statm")
 _PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
 _PR_GET_TIMERSLACK: Final = 30
 _MCL_CURRENT: Final = 1  # sys/mman.h
@@ -36,6 +39,16 @@ def time_without_processor_us() -> int:
         return int(total)
     except (OSError, ValueError, IndexError):
         return 0
+
+
+def resident_bytes() -> int:
+    """Return the resident memory of this process; where the system does not tell, its largest."""
+    try:
+        return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        resource = posix_module("resource", "the memory of a soak", "a POSIX system for it")
+        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return int(most) if sys.platform == "darwin" else int(most) * 1024
 
 
 @contextlib.contextmanager

@@ -115,9 +115,8 @@ class SoakComparison:
         due = self._model.take_verdicts()[-1]
         if verdict != due:
             name = "copy taken" if isinstance(verdict, int) else "undamaged frame dropped"
-            self._tally.violate(
-                name, f"type {sent.type:#04x} at the board: {verdict}; {due} was due"
-            )
+            text = f"type {sent.type:#04x} at the board: {verdict}; {due} was due"
+            self._tally.violate(name, text)
         if sent is self._last and sent.hit is not None:  # the line carried it twice
             self._tally.find(sent.hit, str(due))
         elif isinstance(due, int):

@@ -10,10 +10,8 @@ from typing import Final, TypeAlias
 from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.words import annotated_type_name
 
-from ..client import malformed_frames
+from ..client import malformed_frames, playback, uploads
 from ..client.board_client import BoardClient
-from ..client.playback import play_later
-from ..client.uploads import upload_to_board
 from ..client.wire import ReceivedByClient
 from ..outcome import check, fail
 from .refused_requests import STORED
@@ -46,12 +44,12 @@ def judge_event_numbers(
 def event_of_correction(board: BoardClient) -> None:
     """Upload a random phase correction."""
     codes = board.random.randbytes(board.identity.transducers)
-    upload_to_board(board, m.UploadKind.CORRECTION, 0, codes)
+    uploads.upload_to_board(board, m.UploadKind.CORRECTION, 0, codes)
 
 
 def event_of_waiting_playback(board: BoardClient, alone_ms: int = 9_999) -> None:
     """Let a playback wait for its start."""
-    play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=alone_ms)
+    playback.play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=alone_ms)
 
 
 def event_of_hold(board: BoardClient) -> None:

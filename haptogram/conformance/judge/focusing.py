@@ -15,8 +15,8 @@ from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.verification import FrameJudge, FrameStatus
 from haptogram_protocol import messages as m
 
+from ..client import latching
 from ..client.board_client import BoardClient
-from ..client.latching import ClientDrive
 from ..outcome import check, fail
 
 _STEPS = 256
@@ -39,7 +39,7 @@ def judge_of_model(model: AcousticModel) -> FrameJudge:
     return FrameJudge(model, carrier_us=round(1e6 / model.frequency_hz))
 
 
-def judge_focus(judge: FrameJudge, frame: Frame, shown: ClientDrive) -> None:
+def judge_focus(judge: FrameJudge, frame: Frame, shown: latching.ClientDrive) -> None:
     """FAILED, with the name of the fault, unless the focus of the shown drive is on target."""
     key = FrameKey(session=0, sequence=0, loop=0, index=0)
     latched = Drive(
@@ -69,7 +69,7 @@ def weights_of_points(
 
 
 def judged_phase_errors(
-    model: AcousticModel, found: Sequence[tuple[tuple[m.FocalPoint, ...], ClientDrive]]
+    model: AcousticModel, found: Sequence[tuple[tuple[m.FocalPoint, ...], latching.ClientDrive]]
 ) -> NDArray[np.float64]:
     """Return latched phase codes less the exact phases, in steps, of every transducer.
 
@@ -87,7 +87,7 @@ def judged_phase_errors(
 
 def judged_amplitude_errors(
     model: AcousticModel,
-    found: Sequence[tuple[tuple[m.FocalPoint, ...], ClientDrive]],
+    found: Sequence[tuple[tuple[m.FocalPoint, ...], latching.ClientDrive]],
     *,
     graded: bool = True,
 ) -> NDArray[np.float64]:
@@ -107,7 +107,7 @@ def judge_drive_of_points(
     board: BoardClient,
     model: AcousticModel,
     points: tuple[m.FocalPoint, ...],
-    shown: ClientDrive,
+    shown: latching.ClientDrive,
     name: str,
 ) -> None:
     """FAILED if a phase or an amplitude of *shown* is off by more than one step."""

@@ -10,9 +10,9 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 
+from ..client import latching
 from ..client.board_client import BoardClient
 from ..client.capabilities import drive_kinds
-from ..client.latching import client_drive_of_reply, read_drive, read_ring
 from ..outcome import check, check_equal, record_differences
 
 _RECORDS: Final = 8
@@ -55,10 +55,10 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
     held |= {f"the counter {name}": getattr(status.counters, name) for name in m.Counters.WIRE}
     drives: dict[m.DriveKind, m.DriveReply] = {}
     for kind in drive_kinds(board):
-        drives[kind] = read_drive(board, kind, 0, board.identity.transducers)
+        drives[kind] = latching.read_drive(board, kind, 0, board.identity.transducers)
         held[f"the {kind.name.lower()} drive"] = drives[kind]
     if board.has(m.Feature.TRACE_RING):
-        ring = read_ring(board, 0, _RECORDS)
+        ring = latching.read_ring(board, 0, _RECORDS)
         held["the trace ring"] = ring
         _check_held_ring(status, config, drives, ring)
     if board.identity.features & UPLOADS:
@@ -110,7 +110,7 @@ def _check_held_drives(
         return
     latched, radiated = drives[m.DriveKind.LATCHED], drives[m.DriveKind.RADIATED]
     check_equal(radiated.key, latched.key, "READ_DRIVE(RADIATED) names another latch than LATCHED")
-    loud = any(client_drive_of_reply(radiated).amplitudes)
+    loud = any(latching.client_drive_of_reply(radiated).amplitudes)
     if status.state is not OutputState.ARMED:
         check(not loud, f"{status.state.name}, and transducers are driven")
     elif loud and board.correction is not None and board.has(m.Feature.AMPLITUDE):
@@ -121,7 +121,10 @@ def _check_held_radiated(
     latched: m.DriveReply, radiated: m.DriveReply, correction: bytes, ceiling: int
 ) -> None:
     """FAILED unless a drive is radiated as it is latched, but for correction, ceiling and ramp."""
-    before, after = client_drive_of_reply(latched), client_drive_of_reply(radiated)
+    before, after = (
+        latching.client_drive_of_reply(latched),
+        latching.client_drive_of_reply(radiated),
+    )
     phases = bytes((a + b) % 256 for a, b in zip(before.phases, correction, strict=True))
     check_equal(after.phases, phases, "radiated phases are not the latched ones and the correction")
     louder = [

@@ -9,8 +9,8 @@ from typing import Final
 
 from haptogram_protocol import messages as m
 
+from ..client import latching
 from ..client.board_client import BoardClient
-from ..client.latching import FULL, client_drive_of_reply
 from .timers import judge_in_time
 
 _MS: Final = 1000
@@ -61,7 +61,7 @@ def judged_ramp_reading(board: BoardClient, start_us: int) -> RampReading:
     reply = board.link.reply_in(answer, m.DriveReply, m.ReadDrive.TYPE)
     times_us = (board.clock.unwrap(t_us) for t_us in (pong.t_rx_us, answer.header.time_us))
     from_ms, to_ms = ((t_us - start_us) / _MS for t_us in times_us)
-    return RampReading(from_ms, to_ms, client_drive_of_reply(reply).amplitudes)
+    return RampReading(from_ms, to_ms, latching.client_drive_of_reply(reply).amplitudes)
 
 
 def judge_straight_ramp(
@@ -71,7 +71,7 @@ def judge_straight_ramp(
     begins: bytes,
     name: str = "",
     *,
-    cut: int = FULL,
+    cut: int = latching.FULL,
 ) -> None:
     """FAILED unless every amplitude goes from its code in *begins* straight to 0 in *ramp_ms*.
 

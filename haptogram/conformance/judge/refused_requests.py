@@ -14,9 +14,9 @@ from typing import Any, Final
 from haptogram_protocol import messages as m
 from haptogram_protocol.rules import CONFIG_BOUNDS
 
+from ..client import playback
 from ..client.board_client import BoardClient
 from ..client.capabilities import TRACE_MODES
-from ..client.playback import least_period_us, play_request
 from ..outcome import fail
 
 #: Sequence that is stored, and the one whose upload is under way.
@@ -187,7 +187,7 @@ def _plays_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
     """Yield every PLAY that an ARMED board without a playback has to refuse."""
     identity, bad = board.identity, m.ErrorCode.BAD_VALUE
     now_us = board.clock.device_us()
-    good, least_us = _play_not_to_be_refused(board), least_period_us(board)
+    good, least_us = _play_not_to_be_refused(board), playback.least_period_us(board)
     at_once = {"flags": int(m.Flag.IMMEDIATE)}
     absent = dataclasses.replace(good, sequence=_ABSENT)
     yield _request_to_be_refused("no such sequence", absent, m.ErrorCode.NOT_FOUND, **at_once)
@@ -260,7 +260,7 @@ def judged_refusal(board: BoardClient, refusal: Refusal) -> m.Error:
 
 
 def _play_not_to_be_refused(board: BoardClient) -> m.Play:
-    return play_request(board, STORED, loops=1, unattended_ms=_ALONE_MS)
+    return playback.play_request(board, STORED, loops=1, unattended_ms=_ALONE_MS)
 
 
 def _request_to_be_refused(

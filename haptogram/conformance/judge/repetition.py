@@ -7,9 +7,8 @@ from typing import Any, Final, TypeAlias
 
 from haptogram_protocol import messages as m
 
-from ..client import malformed_frames
+from ..client import malformed_frames, playback
 from ..client.board_client import BoardClient
-from ..client.playback import send_phases_to_store_if_supported
 from ..client.request_client import RequestClient
 from ..client.stream_kinds import refused_requests_to_send, valid_requests_to_send
 from ..client.wire import ReceivedByClient
@@ -25,7 +24,7 @@ Between: TypeAlias = Callable[[BoardClient], object]
 
 def requests_to_repeat(board: BoardClient) -> Iterator[m.Message]:
     """Yield a request of every type that is remembered and carried out, if the board is ARMED."""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for message in valid_requests_to_send(board, _SEQUENCE):
         if not isinstance(message, _IDEMPOTENT):
             yield message

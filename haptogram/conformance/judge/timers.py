@@ -12,9 +12,8 @@ from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.rules import CONFIG_BOUNDS
 from haptogram_protocol.state import MuteReason, OutputState
 
+from ..client import latching, playback
 from ..client.board_client import BoardClient
-from ..client.latching import latch_now
-from ..client.playback import play_now, send_phases_that_fit
 from ..outcome import HeldUpError, check, fail, named
 
 EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms
@@ -57,13 +56,13 @@ class TimerKind:
         """
         plays = self.reason is MuteReason.UNATTENDED
         if plays:
-            send_phases_that_fit(board, TIMED, frames=2)
+            playback.send_phases_that_fit(board, TIMED, frames=2)
         board.arm(**{**self.beside, **({} if plays else {self.name: length_ms}), **changes})
         if plays:
             period_us = _PERIOD_US if length_ms > _SHORT_MS else None
-            play_now(board, TIMED, loops=0, period_us=period_us, unattended_ms=length_ms)
+            playback.play_now(board, TIMED, loops=0, period_us=period_us, unattended_ms=length_ms)
         elif self.reason is MuteReason.HOLD_EXPIRED or board.config.ramp_ms:
-            latch_now(board)
+            latching.latch_now(board)
         if self.reason is not MuteReason.HOLD_EXPIRED:
             return board.clock.device_us()
         return board.last_latch_us() + (self is RAMP) * board.config.hold_ms * _MS

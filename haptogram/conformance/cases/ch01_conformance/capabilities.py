@@ -9,9 +9,8 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.rules import PLAYBACK
 
 from ...case import case
+from ...client import latching, uploads
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now
-from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check, require
 
 _POINT: Final = m.FocalPoint(0, 0, 150_000, 65_535, 0)
@@ -22,12 +21,16 @@ _LATCHED, _RADIATED = (
 _USES: Final[dict[m.Feature, Callable[[BoardClient], object]]] = {
     m.Feature.AMPLITUDE: lambda b: _is_advertised_drive_latched(b, _advertised_drives(b)),
     m.Feature.POINTS: lambda b: _is_advertised_drive_latched(b, m.Points((_POINT,))),
-    m.Feature.SEQUENCE_PHASES: lambda b: upload_to_board(b, m.UploadKind.PHASES, 1, _zeros(b)),
-    m.Feature.SEQUENCE_POINTS: lambda b: upload_to_board(
+    m.Feature.SEQUENCE_PHASES: lambda b: uploads.upload_to_board(
+        b, m.UploadKind.PHASES, 1, _zeros(b)
+    ),
+    m.Feature.SEQUENCE_POINTS: lambda b: uploads.upload_to_board(
         b, m.UploadKind.POINTS, 2, _POINT.pack(), 1
     ),
     m.Feature.CONFIG: lambda b: b.link.call(m.SetConfig(b.base_config), m.SetConfigReply),
-    m.Feature.CORRECTION: lambda b: upload_to_board(b, m.UploadKind.CORRECTION, 0, _zeros(b)),
+    m.Feature.CORRECTION: lambda b: uploads.upload_to_board(
+        b, m.UploadKind.CORRECTION, 0, _zeros(b)
+    ),
     m.Feature.READ_LATCHED: lambda b: b.link.call(_LATCHED, m.DriveReply),
     m.Feature.READ_RADIATED: lambda b: b.link.call(_RADIATED, m.DriveReply),
     m.Feature.TRACE: lambda b: _traces_as_advertised(b, m.TraceMode.CRC, m.Trace),
@@ -64,13 +67,13 @@ def _advertised_drives(board: BoardClient) -> m.Drives:
 def _is_advertised_drive_latched(board: BoardClient, message: m.Message) -> None:
     board.arm()
     with board.counting(latched=1):
-        index = latch_now(board, message)
+        index = latching.latch_now(board, message)
     board.check_status(f"{message.TYPE.name} are advertised", last_seq=index)
 
 
 def _traces_as_advertised(board: BoardClient, mode: m.TraceMode, kind: type[m.Message]) -> None:
     since = board.arm(trace_mode=mode)
-    latch_now(board)
+    latching.latch_now(board)
     board.link.barrier()
     told = bool(board.link.events(kind, since))
     check(told, f"{kind.TYPE.name} is advertised, but a latch gives no event")

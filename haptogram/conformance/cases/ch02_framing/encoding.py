@@ -13,10 +13,10 @@ from haptogram_protocol.framing import CRC_BYTES, MAX_ENCODED_BYTES, cobs_encode
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
 from ...client.introduction import introduce_to_board
-from ...client.latching import full_client_drive, latch_now, read_back_radiated
 from ...client.malformed_frames import (
     BLOCK,
     malformed_checksums,
@@ -26,7 +26,6 @@ from ...client.malformed_frames import (
     malformed_with_crc,
     malformed_with_wrong_crc,
 )
-from ...client.playback import play_now, send_phases_that_fit
 from ...client.wire import ReceivedByClient
 from ...judge.line_rules import judge_line_rule
 from ...judge.timers import LEASE, judge_within_hold
@@ -122,7 +121,7 @@ def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, m.Message, bytes
         if graded:
             yield run, m.Drives(bytes(codes)), bytes(codes)
         else:
-            yield run, m.Phases(bytes(codes)), full_client_drive(bytes(codes))
+            yield run, m.Phases(bytes(codes)), latching.full_client_drive(bytes(codes))
 
 
 @case("HG-2.2/1-drives", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED)
@@ -136,13 +135,15 @@ def every_drive_is_stuffed(board: BoardClient) -> None:
     judged = 0
     for run, message, registers in _drives_to_stuff(board):
         since, name = board.link.mark(), f"a drive with {run} bytes before a zero"
-        latch_now(board, message)
+        latching.latch_now(board, message)
         reply = _ask_with_stuffing(board, 0xFFFF, f"READ_DRIVE of {name}")
         wrong = sum(a != b for a, b in zip(reply.data, registers, strict=False))
         check_equal(wrong, 0, f"READ_DRIVE of {name}: {wrong} codes are not those that were sent")
         _check_stuffing(board.wire.received[since:], name)
         judged += 1
-    latch_now(board, board.flat_phases(0xF8))  # without a zero: runs that go on into the CRC
+    latching.latch_now(
+        board, board.flat_phases(0xF8)
+    )  # without a zero: runs that go on into the CRC
     for count in sorted({run // 2 for run in _runs_to_stuff(2 * board.identity.transducers)}):
         _ask_with_stuffing(board, count, f"READ_DRIVE of {count}")
         judged += 1
@@ -287,7 +288,7 @@ def every_damaged_mute_is_none(board: BoardClient) -> None:
     board.wire.require_carried(2 * MAX_ENCODED_BYTES, _AHEAD_US // 4)
     plays = board.has(m.Feature.SEQUENCE_PHASES) and board.thorough
     if plays:
-        send_phases_that_fit(board, _SEQUENCE, frames=2)
+        playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
     for _ in board.wire.ways_of_mute():
         for is_played in (False, True) if plays else (False,):
             _judge_damaged_mutes(board, is_played=is_played)
@@ -298,7 +299,7 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
     board.hello()
     board.arm()
     if is_played:
-        play_now(board, _SEQUENCE, loops=0)
+        playback.play_now(board, _SEQUENCE, loops=0)
         board.clock.wait_latched()
     since, waits_until_us, latched_us = board.link.mark(), 0, board.wire.now_us()
     latch_in_us = min(_AHEAD_US // 2, 500 * board.config.hold_ms)
@@ -309,7 +310,7 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
             latched_us = board.wire.now_us()
         elif waits_until_us - board.clock.device_estimate_us() < _AHEAD_US - latch_in_us:
             latched_us = board.wire.now_us()
-            latch_now(board)  # which flushes the frame that waits
+            latching.latch_now(board)  # which flushes the frame that waits
             waits_until_us = board.clock.ahead_us(_AHEAD_US)
             board.link.stream(board.flat_phases(), waits_until_us)
         board.link.send(b"\x00" + piece + b"\x00")
@@ -321,7 +322,7 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
         for holds, wrong in (
             (found.state is OutputState.ARMED, f"{found.state.name}, {found.reason.name}"),
             (found.queued == (not is_played), f"{found.queued} frames wait"),
-            (not shows or read_back_radiated(board).loudest > 0, "the output is off"),
+            (not shows or latching.read_back_radiated(board).loudest > 0, "the output is off"),
             (not told, f"the board tells {told[0][1] if told else ''}"),
         ):
             judge_within_hold(board, latched_us, holds, f"a MUTE with {name}: {wrong}")

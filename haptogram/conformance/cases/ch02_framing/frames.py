@@ -11,6 +11,7 @@ from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, cobs_encode, encode_frame
 
 from ...case import Depth, case
+from ...client import uploads
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
 from ...client.malformed_frames import (
@@ -22,7 +23,6 @@ from ...client.malformed_frames import (
 )
 from ...client.request_client import LONGEST_BURST_BYTES
 from ...client.stream_kinds import StreamKind, stream_kinds
-from ...client.uploads import begin_upload
 from ...judge.line_rules import judge_line_rule
 from ...judge.timers import HOLD, LEASE, judge_status_period
 from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, fail, named
@@ -236,7 +236,7 @@ def every_pause_ends_no_frame(board: BoardClient) -> None:
     at_wall = not board.wire.is_virtual
     if board.has(m.Feature.SEQUENCE_PHASES):
         count = board.identity.transducers
-        begin_upload(board, m.UploadKind.PHASES, _SEQUENCE, bytes(_CHUNK * count))
+        uploads.begin_upload(board, m.UploadKind.PHASES, _SEQUENCE, bytes(_CHUNK * count))
     for pause_ms in _pauses_ms(board):
         for paused in _paused_bytes(board):
             for place in _PLACES[:1] if at_wall and pause_ms >= _LONG_MS else _PLACES:

@@ -11,14 +11,8 @@ from haptogram_protocol.framing import DELIMITER, decode_frame
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
-from ...client.latching import check_silent, latch_now
-from ...client.playback import (
-    play_request,
-    send_phases_that_fit,
-    send_phases_to_store_if_supported,
-    wait_for_no_latch,
-)
 from ...client.request_client import flags_at_once
 from ...client.stream_kinds import stream_kinds
 from ...client.wire import ReceivedByClient
@@ -95,8 +89,8 @@ def frames_before_mute(board: BoardClient) -> None:
     """ARM, a stream frame, PLAY, ARM and MUTE at once: off behind it, each frame done or refused"""
     ahead: list[m.Message] = [m.Ping(7), m.Arm()]
     if board.has(m.Feature.SEQUENCE_PHASES):
-        send_phases_that_fit(board, _SEQUENCE, frames=2)
-        ahead.insert(1, play_request(board, _SEQUENCE, loops=0, unattended_ms=1000))
+        playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
+        ahead.insert(1, playback.play_request(board, _SEQUENCE, loops=0, unattended_ms=1000))
     for _ in board.wire.ways_of_mute():
         for session, sounds in itertools.product((board.link.session, 0), (False, True)):
             board.arm()
@@ -139,8 +133,8 @@ def _judge_silence_behind_mute(board: BoardClient) -> None:
     """FAILED unless the board is MUTED, silent, and stays so."""
     muted: dict[str, object] = {"state": OutputState.MUTED, "reason": MuteReason.MUTE, "queued": 0}
     before = board.check_status("behind MUTE", **muted).counters
-    check_silent(board, "behind MUTE")
-    wait_for_no_latch(board, 5000)
+    latching.check_silent(board, "behind MUTE")
+    playback.wait_for_no_latch(board, 5000)
     behind = board.check_status("a while behind MUTE", **muted).counters
     check_fields(behind, "what arrived before MUTE, behind it", latched=before.latched)
 
@@ -195,7 +189,7 @@ def _switches_on(board: BoardClient) -> Iterator[tuple[str, _Between]]:
             lambda make=kind.make: [arm(), link.stream_wire(make())],  # type: ignore[misc]
         )
     if board.has(m.Feature.SEQUENCE_PHASES):
-        play = play_request(board, _SEQUENCE, loops=0, unattended_ms=1000)
+        play = playback.play_request(board, _SEQUENCE, loops=0, unattended_ms=1000)
         yield "ARM and PLAY", lambda: [arm(), _request_in_burst(board, play)]
     yield (
         "HELLO, ARM and a frame",
@@ -208,7 +202,7 @@ def every_burst_of_mutes(board: BoardClient) -> None:
     """MUTE, what may switch on, MUTE (and again) in one burst: nothing is on, ARM counts behind
     it
     """
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for way in board.wire.ways_of_mute():
         for name, make in _switches_on(board):
             for stages, others in itertools.product(board.sample(_STAGES), (False, True)):
@@ -224,7 +218,7 @@ def _judge_burst_of_mutes(
     MUTE has no session, or another one, if *others*.
     """
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
     sessions = itertools.cycle((0, board.link.session ^ _STALE) if others else (None,))
     before = board.status().counters
     at_one_moment = _is_one_moment(board)
@@ -239,7 +233,7 @@ def _judge_burst_of_mutes(
         board.check_counted(before, f"{name}, which came at one moment", {"latched": 0})
     board.arm()
     with board.counting(latched=1):
-        latch_now(board)
+        latching.latch_now(board)
 
 
 def _is_one_moment(board: BoardClient) -> bool:

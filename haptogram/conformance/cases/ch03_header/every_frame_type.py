@@ -13,9 +13,8 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.framing import encode_frame
 
 from ...case import case
-from ...client import malformed_frames
+from ...client import malformed_frames, playback, uploads
 from ...client.board_client import BoardClient
-from ...client.playback import send_phases_to_store_if_supported
 from ...client.request_client import flags_at_once
 from ...client.stream_kinds import (
     StreamKind,
@@ -24,7 +23,6 @@ from ...client.stream_kinds import (
     stream_kinds,
     valid_requests_to_send,
 )
-from ...client.uploads import require_room_for_upload
 from ...client.wire import ReceivedByClient
 from ...judge.repetition import judge_repeated_reply
 from ...outcome import SELF_REPORTED, check, check_equal, named
@@ -93,7 +91,7 @@ def _damaged_of_every_type(body: bytes) -> bytes:
 
 def _requests_of_every_type(board: BoardClient) -> list[m.Message]:
     """Return a valid request of every type; the sequence that they play is stored."""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     board.arm()
     return list(valid_requests_to_send(board, _SEQUENCE))
 
@@ -134,7 +132,7 @@ def low_flags_are_ignored(board: BoardClient) -> None:
             past_us = board.clock.device_us() - 2_000_000 if plays else 0  # HG-3.5/2: not used
             answer = board.link.ask(message, flags=flags, time_us=past_us)
             if isinstance(message, m.UploadBegin):
-                require_room_for_upload(message, answer)
+                uploads.require_room_for_upload(message, answer)
             due, text = message.TYPE + m.RESPONSE_OFFSET, board.link.answer_text(answer)
             name = f"{message.TYPE.name} with the flags {flags:#04x}"
             check_equal(answer.frame_header.type, due, f"{name} is answered by {text}")
@@ -400,7 +398,7 @@ def judge_two_defects_of_stream(
 @case("HG-3.9/2-types", evidence=SELF_REPORTED)
 def each_type_counts_once(board: BoardClient) -> None:
     """each request of every type, carried out or refused by the board, ARMED or not, counts once"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for armed in (True, False) if board.thorough else (True,):
         board.arm()
         messages: list[m.Message] = [

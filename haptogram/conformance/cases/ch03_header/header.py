@@ -16,14 +16,12 @@ from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case, case_about_host
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import drive_kinds, requests_that_board_takes
 from ...client.dialogue import full_client_dialogue
-from ...client.latching import latch_now
 from ...client.malformed_frames import ValueByte, malformed_by_counter, malformed_noise, value_bytes
-from ...client.playback import send_phases_to_store_if_supported
 from ...client.stream_kinds import valid_requests_to_send
-from ...client.uploads import upload_forms
 from ...judge.line_rules import judge_line_rule
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 from ..ch05_stream.every_drop import judge_first_drop
@@ -109,7 +107,7 @@ def sends_no_header_flags(board: BoardClient) -> None:
 @case("HG-3.4/3-late", needs=m.Feature.CONFIG)
 def every_late_flag(board: BoardClient) -> None:
     """behind a late latch no frame but its trace has LATE: no reply, no refusal, no STATUS"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     trace = m.TraceMode.CRC if board.has(m.Feature.TRACE) else m.TraceMode.OFF
     period_ms = board.quick_status_ms
     since = board.link.mark()
@@ -133,7 +131,7 @@ def immediate_is_of_play(board: BoardClient) -> None:
             board.link.refused_raw(kind.TYPE, payload, m.ErrorCode.UNSUPPORTED, flag, flags=flag)
     board.arm()
     with board.counting(latched=1):
-        latch_now(board)
+        latching.latch_now(board)
 
 
 @case("HG-3.5/2", evidence=SELF_REPORTED)
@@ -163,7 +161,7 @@ def drops_stale_headers(board: BoardClient) -> None:
     with board.counting(stale_session=len(sessions), latched=1):
         for session in sessions:
             board.link.stream(board.flat_phases(), seq=board.link.stream_next, session=session)
-        latch_now(board)
+        latching.latch_now(board)
 
 
 not_host_session = case_about_host("HG-3.7/3")
@@ -368,7 +366,7 @@ def reads_unaligned_values(board: BoardClient) -> None:
             board.link.send(b"\x00" * zeros)
             check_fields(board.link.ping(echo), f"behind {zeros} zeros", echo=echo)
             check_equal(board.read_config(), board.config, f"GET_CONFIG behind {zeros} zeros")
-            latch_now(board)
+            latching.latch_now(board)
 
 
 # --- Values of no table ------------------------------------------------------------------------
@@ -384,7 +382,7 @@ def _requests_with_values(board: BoardClient) -> Iterator[m.Message]:
 
 
 def _uploads_with_values(board: BoardClient) -> list[m.UploadBegin]:
-    return [form.request(form.frame_bytes) for form in upload_forms(board, _UPLOADED)]
+    return [form.request(form.frame_bytes) for form in uploads.upload_forms(board, _UPLOADED)]
 
 
 @case("HG-3.2/5-bytes", evidence=SELF_REPORTED)

@@ -8,16 +8,9 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
-from ...client.latching import (
-    ask_for_board_latches_if_supported,
-    latch_now,
-    latch_random,
-    latches_received_from_board,
-    read_drive,
-)
-from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
 from ...judge.events import judge_event_numbers
 from ...outcome import SELF_REPORTED, check, check_equal, require
 from ..ch05_stream.queue import judge_gaps
@@ -40,7 +33,7 @@ def stream_sequence_numbers_wrap(board: BoardClient) -> None:
     """40 stream frames across 0xFFFF are latched: no gap, no duplicate"""
     board.arm()
     with board.counting(latched=_ACROSS):
-        latch_random(board, _ACROSS)
+        latching.latch_random(board, _ACROSS)
 
 
 @case("HG-3.6/1-requests")
@@ -93,18 +86,18 @@ def event_sequence_numbers_wrap(board: BoardClient) -> None:
     535
     """
     traced_us = board.wire.period_us(2 * _TRACE_BYTES)
-    period_us = board.clock.on_carrier(shortest_period_to_play_us(board, traced_us))
+    period_us = board.clock.on_carrier(playback.shortest_period_to_play_us(board, traced_us))
     is_long = board.wire.is_virtual and period_us < traced_us + board.clock.carrier_us
     require(not is_long, "a simulated line takes long for so many events")
     text = f"{_EVENTS} frames of playback, one every {period_us} µs, take too long"
     require(_EVENTS * period_us <= _LONGEST_US, text)
-    send_phases_to_store(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store(board, _SEQUENCE, frames=1)
     board.hello()
     board.arm(trace_mode=m.TraceMode.CRC)
     alone_ms = min(10_000, board.identity.max_unattended_ms)
     part_us = min(_PART * period_us, alone_ms * 500)
     last, count = -1, 0
-    play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
+    playback.play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
     while count < _EVENTS:
         since = board.link.mark()
         board.wire.idle(part_us)
@@ -167,25 +160,25 @@ def _wrong_latch_numbers(
     """Return the number of the last latch by every report of it."""
     told = {"last_seq": board.status().last_seq}
     if board.has(m.Feature.READ_LATCHED):
-        told["DRIVE_REPLY"] = read_drive(board, m.DriveKind.LATCHED, 0, 1).key.index
+        told["DRIVE_REPLY"] = latching.read_drive(board, m.DriveKind.LATCHED, 0, 1).key.index
     if mode is not m.TraceMode.OFF:
-        latches = latches_received_from_board(board, since, mode)
+        latches = latching.latches_received_from_board(board, since, mode)
         told[f"trace {mode.name}"] = latches[-1].index if latches else -1
     return {name: number for name, number in told.items() if number != index % _WRAP}
 
 
 def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -> None:
     """FAILED unless numbers on both sides of each power of two are told whole."""
-    mode = ask_for_board_latches_if_supported(board)
+    mode = latching.ask_for_board_latches_if_supported(board)
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
     first, before, sent = board.link.stream_next, board.status().counters, 0
     for bits in range(least_bits, most_bits + 1):
         _advance_to_number(board, (1 << bits) - 1)
         board.arm_anew()  # or a hold that nothing extends may end before the next latch
         for index in range((1 << bits) - 1, (1 << bits) + 2):
             since = board.link.mark()
-            latch_now(board)
+            latching.latch_now(board)
             wrong = _wrong_latch_numbers(board, since, mode, index)
             check(not wrong, f"the unwrapped number is {index % _WRAP}, told is {wrong}")
         board.wire.forget_received()

@@ -16,9 +16,9 @@ from haptogram_protocol.rules import unsupported_types
 from haptogram_protocol.state import OutputState
 
 from ...case import case, case_about_host
+from ...client import playback
 from ...client.board_client import BoardClient
 from ...client.malformed_frames import ValueByte
-from ...client.playback import play_now, send_phases_that_fit
 from ...client.stream_kinds import request_types_of_host
 from ...client.wire import ReceivedByClient
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields
@@ -288,7 +288,7 @@ def responses_precede_events(board: BoardClient) -> None:
 @case("HG-4.11/5-play", needs=m.Feature.SEQUENCE_PHASES)
 def responses_precede_playback_ended(board: BoardClient) -> None:
     """STOP, MUTE, DISARM, HELLO during playback: reply, STATE_CHANGED, then PLAYBACK_ENDED"""
-    send_phases_that_fit(board, 1, frames=2)
+    playback.send_phases_that_fit(board, 1, frames=2)
     hello = board.hello_message(board.new_nonce())
     replies: tuple[tuple[m.Message, int | None, type[m.Message]], ...] = (
         (m.Stop(), None, m.StopReply),
@@ -299,7 +299,7 @@ def responses_precede_playback_ended(board: BoardClient) -> None:
     )
     for message, session, reply in replies:
         board.arm()
-        play_now(board, 1, loops=0)
+        playback.play_now(board, 1, loops=0)
         told = (m.StateChanged,) if session == 0 else ()
         _responses_in_order(board, message, (reply, *told, m.PlaybackEnded), session=session)
     board.link.session = hello.nonce

@@ -12,11 +12,9 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import Depth, case
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import trace_modes
-from ...client.latching import latch_now, latch_random, read_ring
-from ...client.playback import play_now, play_out, send_phases_to_store
-from ...client.uploads import begin_upload, upload_correction
 from ...judge.repetition import every_request_to_repeat, judge_repeated_reply
 from ...judge.witness import judge_nothing_read_back
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, named
@@ -46,7 +44,7 @@ def same_nonce(board: BoardClient) -> None:
         board.link.stream(board.flat_phases(), t_us)
         again = board.hello(board.link.session)
         board.clock.wait_until(t_us)
-        latch_now(board)
+        latching.latch_now(board)
     check_equal(again, first, "HELLO again has another reply than the first")
     board.check_status("HELLO of the open session", state=OutputState.ARMED)
 
@@ -69,7 +67,7 @@ def same_nonce_other_fields(board: BoardClient) -> None:
     """HELLO with the open nonce, another minor version, description or number: the same greeting"""
     first = board.hello()
     board.arm()
-    index = latch_now(board)
+    index = latching.latch_now(board)
     same = board.hello_message(board.link.session)
     others = ({"minor": same.minor + 1}, {"minor": 255}, {"reserved": 0xFFFFFFFF}, {"reserved": 1})
     with board.counting(repeated=len(others)):
@@ -83,7 +81,7 @@ def same_nonce_other_fields(board: BoardClient) -> None:
 def new_nonce_and_state(board: BoardClient) -> None:
     """a new nonce: ARMED becomes DISARMED (NEW_SESSION), MUTED stays MUTED"""
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
     board.hello()
     due: dict[str, object] = {"state": OutputState.DISARMED, "reason": MuteReason.NEW_SESSION}
     board.check_status("ARMED, then a new session", **due)
@@ -109,14 +107,14 @@ def new_nonce_ends_playback(board: BoardClient) -> None:
 def new_nonce_starts_anew(board: BoardClient) -> None:
     """a new nonce: requests and stream count anew, an old reply is forgotten"""
     board.arm()
-    latch_random(board, 20)
+    latching.latch_random(board, 20)
     board.link.seq = 500
     nonce = board.new_nonce()
     board.hello(nonce, seq=3)
     board.link.ping(1, seq=4)  # far behind 500
     board.arm_at(5)
     with board.counting(latched=1):
-        index = latch_now(board)
+        index = latching.latch_now(board)
     board.check_status("the first frame of a session", last_seq=index)
 
 
@@ -147,11 +145,11 @@ def _judge_kept_settings(board: BoardClient, name: str) -> None:
 @case("HG-4.6/5-sequences", needs=m.Feature.SEQUENCE_PHASES)
 def new_nonce_keeps_sequences(board: BoardClient) -> None:
     """a new nonce keeps stored sequences"""
-    send_phases_to_store(board, 3, frames=2)
+    playback.send_phases_to_store(board, 3, frames=2)
     board.hello()
     board.arm()
     with board.counting(latched=2):
-        play_out(board, 3, 2)
+        playback.play_out(board, 3, 2)
 
 
 @case("HG-4.6/6")
@@ -184,7 +182,7 @@ def _session_with_everything_set(board: BoardClient) -> m.Config:
 
 def _uploading_session(board: BoardClient) -> None:
     data = bytes(2 * board.identity.transducers)
-    begin_upload(board, m.UploadKind.PHASES, _SEQUENCE, data)
+    uploads.begin_upload(board, m.UploadKind.PHASES, _SEQUENCE, data)
     board.link.ask(m.UploadChunk(0, data[:1]))
 
 
@@ -194,8 +192,8 @@ def _uploading_session(board: BoardClient) -> None:
 def every_session_keeps_settings(board: BoardClient) -> None:
     """a new session, idle, muted, streaming, playing, uploading, leaves every setting as it is"""
     if board.has(m.Feature.CORRECTION):
-        upload_correction(board)
-    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+        uploads.upload_correction(board)
+    playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     _session_with_everything_set(board)
     for name, bring in (*output_states(board), ("during an upload", _uploading_session)):
         board.arm()
@@ -204,7 +202,7 @@ def every_session_keeps_settings(board: BoardClient) -> None:
         board.arm()
         text = f"{name}: the stored sequence in a new session"
         with named(text), board.counting(latched=_FRAMES):
-            play_out(board, _SEQUENCE, _FRAMES)
+            playback.play_out(board, _SEQUENCE, _FRAMES)
         board.disarm()
 
 
@@ -258,11 +256,11 @@ def every_repeated_hello_does_nothing(board: BoardClient) -> None:
 
 
 def _check_playback_goes_on(board: BoardClient, hello: m.Hello) -> None:
-    frames = send_phases_to_store(board, _PLAYED, frames=2)
+    frames = playback.send_phases_to_store(board, _PLAYED, frames=2)
     since = board.link.mark()
-    play_now(board, _PLAYED, loops=0)
+    playback.play_now(board, _PLAYED, loops=0)
     data = b"".join(frames)
-    begin_upload(board, m.UploadKind.PHASES, _PLAYED + 1, data)
+    uploads.begin_upload(board, m.UploadKind.PHASES, _PLAYED + 1, data)
     half = min(len(data) // 2, board.identity.max_chunk)
     board.link.ask(m.UploadChunk(0, data[:half]))
     board.link.ask(hello)
@@ -283,13 +281,13 @@ def every_repeated_hello_reply_stays(board: BoardClient) -> None:
     happenings: dict[str, Callable[[], object]] = {
         "ARM": board.arm,
         "SET_CONFIG": lambda: _session_with_everything_set(board),
-        "a latch": lambda: latch_now(board, board.flat_phases(3)),
+        "a latch": lambda: latching.latch_now(board, board.flat_phases(3)),
         "MUTE": board.mute,
     }
     if board.has(m.Feature.SEQUENCE_PHASES):
         happenings["an upload that begins"] = partial(_uploading_session, board)
     if board.has(m.Feature.CORRECTION):
-        happenings["a new correction"] = partial(upload_correction, board)
+        happenings["a new correction"] = partial(uploads.upload_correction, board)
     board.configure(sound_speed_mm_s=331_300)
     first = board.hello()
     for name, happen in happenings.items():
@@ -352,7 +350,7 @@ def _no_latch_in_session(board: BoardClient) -> None:
 
 def _no_ring_in_session(board: BoardClient) -> None:
     if board.has(m.Feature.TRACE_RING):
-        check_fields(read_ring(board), "the ring", oldest=0, next=0, records=())
+        check_fields(latching.read_ring(board), "the ring", oldest=0, next=0, records=())
 
 
 def _no_upload_in_session(board: BoardClient) -> None:
@@ -367,7 +365,7 @@ def _numbers_of_session_anew(board: BoardClient) -> None:
     modes = trace_modes(board, m.TraceMode.DRIVE, m.TraceMode.CRC)[:1] if can_trace else []
     since = board.arm(trace_mode=modes[0]) if modes else board.arm()
     with board.counting(latched=1):
-        latch_now(board)
+        latching.latch_now(board)
     traces = [
         p for p in board.wire.received[since:] if isinstance(p.message, m.Trace | m.TraceDrive)
     ]
@@ -402,9 +400,11 @@ def _judge_possession(
     if board.has(m.Feature.TRACE_RING | m.Feature.CONFIG):
         board.configure(trace_mode=m.TraceMode.RING)
     if board.has(m.Feature.SEQUENCE_PHASES):
-        begin_upload(board, m.UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
+        uploads.begin_upload(
+            board, m.UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers)
+        )
     board.arm()
-    latch_random(board, _LATCHES)
+    latching.latch_random(board, _LATCHES)
     waiting_us = board.clock.soon_us(bytes(2000), ahead_us=ahead_us)
     board.link.stream(board.flat_phases(), waiting_us)
     _open_sessions_in_turn(board, path, board.link.seq - 20)

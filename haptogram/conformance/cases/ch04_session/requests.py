@@ -18,19 +18,12 @@ from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 
 from ...case import case, case_about_host
+from ...client import playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import drive_kinds, requests_that_board_takes
 from ...client.malformed_frames import value_bytes
-from ...client.playback import (
-    PERIOD_US,
-    play_now,
-    send_phases_that_fit,
-    send_phases_to_store_if_supported,
-    shortest_period_to_play_us,
-)
 from ...client.request_client import flags_at_once
 from ...client.stream_kinds import refused_requests_to_send, valid_requests_to_send
-from ...client.uploads import begin_any_upload
 from ...client.wire import ReceivedByClient
 from ...judge.repetition import (
     CHUNKS_BETWEEN,
@@ -150,11 +143,11 @@ def mute_uses_later_number(board: BoardClient) -> None:
 @case("HG-4.10/1-chunk")
 def repeated_chunks_are_done(board: BoardClient) -> None:
     """UPLOAD_CHUNK is carried out each time"""
-    begin_any_upload(board, 1)
+    uploads.begin_any_upload(board, 1)
     chunk = m.UploadChunk(0, bytes(1))
     board.link.call(chunk, m.UploadChunkReply)
     seq = board.link.seq
-    begin_any_upload(board, 1)
+    uploads.begin_any_upload(board, 1)
     again = board.link.call(chunk, m.UploadChunkReply, seq=seq)
     check_fields(again, "a chunk of 1 byte again", received=1)
 
@@ -194,8 +187,8 @@ def _fill_ring(board: BoardClient) -> None:
     if not board.has(m.Feature.TRACE_RING | m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES):
         return
     board.arm(trace_mode=m.TraceMode.RING)
-    period_us = shortest_period_to_play_us(board, PERIOD_US // 4)
-    play_now(board, _SEQUENCE, loops=100, period_us=period_us)
+    period_us = playback.shortest_period_to_play_us(board, playback.PERIOD_US // 4)
+    playback.play_now(board, _SEQUENCE, loops=100, period_us=period_us)
     board.wire.idle(min(250 * period_us, _FILLED_US))
     board.stop()
 
@@ -231,7 +224,7 @@ def every_refusal_between(board: BoardClient) -> None:
 def every_reply_is_remembered(board: BoardClient) -> None:
     """refused requests, and those with the longest replies, get the same bytes again"""
     if board.has(m.Feature.SEQUENCE_PHASES):
-        send_phases_that_fit(board, _SEQUENCE, frames=2)
+        playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
         _fill_ring(board)
     board.arm()
     for message in [*refused_requests_to_send(board), *_largest_remembered_request(board)]:
@@ -457,9 +450,9 @@ def _remembered_use(message: m.Message) -> NumberUse:
 def every_newest_number_stays(board: BoardClient) -> None:
     """requests of every type, ahead of the newest number and behind it: nothing sets it back"""
     steps = _STEPS if board.thorough else _QUICK_STEPS
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     if board.identity.features & (m.Feature.SEQUENCE_PHASES | m.Feature.CORRECTION):
-        begin_any_upload(board, _SEQUENCE)  # whose chunks are taken then
+        uploads.begin_any_upload(board, _SEQUENCE)  # whose chunks are taken then
     for use in _uses_of_any_number(board):
         for step in steps:
             _judge_step(board, use, step)

@@ -11,12 +11,10 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.rules import READ_BACKS
 
 from ...case import Depth, case, unobservable_case
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.drive_paths import drive_paths, registers_asked_for
-from ...client.latching import ClientDrive, latch_now, read_back, read_back_radiated
-from ...client.playback import period_to_play, play_out
 from ...client.stream_kinds import random_point_to_send
-from ...client.uploads import upload_to_board
 from ...judge.witness import JudgeWitness
 from ...outcome import EXTERNAL, SELF_REPORTED, check, check_equal, check_fields, require
 from .every_drop import judge_first_drop
@@ -97,7 +95,7 @@ def stream_phases_reach_their_registers(board: BoardClient) -> None:
     board.arm()
     for _ in range(3):
         registers, since = board.random_registers(), board.link.mark()
-        latch_now(board, m.Phases(registers))
+        latching.latch_now(board, m.Phases(registers))
         witness.expect(registers, since=since)
 
 
@@ -114,9 +112,9 @@ def stream_phases_have_full_amplitude(board: BoardClient) -> None:
     board.arm()
     registers = board.random_registers()
     if board.has(m.Feature.AMPLITUDE):
-        latch_now(board, m.Drives(registers + b"\x0a" * len(registers)))
+        latching.latch_now(board, m.Drives(registers + b"\x0a" * len(registers)))
     since = board.link.mark()
-    latch_now(board, board.phases(registers))
+    latching.latch_now(board, board.phases(registers))
     witness.expect(registers, since=since)
 
 
@@ -129,7 +127,7 @@ def takes_stream_drives(board: BoardClient) -> None:
     phases, amplitudes = board.random.randbytes(count), board.random.randbytes(count)
     since = board.link.mark()
     with board.counting(latched=1, bad_length=2):
-        latch_now(board, m.Drives(phases + amplitudes))
+        latching.latch_now(board, m.Drives(phases + amplitudes))
         for size in (2 * count - 2, 2 * count + 2):
             board.link.send(board.link.stream_raw(m.Drives.TYPE, bytes(size)))
     witness.expect(phases, amplitudes, since=since)
@@ -141,7 +139,7 @@ def every_path_of_streamed_codes(board: BoardClient) -> None:
     board.arm()
     for path in drive_paths(board):
         due = registers_asked_for(board, path.latch())
-        shown = read_back(board)
+        shown = latching.read_back(board)
         if due is not None:
             got = shown.phases, shown.amplitudes
             check_equal(got, due, f"{path.name}: the latched drive")
@@ -166,9 +164,9 @@ def _judge_same_points_streamed_again(board: BoardClient) -> None:
         board.arm(sound_speed_mm_s=_SPEEDS_MM_S[0])
         for speed, between in itertools.product(_SPEEDS_MM_S, (False, True)):
             if between:  # the drive that is latched is another one
-                latch_now(board)
+                latching.latch_now(board)
             board.configure(sound_speed_mm_s=speed)
-            index = latch_now(board, message)
+            index = latching.latch_now(board, message)
             check_equal(board.status().last_seq, index, "frame lost: the number of the last latch")
             name = f"the same {number} points again, {speed / 1000:g} m/s"
             judge_points_read_back(board, message, name)
@@ -182,15 +180,15 @@ def every_sum_of_streamed_points(board: BoardClient) -> None:
     for number in range(1, most + 1):
         board.wire.forget_received()  # the read-backs of a large array are a flood
         for name, group in _groups_of_full_points(board, number):
-            latch_now(board, m.Points(group))
+            latching.latch_now(board, m.Points(group))
             judge_points_read_back(board, m.Points(group), f"{number} {name}")
     size = most * m.FocalPoint.LAYOUT.size
     if board.has(m.Feature.SEQUENCE_POINTS) and size <= board.identity.max_upload_bytes:
         for name, group in _groups_of_full_points(board, most):
-            upload_to_board(
+            uploads.upload_to_board(
                 board, m.UploadKind.POINTS, _SEQUENCE, m.Points(group).serialize(), most
             )
-            play_out(board, _SEQUENCE, 1, period_us=period_to_play(board, most))
+            playback.play_out(board, _SEQUENCE, 1, period_us=playback.period_to_play(board, most))
             judge_points_read_back(board, m.Points(group), f"{most} {name}, played")
 
 
@@ -216,23 +214,23 @@ def judge_points_read_back(
     from ...judge.focusing import judge_drive_of_points
 
     model = model or _model_of_streamed_points(board)
-    judge_drive_of_points(board, model, tuple(message.points), read_back(board), name)
+    judge_drive_of_points(board, model, tuple(message.points), latching.read_back(board), name)
 
 
 @case("HG-7.9/1-paths", needs=_CORRECTED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_drive_path_is_corrected(board: BoardClient) -> None:
     """on every path the radiated phases are the latched ones and the correction, modulo 256"""
     correction = board.random.randbytes(board.identity.transducers)
-    upload_to_board(board, m.UploadKind.CORRECTION, 0, correction)
+    uploads.upload_to_board(board, m.UploadKind.CORRECTION, 0, correction)
     board.arm()
     for path in drive_paths(board):
         path.latch()
         judge_corrected_drive(board, correction, path.name)
 
 
-def judge_corrected_drive(board: BoardClient, correction: bytes, name: str) -> ClientDrive:
+def judge_corrected_drive(board: BoardClient, correction: bytes, name: str) -> latching.ClientDrive:
     """FAILED unless the radiated phases are the latched ones, corrected; return the latched."""
-    latched, radiated = read_back(board), read_back_radiated(board)
+    latched, radiated = latching.read_back(board), latching.read_back_radiated(board)
     due = bytes((a + b) % 256 for a, b in zip(latched.phases, correction, strict=True))
     check_fields(radiated, f"{name}, radiated with a correction", phases=due)
     return latched
@@ -247,7 +245,7 @@ def every_drive_path_is_limited(board: BoardClient) -> None:
         board.arm(amplitude_ceiling=ceiling)
         for path in drive_paths(board):
             path.latch()
-            latched, radiated = read_back(board), read_back_radiated(board)
+            latched, radiated = latching.read_back(board), latching.read_back_radiated(board)
             loudest = max(radiated.amplitudes)
             check(loudest <= ceiling, f"{path.name}: ceiling {ceiling}, {loudest} is radiated")
             pairs = zip(latched.amplitudes, radiated.amplitudes, strict=True)
@@ -274,8 +272,8 @@ def _judge_latched_foci(board: BoardClient, mode: Mode, targets_m: Sequence[_Tar
     frames = judged_host_frames(model, board.identity, targets_m, mode)
     board.arm()
     for frame in frames:
-        latch_now(board, frame.message)
-        shown.append(read_back(board))
+        latching.latch_now(board, frame.message)
+        shown.append(latching.read_back(board))
     judge = judge_of_model(model)
     for frame, drive in zip(frames, shown, strict=True):
         judge_focus(judge, frame, drive)
@@ -320,8 +318,8 @@ def _errors_of_random_points(board: BoardClient, points: int) -> tuple[Errors, E
     board.arm()
     for _ in range(max(_MANY, -(-400 // board.identity.transducers))):
         group = tuple(_random_point_to_stream(board) for _ in range(points))
-        latch_now(board, m.Points(group))
-        found.append((group, read_back(board)))
+        latching.latch_now(board, m.Points(group))
+        found.append((group, latching.read_back(board)))
     graded = board.has(m.Feature.AMPLITUDE)
     phases = judged_phase_errors(model, found)
     return phases, judged_amplitude_errors(model, found, graded=graded)
@@ -373,7 +371,7 @@ def streamed_points_lie_on_every_side(board: BoardClient) -> None:
         for side in _SIDES:
             group = tuple(_random_point_on_side(board, side, number) for _ in range(number))
             name = f"{number} points at x {side[0]:+d}, y {side[1]:+d}, z {side[2]:+d} and beyond"
-            latch_now(board, m.Points(group))
+            latching.latch_now(board, m.Points(group))
             judge_points_read_back(board, m.Points(group), name, model)
 
 
@@ -403,7 +401,7 @@ def streamed_points_all_but_cancel(board: BoardClient) -> None:
             for place, one in enumerate(levels)
         )
         name = f"{number} points that cancel but for {_FAINT}, from phase {phase:#06x}"
-        latch_now(board, m.Points(group))
+        latching.latch_now(board, m.Points(group))
         judge_points_read_back(board, m.Points(group), name, model)
 
 
@@ -430,7 +428,7 @@ def streamed_points_lie_at_every_end(board: BoardClient) -> None:
     for place, (level, phase) in zip(sorted(places), levels, strict=False):
         name = f"a point at {place} µm, amplitude {level}, phase {phase:#06x}"
         point = m.FocalPoint(*place, level, phase)
-        latch_now(board, m.Points((point,)))
+        latching.latch_now(board, m.Points((point,)))
         judge_points_read_back(board, m.Points((point,)), name, model)
 
 
@@ -445,7 +443,7 @@ def counts_the_points_of_a_frame(board: BoardClient) -> None:
     board.arm()
     point = m.FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
     with board.counting(latched=1, bad_value=2, bad_length=1):
-        latch_now(board, m.Points((point,) * board.most_points))
+        latching.latch_now(board, m.Points((point,) * board.most_points))
         for number in (most + 1, 2 * most):
             board.link.stream(m.Points((point,) * min(number, 250)))
         board.link.send(board.link.stream_raw(m.Points.TYPE, b""))

@@ -12,13 +12,8 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Case, Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
-from ...client.latching import (
-    ask_for_board_latches_if_supported,
-    latch_now,
-    latches_received_from_board,
-)
-from ...client.playback import play_later, play_now, send_phases_to_store_if_supported
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...judge.refused_requests import STORED
 from ...judge.timers import judge_status_period
@@ -206,7 +201,7 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
     """
     board.arm()
     lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
-    mode = ask_for_board_latches_if_supported(board, m.Feature.TRACE)
+    mode = latching.ask_for_board_latches_if_supported(board, m.Feature.TRACE)
     since = board.link.mark()
     for kind in stream_kinds(board):
         timed = lows[-board.identity.queue_depth :]
@@ -224,12 +219,12 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
                 past_us, flags = start_us - 1_000_000, m.Flag.IMMEDIATE | low
                 board.link.stream(kind.make(), past_us, flags=flags)
                 board.clock.wait_latched()
-    late = sum(latch.late for latch in latches_received_from_board(board, since, mode))
+    late = sum(latch.late for latch in latching.latches_received_from_board(board, since, mode))
     check(late == 0, f"{late} traces say LATE; no frame was late, some had flags or a time past")
 
 
 def _play_slowly(board: BoardClient) -> None:
-    play_now(board, STORED, loops=0, period_us=9_000_000, unattended_ms=9_999)
+    playback.play_now(board, STORED, loops=0, period_us=9_000_000, unattended_ms=9_999)
     board.clock.wait_latched()
 
 
@@ -238,10 +233,10 @@ OUTPUT_STATES: Final[dict[str, Callable[[BoardClient], Any]]] = {
     OFF: lambda board: board.bring_to(OutputState.DISARMED),
     MUTED: lambda board: board.bring_to(OutputState.MUTED),
     SILENT: BoardClient.arm_anew,
-    SOUNDS: latch_now,
-    PLAYING: lambda board: play_now(board, STORED, loops=0, unattended_ms=9_999),
+    SOUNDS: latching.latch_now,
+    PLAYING: lambda board: playback.play_now(board, STORED, loops=0, unattended_ms=9_999),
     PLAYING_SLOWLY: _play_slowly,
-    WAITS: lambda board: play_later(board, STORED, _FAR_US, unattended_ms=9_999),
+    WAITS: lambda board: playback.play_later(board, STORED, _FAR_US, unattended_ms=9_999),
     QUEUES: lambda board: fill_queue(board, QUEUED_FRAMES, _FAR_US),
 }
 
@@ -254,7 +249,7 @@ def output_states(
     What plays has the usual period, which no hold ends; a long one if nothing *queues*: no frame
     of it is latched soon.
     """
-    send_phases_to_store_if_supported(board, STORED, frames=1)
+    playback.send_phases_to_store_if_supported(board, STORED, frames=1)
     names, reached = [OFF, MUTED, SILENT, SOUNDS], board.clock.horizon_us > _FAR_US
     if board.has(m.Feature.SEQUENCE_PHASES):
         names += [PLAYING if queues else PLAYING_SLOWLY, *[WAITS] * reached]
@@ -290,7 +285,7 @@ def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
     for name, bring in output_states(board, queues=False):
         board.hello()
         board.arm()
-        latch_now(board)  # a number is used
+        latching.latch_now(board)  # a number is used
         for kind in stream_kinds(board):
             for drop in DROPS:
                 if drop.counter not in BEFORE_STATE:

@@ -11,27 +11,8 @@ from typing import Final
 from haptogram_protocol import messages as m
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
-from ...client.latching import (
-    ask_for_board_latches,
-    ask_for_board_latches_if_supported,
-    client_drive_of_reply,
-    drive_crc,
-    latch_now,
-    latch_timed,
-    latches_received_from_board,
-    queue_frames,
-    send_to_arrive_at,
-    time_for_frames,
-)
-from ...client.playback import (
-    play_at,
-    play_out,
-    play_request,
-    send_phases_that_fit,
-    send_phases_to_store,
-    send_phases_to_store_if_supported,
-)
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...judge.witness import JudgeWitness
 from ...outcome import SELF_REPORTED, check, check_equal, fail, require
@@ -89,7 +70,7 @@ def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
     """frames latched as soon as complete lie on multiples of the carrier period"""
     board.arm()
     for _ in range(12):
-        t_us = latch_timed(board)
+        t_us = latching.latch_timed(board)
         off_us = t_us % board.clock.carrier_us
         check_equal(off_us, 0, f"latched at {t_us} µs, {off_us} µs past a carrier period")
 
@@ -100,15 +81,15 @@ def latches_all_elements_at_once(board: BoardClient) -> None:
     trace
     """
     count = board.identity.transducers
-    mode = ask_for_board_latches_if_supported(board, m.Feature.TRACE)
+    mode = latching.ask_for_board_latches_if_supported(board, m.Feature.TRACE)
     drives = (bytes([0x08]) * count, bytes([0xF0]) * count)
     since = board.link.mark()
     board.arm()
     for _ in range(3):
         _check_burst(board, drives)
     if mode is not m.TraceMode.OFF:
-        seen = {latch.crc for latch in latches_received_from_board(board, since, mode)}
-        mixed = seen - set(map(drive_crc, drives))
+        seen = {latch.crc for latch in latching.latches_received_from_board(board, since, mode)}
+        mixed = seen - set(map(latching.drive_crc, drives))
         check(not mixed, f"traced drives are neither of the two: CRC-32 {mixed}")
 
 
@@ -135,7 +116,9 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
         answer = board.link.try_answer(seq, since)
         if answer is None:
             continue  # it found no room on the uplink: HG-9.6/1
-        shown = client_drive_of_reply(board.link.reply_in(answer, m.DriveReply, m.ReadDrive.TYPE))
+        shown = latching.client_drive_of_reply(
+            board.link.reply_in(answer, m.DriveReply, m.ReadDrive.TYPE)
+        )
         if len(set(shown.phases)) > 1:
             share = shown.phases.count(drives[0][0]), shown.phases.count(drives[1][0])
             fail(f"non-atomic latch: one read-back shows two drives mixed, {share} transducers")
@@ -147,7 +130,7 @@ def latches_once_a_period(board: BoardClient) -> None:
     """of two frames for the same carrier period the later is latched, the other flushed"""
     replace_in_period(board, [2 * (stream_kinds(board)[0],)], m.TraceMode.OFF)
     with board.counting(latched=1):
-        latch_now(board)
+        latching.latch_now(board)
 
 
 @case("HG-5.8/4", evidence=SELF_REPORTED)
@@ -156,7 +139,7 @@ def counts_latches(board: BoardClient) -> None:
     board.arm()
     with board.counting(latched=25):
         for _ in range(25):
-            latch_now(board)
+            latching.latch_now(board)
 
 
 @case("HG-5.8/5", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -165,7 +148,7 @@ def holds_the_last_latched_drive(board: BoardClient) -> None:
     witness = JudgeWitness.of(board)
     board.arm()
     before = board.random_registers()
-    latch_now(board, board.phases(before))
+    latching.latch_now(board, board.phases(before))
     for _ in range(8):
         registers = board.random_registers()
         ahead_us = 10_000 + board.wire.limits.lead_us
@@ -189,8 +172,8 @@ def immediate_frames_flush_the_queue(board: BoardClient) -> None:
     t_us = board.clock.soon_us(board.bytes_of_frames(4), ahead_us=50_000)
     board.require_hold(t_us + 5000 - board.clock.device_us(), "a slow line")
     with board.counting(flushed=3, latched=1):
-        queue_frames(board, t_us, 3)
-        index = latch_now(board)
+        latching.queue_frames(board, t_us, 3)
+        index = latching.latch_now(board)
         board.check_status("a frame as soon as complete", last_seq=index, queued=0)
         board.clock.wait_until(t_us + 5000)
 
@@ -211,7 +194,7 @@ def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
     if name == "IMMEDIATE":
         return board.link.stream_wire(board.flat_phases())
     if name == "PLAY":
-        play = play_request(board, _SEQUENCE, loops=1, unattended_ms=500)
+        play = playback.play_request(board, _SEQUENCE, loops=1, unattended_ms=500)
         return board.link.request_wire(play, time_us=_time_behind_burst_us(board))[0]
     return _off_in_a_burst(board, name)
 
@@ -223,7 +206,7 @@ def _time_behind_burst_us(board: BoardClient) -> int:
 @case("HG-5.7/6-flushed", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def every_flushed_frame_is_not_late(board: BoardClient) -> None:
     """a late frame that is flushed before its latch counts in flushed alone, whatever flushes it"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.configure(late_window_us=_WINDOW_US)
     plays = ["PLAY"] if board.has(m.Feature.SEQUENCE_PHASES) else []
     names = ["IMMEDIATE", *_OFFS_OF_BURST, *plays, _HELLO]
@@ -250,7 +233,7 @@ def every_lateness_is_of_one_frame(board: BoardClient) -> None:
     """of a late frame and two for later, sent at once, the late one alone is told and counted
     late
     """
-    mode = ask_for_board_latches(board)
+    mode = latching.ask_for_board_latches(board)
     board.arm(late_window_us=_WINDOW_US, trace_mode=mode)
     kinds = stream_kinds(board)
     for kind in kinds if board.thorough else kinds[:1]:
@@ -258,11 +241,15 @@ def every_lateness_is_of_one_frame(board: BoardClient) -> None:
         with board.counting(late=1, latched=3):
             frames = [kind.make() for _ in range(3)]
             late_us = board.late_time_us(1000, points_of_stream_kind(frames[0]))
-            soon_us = time_for_frames(board, frames)
+            soon_us = latching.time_for_frames(board, frames)
             times = (late_us, soon_us, soon_us + 1000)
             board.link.send(*map(board.link.stream_wire, frames, times))
             board.clock.wait_until(soon_us + 2000)
-        late = [x.late for x in latches_received_from_board(board, since, mode) if x.index >= first]
+        late = [
+            x.late
+            for x in latching.latches_received_from_board(board, since, mode)
+            if x.index >= first
+        ]
         text = f"{kind.name}, late, and two for later: LATE {late}"
         check_equal(late, [True, False, False], text)
 
@@ -273,7 +260,7 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
     flushed
     """
     kinds = stream_kinds(board)
-    mode = ask_for_board_latches_if_supported(board)
+    mode = latching.ask_for_board_latches_if_supported(board)
     board.arm()
     room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
     for turn in range(len(kinds)) if board.thorough else range(1):
@@ -287,14 +274,14 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
 
 def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: m.TraceMode) -> None:
     """FAILED unless the frames of a playback that flushes a queued frame are those stored."""
-    stored = send_phases_to_store(board, _SEQUENCE, frames=2)
+    stored = playback.send_phases_to_store(board, _SEQUENCE, frames=2)
     board.link.stream(kind.make(), _time_behind_burst_us(board))
     since = board.link.mark()
-    play_out(board, _SEQUENCE, 2)
-    seen = latches_received_from_board(board, since, mode)
+    playback.play_out(board, _SEQUENCE, 2)
+    seen = latching.latches_received_from_board(board, since, mode)
     got = [latch.crc for latch in seen if latch.sequence == _SEQUENCE][-2:]
     text = f"PHASES, played, flush {kind.name}: CRC-32 of the drives stored"
-    check_equal(got, list(map(drive_crc, stored)), text)
+    check_equal(got, list(map(latching.drive_crc, stored)), text)
 
 
 def replace_in_period(
@@ -307,7 +294,7 @@ def replace_in_period(
     messages = [one for pair in frames for one in pair]
     board.arm_anew()
     with board.counting(latched=len(frames), flushed=len(frames), late=0):
-        start_us = time_for_frames(board, messages)
+        start_us = latching.time_for_frames(board, messages)
         for place, message in enumerate(messages):
             board.link.stream(message, start_us + 1000 * (place // 2) - (2, 1)[place % 2])
         board.clock.wait_until(start_us + 1000 * len(frames))
@@ -315,11 +302,11 @@ def replace_in_period(
     if mode is m.TraceMode.OFF:
         return
     alone = {  # points, whose drive is that of the same points alone
-        place: latch_now(board, message)
+        place: latching.latch_now(board, message)
         for place, (_, message) in enumerate(frames)
         if points_of_stream_kind(message)
     }
-    seen = {x.index: x.crc for x in latches_received_from_board(board, since, mode)}
+    seen = {x.index: x.crc for x in latching.latches_received_from_board(board, since, mode)}
     for place, (_, message) in enumerate(frames):
         got = seen.get(number + 2 * place + 1)
         registers = m.drive_codes(message, board.identity.transducers)
@@ -333,7 +320,7 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     """frames of every two kinds that come at once, on a latch, with PLAY or STOP: one in a
     period
     """
-    mode = ask_for_board_latches(board)
+    mode = latching.ask_for_board_latches(board)
     kinds = stream_kinds(board)
     since = board.arm()
     for first, second in itertools.product(kinds, repeat=2):
@@ -341,13 +328,13 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
             wires = board.link.stream_wire(first.make()) + board.link.stream_wire(second.make())
             is_exact = board.wire.is_virtual
             boundary_us = board.clock.soon_us() if is_exact else board.clock.device_us()
-            send_to_arrive_at(board, boundary_us + off_us, wires)
+            latching.send_to_arrive_at(board, boundary_us + off_us, wires)
             board.clock.wait_latched()
     for kind in kinds:
         for off_us in board.sample(_ROUNDED_US):
             t_us = board.clock.soon_us(bytes(4000))
             board.link.stream(kind.make(), t_us)
-            send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
+            latching.send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
             board.clock.wait_latched()
     if board.has(m.Feature.SEQUENCE_PHASES):
         _play_and_stop_in_a_burst(board)
@@ -356,7 +343,7 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
 
 def _check_one_latch_a_period(board: BoardClient, since: int, mode: m.TraceMode, text: str) -> None:
     """FAILED if two latches from piece *since* on are in one carrier period."""
-    times = sorted(latch.t_us for latch in latches_received_from_board(board, since, mode))
+    times = sorted(latch.t_us for latch in latching.latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     told = f"of {len(times)} latches {len(near)} are in the carrier period of another"
     check(not near, f"{text}: {told}, at {near[:1]} µs")
@@ -396,7 +383,7 @@ def every_frame_behind_an_immediate_one(board: BoardClient) -> None:
 @_at_the_microsecond(variant="off")
 def every_output_off_between_two_latches(board: BoardClient) -> None:
     """a latch, the output off, ARM and a latch at one moment, on a latch: one in a period"""
-    mode = ask_for_board_latches(board)
+    mode = latching.ask_for_board_latches(board)
     for _ in board.wire.ways_of_mute():
         _judge_latches_around_offs(board, _OFFS_OF_BURST, mode)
 
@@ -406,14 +393,16 @@ def every_session_between_two_latches(board: BoardClient) -> None:
     """a latch, HELLO of a new session, ARM and a latch at one moment, on a latch: one in a
     period
     """
-    mode = ask_for_board_latches_if_supported(board, m.Feature.TRACE | m.Feature.TRACE_DRIVE)
+    mode = latching.ask_for_board_latches_if_supported(
+        board, m.Feature.TRACE | m.Feature.TRACE_DRIVE
+    )
     text = "the trace ring of a new session tells of no latch before it (HG-8.5/1)"
     require(mode is not m.TraceMode.OFF, text)
     _judge_latches_around_offs(board, (_HELLO,), mode)
 
 
 def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m.TraceMode) -> None:
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     played = (False, True) if board.has(m.Feature.SEQUENCE_PHASES) else (False,)
     for name, *plays in itertools.product(names, played, played):
         for off_us in board.sample(_ROUNDED_US):
@@ -432,7 +421,7 @@ def _judge_latches_around_off(
     rest = off + arm + _latch_in_a_burst(board, is_played=plays[1])
     if board.wire.is_virtual:
         board.clock.require_frames_in_carrier(len(rest), 2)
-    send_to_arrive_at(board, boundary_us + off_us, first + rest)
+    latching.send_to_arrive_at(board, boundary_us + off_us, first + rest)
     board.clock.wait_latched()
     _check_one_latch_a_period(board, since, mode, f"latch, {name}, ARM, latch at once")
     board.stop()
@@ -441,23 +430,23 @@ def _judge_latches_around_off(
 def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
     if not is_played:
         return board.link.stream_wire(board.flat_phases())
-    play = play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)
+    play = playback.play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)
     return board.link.request_wire(play, flags=m.Flag.IMMEDIATE)[0]
 
 
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:
     """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
-    send_phases_that_fit(board, _SEQUENCE, frames=2)
-    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
+    playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
+    play = playback.play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
     for off_us in board.sample(_ROUNDED_US):
         boundary_us = board.clock.soon_us(bytes(2000))
         wires = board.link.stream_wire(board.flat_phases())
         wires += board.link.request_wire(play, flags=m.Flag.IMMEDIATE)[0]
-        send_to_arrive_at(board, boundary_us + off_us, wires)
+        latching.send_to_arrive_at(board, boundary_us + off_us, wires)
         board.clock.wait_latched()
         board.stop()
         start_us = board.clock.soon_us(bytes(200))
-        play_at(board, _SEQUENCE, start_us, loops=0)
+        playback.play_at(board, _SEQUENCE, start_us, loops=0)
         passed_us = board.clock.soon_us(bytes(2000)) - start_us
         latch_us = start_us + -(-passed_us // play.period_us) * play.period_us
         # A board that is left alone for the whole of a long period may mute.
@@ -465,5 +454,5 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
         board.clock.device_us()
         stop, _ = board.link.request_wire(m.Stop())
         wires = stop + board.link.stream_wire(board.flat_phases())
-        send_to_arrive_at(board, latch_us + off_us, wires)
+        latching.send_to_arrive_at(board, latch_us + off_us, wires)
         board.clock.wait_latched()

@@ -9,14 +9,9 @@ from typing import Final
 from haptogram_protocol import messages as m
 
 from ...case import Depth, case
+from ...client import latching
 from ...client.board_client import BoardClient
 from ...client.capabilities import TRACE_MODES
-from ...client.latching import (
-    ask_for_board_latches_if_supported,
-    latch_now,
-    latches_received_from_board,
-    send_between_pings,
-)
 from ...client.recording import counter_steps
 from ...client.stream_kinds import (
     StreamKind,
@@ -49,7 +44,7 @@ def latches_frames_when_ready(board: BoardClient) -> None:
         for _ in range(_TRIES):
             message = kind.make()
             points = points_of_stream_kind(message)
-            around_us = send_between_pings(board, message)
+            around_us = latching.send_between_pings(board, message)
             board.clock.wait_latched()
             got_us = board.last_latch_us()
             ready = (board.clock.ready_us(t_us, points) for t_us in around_us)
@@ -88,12 +83,12 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
     board.arm()
     first = board.status()
     for _ in range(3):
-        latch_now(board, good)
+        latching.latch_now(board, good)
     t_us = board.clock.soon_us(bytes(3000), ahead_us=50_000)
     wires = [board.link.stream_wire(good, t_us + 1000 * number) for number in range(3)]
     board.link.send(*wires, board.link.stream_wire(good, t_us))  # the last one is not in order
     _check_accepted_stream_frames(first, board.status(), 6, queued=3)
-    latch_now(board, good)  # flushes three
+    latching.latch_now(board, good)  # flushes three
     _check_accepted_stream_frames(first, board.status(), 7, queued=0)
     t_us = board.clock.soon_us(bytes(3000), ahead_us=50_000)
     board.link.send(*(board.link.stream_wire(good, t_us + 1000 * number) for number in range(2)))
@@ -124,7 +119,7 @@ def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
 @case("HG-5.7/6", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def latches_frames_within_the_late_window(board: BoardClient) -> None:
     """with a window of 100 ms a frame 5 ms late is latched, counted in late, LATE in its trace"""
-    mode = ask_for_board_latches_if_supported(board)
+    mode = latching.ask_for_board_latches_if_supported(board)
     board.arm(late_window_us=_MOST_US, trace_mode=mode)
     late = _judge_margins(board, stream_kinds(board)[:1], (-5000, 1000))
     require(late > 0, "the host hit no late window")
@@ -154,12 +149,12 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
     for mode in _modes_of_trace(board):
         for kind in stream_kinds(board):
             since = board.arm(late_window_us=_MOST_US, trace_mode=mode)
-            first = latch_now(board, kind.make())
+            first = latching.latch_now(board, kind.make())
             late = _judge_margins(board, [kind], (-_MOST_US // 2,))
             require(late > 0, "the host hit no late window")
-            last = latch_now(board, kind.make())
+            last = latching.latch_now(board, kind.make())
             if mode is not m.TraceMode.OFF:
-                latches = latches_received_from_board(board, since, mode)
+                latches = latching.latches_received_from_board(board, since, mode)
                 others = [latch.late for latch in latches if latch.index in (first, last)]
                 text = f"{kind.name} at once, before and behind a late one, trace {mode.name}"
                 check_equal(others, [False, False], f"{text}: LATE is {others}")
@@ -246,7 +241,9 @@ def _judge_margin(board: BoardClient, kind: str, message: m.Message, ahead_us: i
     steps = counter_steps(before, after.counters)
     check_equal({counter: steps[counter] for counter in due}, due, f"{name}: counted")
     if mode is not m.TraceMode.OFF:
-        traced = [t for t in latches_received_from_board(board, since, mode) if t.index == index]
+        traced = [
+            t for t in latching.latches_received_from_board(board, since, mode) if t.index == index
+        ]
         flags = [latch.late for latch in traced]
         check_equal(flags, [] if dropped else [late], f"{name}: the trace has LATE {flags}")
     return got_us

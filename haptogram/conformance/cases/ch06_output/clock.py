@@ -7,10 +7,9 @@ from typing import Final
 from haptogram_protocol import messages as m
 
 from ...case import Depth, case, case_about_host
-from ...client import malformed_frames
+from ...client import latching, malformed_frames
 from ...client.board_client import BoardClient
 from ...client.board_clock import BOOT_US
-from ...client.latching import latch_timed
 from ...outcome import SELF_REPORTED, check, check_equal, require
 
 _LIMIT_US: Final = 10
@@ -101,7 +100,7 @@ def clock_counts_beyond_32_bits(board: BoardClient) -> None:
     board.clock.device_us()
     board.arm()
     for _ in range(4):
-        t_us = latch_timed(board)
+        t_us = latching.latch_timed(board)
         off_us = t_us % board.clock.carrier_us
         check(t_us > 2**32, f"the latch at {t_us} µs is not behind 2^32 µs")
         check_equal(off_us, 0, f"the latch at {t_us} µs is {off_us} µs past a carrier period")

@@ -18,18 +18,9 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
 from ...case import NOTHING, Case, Depth, case
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
-from ...client.latching import check_silent, latch_now
-from ...client.playback import (
-    PERIOD_US,
-    let_play,
-    period_to_play,
-    phases_that_fit,
-    play_now,
-    send_phases_to_store_if_supported,
-)
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import send_upload_chunks
 from ...judge import effects, events
 from ...judge.held_state import ANYTHING, Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import PENDING, STORED
@@ -127,7 +118,7 @@ def _add_chunk_for_effect(board: BoardClient) -> None:
 
 
 def _complete_upload_for_effect(board: BoardClient) -> None:
-    send_upload_chunks(board, pending_before_refusal(board))
+    uploads.send_upload_chunks(board, pending_before_refusal(board))
     board.link.ask(m.UploadCommit(PENDING))
 
 
@@ -277,7 +268,7 @@ def _effect_case(clause: str, variant: str) -> Case:
         some = [effect for effect in asked if board.has(effect.needs)]
         if not some:
             board.need(asked[0].needs)
-        send_phases_to_store_if_supported(board, STORED, frames=1)
+        playback.send_phases_to_store_if_supported(board, STORED, frames=1)
         for situation in (*refusal_situations(board), Situation(SILENT)):
             with named(situation.name):
                 _judge_effects(board, some, situation)
@@ -334,7 +325,7 @@ class Moment:
 
 
 def _output_with_queue(board: BoardClient) -> None:
-    latch_now(board)
+    latching.latch_now(board)
     OUTPUT_STATES[QUEUES](board)
     board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
 
@@ -347,11 +338,11 @@ def _output_in_ramp(board: BoardClient) -> None:
 
 def _output_of_playback(board: BoardClient) -> None:
     OUTPUT_STATES[PLAYING](board)
-    let_play(board, 5)
+    playback.let_play(board, 5)
 
 
 def _output_of_playback_in_ramp(board: BoardClient) -> None:
-    play_now(board, STORED, loops=0, unattended_ms=40)
+    playback.play_now(board, STORED, loops=0, unattended_ms=40)
     board.wire.idle(100 * _MS)
 
 
@@ -368,7 +359,7 @@ def _ramp_moment(
 
 _MOMENTS: Final = (
     Moment(SILENT, {}, OUTPUT_STATES[SILENT]),
-    Moment("sounding", {"hold_ms": _HOLD_MS}, latch_now, lasts_ms=_HOLD_MS),
+    Moment("sounding", {"hold_ms": _HOLD_MS}, latching.latch_now, lasts_ms=_HOLD_MS),
     Moment(QUEUES, {}, _output_with_queue, QUEUED_FRAMES),
     _ramp_moment("in the hold's ramp", {"hold_ms": 30}, _output_in_ramp, QUEUED_FRAMES),
     _ramp_moment("in a ramp of the lease", {"host_timeout_ms": 40}, _output_in_ramp, QUEUED_FRAMES),
@@ -434,7 +425,7 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
         due = OUTPUT_TRANSITIONS[OutputState.ARMED, end.event]
         board.check_status("behind it", state=due, queued=0 if is_over else moment.queued)
     if is_over:
-        check_silent(board, "behind it")
+        latching.check_silent(board, "behind it")
     _check_end_of_played_output(board, moment, since)
     if is_over:
         _check_output_stays_off(board, since, moment.config.get("hold_ms", 0) + _AFTER_MS)
@@ -452,12 +443,12 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
     board.link.barrier()
     told = [event for _, event in board.link.events(m.PlaybackEnded, since)]
-    stored = phases_that_fit(board, _STORED)
+    stored = playback.phases_that_fit(board, _STORED)
     check_equal(len(told), int(moment.frames is not None), f"{len(told)} PLAYBACK_ENDED")
     for event in told:
         least = moment.frames or 0
         if least > 1:
-            least = max(1, least * PERIOD_US // period_to_play(board))
+            least = max(1, least * playback.PERIOD_US // playback.period_to_play(board))
         least_most = least if moment.frames in (0, 1) else event.frames
         passes = event.frames // stored
         check_fields(event, "PLAYBACK_ENDED", sequence=STORED, loops=passes)
@@ -470,14 +461,14 @@ def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> No
     board.arm()
     with board.counting(latched=0):
         board.wire.idle(watch_ms * _MS)
-        check_silent(board, "behind it and ARM")
+        latching.check_silent(board, "behind it and ARM")
     late = [event.reason.name for _, event in board.link.events(m.StateChanged, since)[before:]]
     check(not late, f"ARMED again, {', '.join(late)} mutes the board")
 
 
 def _case_of_output_end(end: End) -> Case:
     def body(board: BoardClient) -> None:
-        send_phases_to_store_if_supported(board, STORED, frames=_STORED)
+        playback.send_phases_to_store_if_supported(board, STORED, frames=_STORED)
         for moment in _MOMENTS:
             if not board.has(moment.needs):
                 continue

@@ -11,14 +11,8 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import case, case_about_host, unobservable_case
+from ...client import latching
 from ...client.board_client import BoardClient
-from ...client.latching import (
-    check_silent,
-    client_drive_of_reply,
-    latch_now,
-    queue_frames,
-    read_back_radiated,
-)
 from ...outcome import EXTERNAL, SELF_REPORTED, check, check_fields
 from ..ch07_configuration.playback import judge_ended_playback
 
@@ -51,15 +45,15 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
     for state, header in itertools.product(_STATES, headers):
         board.bring_to(state)
         if state is OutputState.ARMED:
-            latch_now(board)
+            latching.latch_now(board)
         answer = board.link.ask_raw(m.Mute.TYPE, b"\x01\x02\x03", **header)
         text = f"MUTE with {header} while {state.name}"
         reply = board.link.reply_in(answer, m.MuteReply, m.Mute.TYPE)
         board.check_status(text, state=OutputState.MUTED)
         check_fields(reply, f"{text}: MUTE_REPLY", state=OutputState.MUTED)
         with board.counting(dropped_state=None, latched=0):
-            latch_now(board)
-        check_silent(board, "MUTE is acknowledged")
+            latching.latch_now(board)
+        latching.check_silent(board, "MUTE is acknowledged")
 
 
 def check_flushes(board: BoardClient, end: Callable[[], object]) -> None:
@@ -67,7 +61,7 @@ def check_flushes(board: BoardClient, end: Callable[[], object]) -> None:
     board.arm()
     t_us = board.clock.soon_us(bytes(2000), ahead_us=20_000)
     with board.counting(flushed=3, latched=0):
-        queue_frames(board, t_us, 3)
+        latching.queue_frames(board, t_us, 3)
         board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
         end()
         board.arm()
@@ -98,7 +92,7 @@ def mute_takes_the_reason(board: BoardClient) -> None:
     """MUTE, with and without a session, after a timer has muted: the reason becomes MUTE"""
     for session in (board.link.session, 0):
         board.arm(hold_ms=20)
-        latch_now(board)
+        latching.latch_now(board)
         board.wire.idle_beyond(40_000)
         board.check_status("the hold ran out", reason=MuteReason.HOLD_EXPIRED)
         board.mute(session=session)
@@ -120,14 +114,16 @@ def output_is_off_at_once(board: BoardClient) -> None:
     for message in (m.Mute(), m.Disarm(), board.hello_message(board.new_nonce())):
         board.prepare()
         board.arm()
-        latch_now(board)
-        check(read_back_radiated(board).loudest > 0, "a latch is not radiated")
+        latching.latch_now(board)
+        check(latching.read_back_radiated(board).loudest > 0, "a latch is not radiated")
         session = 0 if isinstance(message, m.Hello) else board.link.session
         order, _ = board.link.request_wire(message, session=session)
         board.link.session = getattr(message, "nonce", board.link.session)
         read = m.ReadDrive(m.DriveKind.RADIATED, 0, board.identity.transducers)
         *_, answer = board.link.exchange(order, board.link.request_wire(read)[0])
-        shown = client_drive_of_reply(board.link.reply_in(answer, m.DriveReply, m.ReadDrive.TYPE))
+        shown = latching.client_drive_of_reply(
+            board.link.reply_in(answer, m.DriveReply, m.ReadDrive.TYPE)
+        )
         check_fields(shown, f"right behind {message.TYPE.name}", loudest=0)
 
 
@@ -136,10 +132,10 @@ def output_is_off_unless_armed(board: BoardClient) -> None:
     """in DISARMED and MUTED nothing is radiated, whatever was latched before"""
     for message in (m.Mute(), m.Disarm()):
         board.arm()
-        latch_now(board)
+        latching.latch_now(board)
         board.link.ask(message)
         for _ in range(3):
-            check_silent(board, f"after {message.TYPE.name}")
+            latching.check_silent(board, f"after {message.TYPE.name}")
             board.wire.idle(20_000)
-        latch_now(board)
-        check_silent(board, f"after {message.TYPE.name} and a stream frame")
+        latching.latch_now(board)
+        latching.check_silent(board, f"after {message.TYPE.name} and a stream frame")

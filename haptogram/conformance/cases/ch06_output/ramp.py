@@ -11,14 +11,8 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
-from ...client.latching import FULL, check_silent, latch_now, read_back_radiated
-from ...client.playback import (
-    play_now,
-    send_phases_that_fit,
-    send_phases_to_store,
-    send_phases_to_store_if_supported,
-)
 from ...judge.ramps import judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import (
     HOLD,
@@ -83,7 +77,7 @@ def any_frame_renews_the_output_lease(board: BoardClient) -> None:
 def mutes_the_output_after_hold(board: BoardClient) -> None:
     """a sounding board whose stream stops is muted by the hold"""
     hold_ms, since = board.arm_with_timer("hold_ms", 60), board.link.mark()
-    latch_now(board)
+    latching.latch_now(board)
     timeout_us = (hold_ms + board.config.ramp_ms + 140) * _MS
     judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
     board.check_status("behind the hold", reason=MuteReason.HOLD_EXPIRED)
@@ -93,7 +87,7 @@ def mutes_the_output_after_hold(board: BoardClient) -> None:
 def output_ramps_do_not_rise(board: BoardClient) -> None:
     """during a ramp the amplitude in read-backs never rises"""
     board.arm(hold_ms=_HOLD_MS, ramp_ms=300)
-    latch_now(board)
+    latching.latch_now(board)
     ramp = judged_ramp(board, hold_ms=_HOLD_MS, ramp_ms=300)
     for before, after in itertools.pairwise(ramp):
         rises = [b for a, b in zip(before.amplitudes, after.amplitudes, strict=True) if b > a]
@@ -104,7 +98,7 @@ def output_ramps_do_not_rise(board: BoardClient) -> None:
 @case("HG-6.11/2", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_reach_silence(board: BoardClient) -> None:
     """the amplitude is full before a ramp, is that of a straight line within it, and then 0"""
-    _judge_output_ramp(board, FULL, 400, plays=False)
+    _judge_output_ramp(board, latching.FULL, 400, plays=False)
 
 
 @case("HG-6.11/3")
@@ -117,16 +111,25 @@ def hard_mute_has_no_ramp(board: BoardClient) -> None:
 def output_ramps_are_renewed(board: BoardClient) -> None:
     """a latch ends the ramp of the hold, a request does not; any frame ends the lease's ramp"""
     board.arm(hold_ms=_HOLD_MS, ramp_ms=600)
-    latch_now(board)
+    latching.latch_now(board)
     board.wire.idle(300 * _MS)
     board.link.barrier()
-    check(read_back_radiated(board).loudest < FULL, "a request ends the ramp of the hold")
-    latch_now(board)
-    check_fields(read_back_radiated(board), "a latch in the ramp of the hold", loudest=FULL)
+    check(
+        latching.read_back_radiated(board).loudest < latching.FULL,
+        "a request ends the ramp of the hold",
+    )
+    latching.latch_now(board)
+    check_fields(
+        latching.read_back_radiated(board), "a latch in the ramp of the hold", loudest=latching.FULL
+    )
     since = board.arm(host_timeout_ms=100, ramp_ms=600)
-    latch_now(board)
+    latching.latch_now(board)
     board.wire.idle(400 * _MS)
-    check_fields(read_back_radiated(board), "a frame in the ramp of the lease", loudest=FULL)
+    check_fields(
+        latching.read_back_radiated(board),
+        "a frame in the ramp of the lease",
+        loudest=latching.FULL,
+    )
     muted = board.link.events(m.StateChanged, since)
     check(not muted, "the lease muted the board before its ramp ended")
 
@@ -149,7 +152,7 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
     """a higher ceiling and another ramp_ms, set during a ramp, leave its line; a lower one cuts
     it
     """
-    steps = [{"ramp_ms": 500, "amplitude_ceiling": ceiling} for ceiling in (FULL, 20)]
+    steps = [{"ramp_ms": 500, "amplitude_ceiling": ceiling} for ceiling in (latching.FULL, 20)]
     _judge_ramp_with_settings(board, 100, steps, plays=False)
 
 
@@ -157,9 +160,9 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
 def output_ramps_end_playback(board: BoardClient) -> None:
     """at the end of a ramp a playback ends"""
     board.configure(hold_ms=50)
-    send_phases_that_fit(board, 1, frames=2)
+    playback.send_phases_that_fit(board, 1, frames=2)
     since = board.arm()
-    play_now(board, 1, loops=0, period_us=500_000)
+    playback.play_now(board, 1, loops=0, period_us=500_000)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
     board.due_event(m.PlaybackEnded, since, 50 * _MS, "a timer has muted the board")
 
@@ -172,8 +175,19 @@ def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
 
     An array of fewer transducers has the first of them.
     """
-    near = (FULL, ceiling + 1, ceiling, 0, ceiling - 1, FULL - 1, 2 * ceiling, 1, ceiling // 2, 2)
-    codes = list(dict.fromkeys(code for code in near if 0 <= code <= FULL))
+    near = (
+        latching.FULL,
+        ceiling + 1,
+        ceiling,
+        0,
+        ceiling - 1,
+        latching.FULL - 1,
+        2 * ceiling,
+        1,
+        ceiling // 2,
+        2,
+    )
+    codes = list(dict.fromkeys(code for code in near if 0 <= code <= latching.FULL))
     return bytes(codes[n % len(codes)] for n in range(count))
 
 
@@ -181,7 +195,7 @@ def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
 def every_ceiling_of_ramps(board: BoardClient) -> None:
     """ramps of amplitudes at and beside each ceiling, one of 2 s too: straight from begin to end"""
     played = board.has(m.Feature.SEQUENCE_PHASES)
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     at_wall = not board.wire.is_virtual
     played_ms = (_PLAYED_RAMPS_MS if at_wall else _RAMPS_MS) if played else {}
     for ceiling, ramp_ms in _RAMPS_MS.items():
@@ -203,11 +217,11 @@ def _latch_before_ramp(board: BoardClient, *, plays: bool) -> bytes:
     """Latch a stream frame, or play one; return its amplitudes."""
     count = board.identity.transducers
     if plays:
-        play_now(board, _SEQUENCE, loops=1)
+        playback.play_now(board, _SEQUENCE, loops=1)
         board.clock.wait_latched()
-        return bytes([FULL]) * count
+        return bytes([latching.FULL]) * count
     amplitudes = _amplitudes_in_ramps(board.config.amplitude_ceiling, count)
-    latch_now(board, m.Drives(bytes(count) + amplitudes))
+    latching.latch_now(board, m.Drives(bytes(count) + amplitudes))
     return amplitudes
 
 
@@ -232,7 +246,7 @@ def every_setting_within_a_ramp(board: BoardClient) -> None:
         {"host_timeout_ms": 1000},
         {"hold_ms": 1, "ramp_ms": 0},
     ]
-    ceilings = [{"amplitude_ceiling": ceiling} for ceiling in (FULL, 100, 101)]
+    ceilings = [{"amplitude_ceiling": ceiling} for ceiling in (latching.FULL, 100, 101)]
     steps = [*every_other_setting(board), *ceilings, *lengths]
     for plays in _sources_of_drives(board):
         # Behind the last ones the ramp ends: at its own time, whatever is in force.
@@ -256,7 +270,7 @@ def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
     """Yield whether a drive is played; at a wall clock streamed ones alone."""
     yield False
     if board.has(m.Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
-        send_phases_to_store(board, _SEQUENCE, frames=1)
+        playback.send_phases_to_store(board, _SEQUENCE, frames=1)
         yield True
 
 
@@ -294,10 +308,10 @@ def _length_of_long_ramp_ms(board: BoardClient) -> int:
 @case("HG-6.11/4-settings", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
     """a ramp that is undone leads to full amplitude below the ceiling that was set in it"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     timers = ["hold", "lease", "both", "both, the lease first"]
     timers += ["unattended"] if board.has(m.Feature.SEQUENCE_PHASES) else []
-    for first, then in ((100, FULL), (FULL, 100)):
+    for first, then in ((100, latching.FULL), (latching.FULL, 100)):
         for timer in timers if first < then or board.wire.is_virtual else timers[:1]:
             _undo_ramp_with_settings(board, timer, first, then)
 
@@ -315,9 +329,11 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
     board.hello()  # ends a playback
     board.arm(**long | short | {"amplitude_ceiling": first})
     if timer == "unattended":
-        play_now(board, _SEQUENCE, loops=0, period_us=9_000_000, unattended_ms=2 * _SHORT_MS)
+        playback.play_now(
+            board, _SEQUENCE, loops=0, period_us=9_000_000, unattended_ms=2 * _SHORT_MS
+        )
         board.clock.wait_latched()
-        latched = bytes([FULL]) * board.identity.transducers
+        latched = bytes([latching.FULL]) * board.identity.transducers
     else:
         latched = _latch_before_ramp(board, plays=False)
     latch_us = board.last_latch_us()
@@ -325,7 +341,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
     board.wire.idle(5 * _SHORT_MS * _MS)
     board.configure(**long | {"amplitude_ceiling": then})
     if timer == "hold":
-        latch_now(board, m.Drives(bytes(len(latched)) + latched))
+        latching.latch_now(board, m.Drives(bytes(len(latched)) + latched))
     if timer.startswith("both"):  # the hold has run out: the ramp goes on, as it began
         start_us = latch_us + short["hold_ms"] * _MS
         if "lease" in timer:
@@ -335,7 +351,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
         name = f"a ramp of {timer}, ceiling {first}, then {then}: "
         judge_straight_ramp(board, [reading], _LONG_MS, begins, name, cut=then)
         return
-    shown = read_back_radiated(board)
+    shown = latching.read_back_radiated(board)
     board.clock.require_before(latch_us + _LONG_MS * _MS, "a read-back in a ramp")
     due = _below_ceiling(latched, then)
     wrong = [(n, got) for n, got in enumerate(shown.amplitudes) if got != due[n]]
@@ -381,7 +397,7 @@ class TimerPair:
 
 def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> None:
     """Judge pairs of both other timers."""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     others = timer_kinds(board, LEASE, UNATTENDED)
     ramp_ms = min(_LONG_MS, _ramp_time_ms(board, length_ms))
     for other, is_hold_first, renewed in itertools.product(others, (True, False), renewed_by):
@@ -408,7 +424,7 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
         by_hold = pair.renewed_by == _FRAME or (pair.is_hold_first and not pair.renewed_by)
         timer = HOLD if by_hold else pair.other
         timer.judge(board, since, begins_us, pair.ramp_ms, timer.reason.name)
-    check_silent(board, "behind the end")
+    latching.check_silent(board, "behind the end")
     for kind, due in (m.StateChanged, 1), (m.PlaybackEnded, int(pair.other is UNATTENDED)):
         got = len(board.link.events(kind, since))
         check_equal(got, due, f"{got} {kind.TYPE.name}")
@@ -425,10 +441,10 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
     ahead_us = board.clock.on_carrier(_ramp_time_ms(board, _RENEWED_MS) * _MS)
     if pair.other is UNATTENDED:
         period_us = ahead_us if pair.renewed_by == _LATCH else SLOW_US
-        play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=other_ms)
+        playback.play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=other_ms)
         board.clock.wait_latched(0)
     else:
-        latch_now(board)
+        latching.latch_now(board)
     latch_us = board.last_latch_us()
     if pair.renewed_by == _LATCH and pair.other is LEASE:
         board.link.stream(board.flat_phases(), latch_us + ahead_us)

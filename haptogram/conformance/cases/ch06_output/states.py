@@ -11,19 +11,10 @@ from haptogram_protocol.rules import PLAYBACK
 from haptogram_protocol.state import MuteReason, OutputInput, OutputState
 
 from ...case import Depth, case
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYS
-from ...client.latching import check_silent, latch_now, queue_frames, read_back_radiated
-from ...client.playback import (
-    play_now,
-    play_out,
-    play_request,
-    send_phases_that_fit,
-    send_phases_to_store,
-    send_phases_to_store_if_supported,
-)
 from ...client.stream_kinds import valid_requests_to_send
-from ...client.uploads import require_room_for_upload
 from ...judge.effects import OUTPUT_REQUESTS, StateAndReason, state_and_reason_after
 from ...judge.timers import (
     HOLD,
@@ -72,8 +63,8 @@ def output_starts_disarmed(board: BoardClient) -> None:
     check_fields(board.hello(), "after a reset: HELLO_REPLY", state=OutputState.DISARMED)
     board.check_status("after a reset", state=OutputState.DISARMED)
     with board.counting(dropped_state=None, latched=0):
-        latch_now(board)
-    check_silent(board, "after a reset")
+        latching.latch_now(board)
+    latching.check_silent(board, "after a reset")
 
 
 @case("HG-6.2/1")
@@ -86,7 +77,7 @@ def follows_the_table_of_output_states(board: BoardClient) -> None:
 def plays_only_in_armed_state(board: BoardClient) -> None:
     """PLAY while DISARMED and MUTED is refused"""
     board.need(m.Feature.SEQUENCE_PHASES)
-    send_phases_that_fit(board, 1, frames=2)
+    playback.send_phases_that_fit(board, 1, frames=2)
     for state in (OutputState.DISARMED, OutputState.MUTED):
         board.bring_to(state)
         board.link.refused(m.Play(1, 1000, 1, 100), m.ErrorCode.BAD_STATE, int(state), flags=0x10)
@@ -122,9 +113,9 @@ def armed_output_is_silent_until_a_latch(board: BoardClient) -> None:
     """after a latch, DISARM and ARM nothing is radiated until the next latch"""
     for text in ("the first ARM", "ARM behind a latch and DISARM"):
         board.arm()
-        check_silent(board, text)
-        latch_now(board)
-        check(read_back_radiated(board).loudest > 0, "a latch is not radiated")
+        latching.check_silent(board, text)
+        latching.latch_now(board)
+        check(latching.read_back_radiated(board).loudest > 0, "a latch is not radiated")
         board.disarm()
 
 
@@ -132,15 +123,17 @@ def armed_output_is_silent_until_a_latch(board: BoardClient) -> None:
 def arms_again_in_armed_state(board: BoardClient) -> None:
     """ARM while ARMED keeps the queue and the drive"""
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
     t_us = board.clock.soon_us(board.bytes_of_frames(2))
     board.require_hold(t_us - board.clock.device_us(), "a slow line")
     with board.counting(latched=2, flushed=0):
-        queue_frames(board, t_us, 2)
+        latching.queue_frames(board, t_us, 2)
         board.arm()
         board.clock.end_exchange()
         if board.has(m.Feature.READ_RADIATED):
-            check(read_back_radiated(board).loudest > 0, "ARM while ARMED silences the board")
+            check(
+                latching.read_back_radiated(board).loudest > 0, "ARM while ARMED silences the board"
+            )
         board.clock.wait_until(t_us + 2000)
 
 
@@ -173,7 +166,7 @@ def every_input_in_every_output_state(board: BoardClient) -> None:
     """behind each reason of each state every input leads to the state and the reason that are
     due
     """
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     for bring, due in _origins_of_output_states(board):
         for one in _inputs_to_output_states(board):
             bring()
@@ -183,7 +176,7 @@ def every_input_in_every_output_state(board: BoardClient) -> None:
 @case("HG-6.4/4-origins", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_mute_in_every_output_state(board: BoardClient) -> None:
     """MUTE of every session or none, once and twice, behind each reason: state, events, counters"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     for bring, due in _origins_of_output_states(board):
         for way in board.wire.ways_of_mute():
             for name, sessions in _sessions_of_mutes():
@@ -269,7 +262,7 @@ def _new_session_for_output_state(board: BoardClient) -> None:
 def _sound_for_output_state(board: BoardClient) -> None:
     board.bring_to(OutputState.DISARMED)
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
 
 
 def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
@@ -277,9 +270,9 @@ def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
     long = {LEASE.name: 10_000, HOLD.name: 10_000}
     since = board.arm(**long | ({} if timer is UNATTENDED else {timer.name: _SHORT_MS}))
     if timer is UNATTENDED:
-        play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
+        playback.play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
     elif timer is HOLD:
-        latch_now(board)
+        latching.latch_now(board)
     judged_mute_by_timer(board, since, 1000 * _MS, timer.reason)
     board.configure()
 
@@ -292,9 +285,9 @@ def _inputs_to_output_states(board: BoardClient) -> Iterator[_Input]:
     yield "MUTE without a session", OutputInput.MUTE, partial(board.mute, session=0)
     yield "a new session", OutputInput.NEW_SESSION, board.hello
     yield "HELLO again", None, lambda: board.hello(board.link.session)
-    yield "a stream frame", None, lambda: latch_now(board)
+    yield "a stream frame", None, lambda: latching.latch_now(board)
     if board.has(m.Feature.SEQUENCE_PHASES):
-        play = play_request(board, _SEQUENCE, loops=1, unattended_ms=100)
+        play = playback.play_request(board, _SEQUENCE, loops=1, unattended_ms=100)
         yield "PLAY", None, partial(board.link.ask_at_once, play)
 
 
@@ -347,7 +340,7 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
     for text, since in _faults_in_every_state(board):
         board.check_status(text, queued=0, **_IN_FAULT)
         board.check_counted(before, text, {"flushed": QUEUED_FRAMES * text.endswith(QUEUES)})
-        check_silent(board, text)
+        latching.check_silent(board, text)
         ended, due = board.link.events(m.PlaybackEnded, since), (PLAYING, WAITS)
         check_equal(len(ended), text.endswith(due), f"{text}: {len(ended)} PLAYBACK_ENDED")
         before = board.status().counters
@@ -382,7 +375,7 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
 
 def _judge_inputs_in_fault(board: BoardClient, *, with_reason: bool) -> None:
     """FAILED unless in FAULT inputs lead where they have to, and DISARM leads out."""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     fault = OutputState.FAULT, MuteReason.FAULT
     again: _Input = "a second fault", None, partial(fail_hardware, board)
     for one in (*_inputs_to_output_states(board), again):
@@ -399,7 +392,7 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
     STATUS
     """
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
     fail_hardware(board)
     period_ms = board.quick_status_ms
     board.hello()
@@ -409,11 +402,11 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
             continue
         answer = board.link.ask_at_once(message)
         if isinstance(message, m.UploadBegin):
-            require_room_for_upload(message, answer)
+            uploads.require_room_for_upload(message, answer)
         is_refused = isinstance(answer.message, m.Error)
         text = f"{message.TYPE.name} in FAULT: {board.link.answer_text(answer)}"
         check(is_refused == isinstance(message, m.Arm | m.Play), text)
-    send_phases_to_store(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store(board, _SEQUENCE, frames=1)
     board.configure(status_period_ms=period_ms, late_window_us=777)
     since = board.link.mark()
     board.wire.idle(3 * period_ms * 1000 + 2 * _WAITED_MS * 1000)
@@ -425,5 +418,5 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
     board.configure()
     board.arm()
     with board.counting(latched=2):
-        latch_now(board)
-        play_out(board, _SEQUENCE, 1)
+        latching.latch_now(board)
+        playback.play_out(board, _SEQUENCE, 1)

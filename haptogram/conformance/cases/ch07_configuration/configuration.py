@@ -12,10 +12,9 @@ from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 from haptogram_protocol.rules import READ_BACKS, TRACE_CAPABILITIES
 
 from ...case import Depth, case
+from ...client import latching, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import drive_kinds
-from ...client.latching import latch_now, latch_timed, read_back, read_back_radiated
-from ...client.uploads import upload_correction
 from ...judge.refused_requests import OUT_OF_BOUNDS, other_config_than_judged
 from ...judge.timers import HOLD, LEASE, judge_ramp_with_configuration, judge_status_period
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, informational, require
@@ -123,7 +122,7 @@ def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
     text = f"the timers of this configuration take {longest_ms} ms"
     require(longest_ms <= _DEFAULT_MS, text)
     since = board.arm()
-    start_us = latch_timed(board)
+    start_us = latching.latch_timed(board)
     for timer, length_ms in ((HOLD, config.hold_ms), (LEASE, config.host_timeout_ms)):
         if timer is LEASE or config.hold_ms < config.host_timeout_ms:
             due_ms = length_ms + ramp_ms
@@ -147,7 +146,7 @@ def no_value_outlives_a_reset(board: BoardClient) -> None:
     other = board.link.call(m.SetConfig(_other_config_that_shows(board)), m.SetConfigReply)
     crc = other.config_crc
     if board.has(m.Feature.CORRECTION):
-        upload_correction(board)
+        uploads.upload_correction(board)
         assert board.correction is not None  # upload_correction
         crc = zlib.crc32(other.config.pack() + board.correction)
     if kept:
@@ -176,8 +175,8 @@ def _drives_as_configured(board: BoardClient) -> list[bytes]:
     """Return the drives latched and radiated for a point, or for phases: they tell the settings."""
     board.arm()
     has_points = board.has(m.Feature.POINTS)
-    latch_now(board, m.Points((_FOCUS,)) if has_points else board.flat_phases(0x40))
-    found = [read_back(board, kind) for kind in drive_kinds(board)]
+    latching.latch_now(board, m.Points((_FOCUS,)) if has_points else board.flat_phases(0x40))
+    found = [latching.read_back(board, kind) for kind in drive_kinds(board)]
     board.disarm()
     return [drive.phases + drive.amplitudes for drive in found]
 
@@ -190,7 +189,7 @@ def configuration_has_its_crc(board: BoardClient) -> None:
         corrections.append(board.random_registers())
     for correction in corrections:
         if board.has(m.Feature.CORRECTION):
-            upload_correction(board, correction)
+            uploads.upload_correction(board, correction)
         reply = board.link.call(m.GetConfig(), m.ConfigReply)
         due = zlib.crc32(reply.config.pack() + correction)
         for told in (reply, board.status(), board.hello()):
@@ -214,12 +213,12 @@ def refuses_configuration_of_other_traces(board: BoardClient) -> None:
 def adds_the_phase_correction(board: BoardClient) -> None:
     """the correction is added to the radiated phases, modulo 256; the latched drive stays"""
     registers, correction = board.random_registers(), board.random_registers()
-    upload_correction(board, correction)
+    uploads.upload_correction(board, correction)
     board.arm()
-    latch_now(board, board.phases(registers))
+    latching.latch_now(board, board.phases(registers))
     due = {"phases": registers, "amplitudes": b"\xff" * len(registers)}
     for codes in (correction, bytes(len(registers))):
-        upload_correction(board, codes)
+        uploads.upload_correction(board, codes)
         check_fields(judge_corrected_drive(board, codes, "PHASES"), "the latched drive", **due)
 
 
@@ -229,10 +228,12 @@ def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
     board.arm()
     for ceiling in (100, 1, 255):
         board.configure(amplitude_ceiling=ceiling)
-        latch_now(board)
-        loudest = read_back_radiated(board).loudest
+        latching.latch_now(board)
+        loudest = latching.read_back_radiated(board).loudest
         check(0 < loudest <= ceiling, f"ceiling {ceiling}: amplitude {loudest} is radiated")
-        check_equal(read_back(board).loudest, 255, f"ceiling {ceiling} changes the latched drive")
+        check_equal(
+            latching.read_back(board).loudest, 255, f"ceiling {ceiling} changes the latched drive"
+        )
 
 
 def _judge_span(board: BoardClient, whole: Sequence[m.Element], first: int, asked: int) -> None:

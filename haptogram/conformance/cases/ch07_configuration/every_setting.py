@@ -10,23 +10,11 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYS, SHOWN_RAMPS, trace_modes
-from ...client.latching import latch_now, latch_timed, read_back, read_back_radiated
-from ...client.playback import (
-    PERIOD_US,
-    await_playback_end,
-    let_play,
-    period_to_play,
-    play_now,
-    play_out,
-    send_phases_that_fit,
-    send_phases_to_store,
-    send_phases_to_store_if_supported,
-)
 from ...client.recording import counter_steps
 from ...client.stream_kinds import random_points_to_send, valid_requests_to_send
-from ...client.uploads import begin_upload, send_upload_chunks, upload_to_board
 from ...judge.events import judge_division
 from ...judge.refused_requests import requests_refused_by_link
 from ...judge.timers import (
@@ -63,13 +51,13 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
     latch
     """
     board.arm(amplitude_ceiling=255)
-    latch_now(board)
+    latching.latch_now(board)
     _judge_ceilings(board)
     if board.has(m.Feature.SEQUENCE_PHASES):
         board.configure()
-        send_phases_to_store(board, _SEQUENCE, frames=1)
-        play_now(board, _SEQUENCE, loops=1)
-        let_play(board, 2)
+        playback.send_phases_to_store(board, _SEQUENCE, frames=1)
+        playback.play_now(board, _SEQUENCE, loops=1)
+        playback.let_play(board, 2)
         board.wire.idle_beyond(0)
         _judge_ceilings(board)
 
@@ -78,17 +66,17 @@ def _judge_ceilings(board: BoardClient) -> None:
     """FAILED unless a drive is radiated as loud as each ceiling that is set meanwhile."""
     for ceiling in _CEILINGS:
         board.configure(amplitude_ceiling=ceiling)
-        check_fields(read_back_radiated(board), "a ceiling set meanwhile", loudest=ceiling)
+        check_fields(latching.read_back_radiated(board), "a ceiling set meanwhile", loudest=ceiling)
 
 
 @case("HG-7.1/3-speed", needs=_SHOWN | m.Feature.SEQUENCE_POINTS, evidence=SELF_REPORTED)
 def stored_points_take_the_configured_speed(board: BoardClient) -> None:
     """points stored before a new speed of sound are played with the new one"""
     frame = random_points_to_send(board)
-    upload_to_board(board, m.UploadKind.POINTS, _SEQUENCE, frame.serialize(), 1)
+    uploads.upload_to_board(board, m.UploadKind.POINTS, _SEQUENCE, frame.serialize(), 1)
     for speed in _SPEEDS_MM_S:
         board.arm(sound_speed_mm_s=speed)
-        play_out(board, _SEQUENCE, 1, period_us=period_to_play(board, 1))
+        playback.play_out(board, _SEQUENCE, 1, period_us=playback.period_to_play(board, 1))
         judge_points_read_back(board, frame, f"{speed / 1000:g} m/s")
 
 
@@ -97,9 +85,9 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
     """trace modes set one after the other while a sequence plays are each in force at once"""
     events = {m.TraceMode.CRC: m.TracePlayback, m.TraceMode.DRIVE: m.TraceDrive}
     modes = [m.TraceMode.OFF, *trace_modes(board)]
-    send_phases_that_fit(board, _SEQUENCE, frames=2)
+    playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.arm()
-    play_now(board, _SEQUENCE, loops=0, period_us=10 * _MS)
+    playback.play_now(board, _SEQUENCE, loops=0, period_us=10 * _MS)
     for mode in [*modes, *reversed(modes)]:
         board.configure(trace_mode=mode)
         since = board.link.mark()
@@ -148,7 +136,7 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
                 board.link.stream(frame, at_us)
                 board.configure(**before | changes)
                 board.clock.wait_until(at_us + 2 * board.clock.carrier_us)
-                shown = read_back(board)
+                shown = latching.read_back(board)
             late_us = board.clock.unwrap(shown.reply.t_latch_us) - at_us
             in_time = 0 <= late_us <= board.clock.carrier_us
             judge_in_time(board, in_time, f"{name}: latched {late_us} µs behind its time")
@@ -163,13 +151,13 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
 def configuration_leaves_a_playback(board: BoardClient) -> None:
     """a playback keeps its period, and an upload its bytes, whatever is set meanwhile"""
     count = board.identity.transducers
-    send_phases_that_fit(board, _SEQUENCE, frames=2)
+    playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
     other = board.random_registers()
-    begin_upload(board, m.UploadKind.PHASES, _SEQUENCE + 1, other)
+    uploads.begin_upload(board, m.UploadKind.PHASES, _SEQUENCE + 1, other)
     period_us = board.clock.on_carrier(board.wire.period_us(4 * (2 * count + 200), 20 * _MS))
     board.arm()
     since, before = board.link.mark(), board.status().counters
-    play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=10_000)
+    playback.play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=10_000)
     board.clock.wait_latched(0)
     begun = board.status()  # of the second frame or a later one, if the host was held up
     latched = counter_steps(before, begun.counters)["latched"]
@@ -185,7 +173,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
         check_fields(status, f"{name}: STATUS_REPLY", state=OutputState.ARMED)
     asked_us = board.clock.device_us() - board.clock.carrier_us
     board.stop()
-    ended = await_playback_end(board, since, 0)
+    ended = playback.await_playback_end(board, since, 0)
     header, _ = board.link.events(m.PlaybackEnded, since)[0]
     least, most = (
         (t_us - first_us) // period_us + 1
@@ -193,29 +181,29 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     )
     text = f"{ended.frames} frames were played, {least} to {most} were due up to STOP"
     check(least <= ended.frames <= most, text)
-    send_upload_chunks(board, other)
+    uploads.send_upload_chunks(board, other)
     board.link.call(m.UploadCommit(_SEQUENCE + 1), m.UploadCommitReply)
 
 
 @case("HG-8.4/1-requests", needs=_DIVIDES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def requests_leave_the_configured_division(board: BoardClient) -> None:
     """requests between latches, carried out and refused, leave the division as it runs"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     since = board.arm(trace_mode=m.TraceMode.DRIVE, trace_divider=_DIVIDER)
     latches = []
     for message in (*valid_requests_to_send(board, _SEQUENCE), m.Mute(), m.Arm()):
         if isinstance(message, m.SetConfig | m.Play | m.UploadBegin):
             continue
-        latches.append(latch_now(board))
+        latches.append(latching.latch_now(board))
         board.link.ask(message)
         if isinstance(message, m.Disarm | m.Stop | m.Mute):
             board.arm()
     for refusal in requests_refused_by_link(board):
-        latches.append(latch_now(board))
+        latches.append(latching.latch_now(board))
         board.link.ask_raw(refusal.kind, refusal.payload, **{"session": 0} | dict(refusal.header))
     for _ in range(_DIVIDER):
         board.hello(board.link.session)
-        latches.append(latch_now(board))
+        latches.append(latching.latch_now(board))
     judge_division(board, since, [m.LatchKey(0, 0, index) for index in latches], _DIVIDER)
 
 
@@ -254,8 +242,8 @@ def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
 
 
 def _start_played_hold(board: BoardClient) -> int:
-    play_now(board, _SEQUENCE, loops=1, period_us=PERIOD_US)
-    board.wire.idle(5 * PERIOD_US)
+    playback.play_now(board, _SEQUENCE, loops=1, period_us=playback.PERIOD_US)
+    board.wire.idle(5 * playback.PERIOD_US)
     return board.last_latch_us()
 
 
@@ -290,9 +278,9 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
     ramps: list[dict[str, Any]] = [{"ramp_ms": 0}]
     if board.has(m.Feature.AMPLITUDE):
         ramps += [{"ramp_ms": 90}, {"ramp_ms": 90, "hold_ms": _LENGTH_MS - 50}]
-    starts: list[Callable[[BoardClient], int]] = [latch_timed]
+    starts: list[Callable[[BoardClient], int]] = [latching.latch_timed]
     if board.has(m.Feature.SEQUENCE_PHASES):
-        send_phases_that_fit(board, _SEQUENCE, frames=2)
+        playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
         starts.append(_start_played_hold)
     lengths: list[tuple[int, dict[str, Any]]] = [
         (_LENGTH_MS, {"hold_ms": _LENGTH_MS - 50}),
@@ -333,7 +321,7 @@ def _lease_with_configuration(
     since = board.link.mark()
     begun_us = timer.start(board, length_ms, **before)
     if timer is LEASE:
-        latch_now(board)
+        latching.latch_now(board)
     board.wire.idle(_BEFORE_MS * _MS)
     asked_us = board.clock.device_estimate_us()
     start_us = _set_configuration_alone(board, **after)

@@ -11,27 +11,10 @@ from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.rules import READ_BACKS
 
 from ...case import Depth, case
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import drive_kinds, trace_modes
-from ...client.latching import (
-    ask_for_board_latches_if_supported,
-    drive_crc,
-    full_client_drive,
-    latch_now,
-    latch_random,
-    latches_received_from_board,
-    read_back,
-    read_drive,
-    read_ring,
-)
-from ...client.playback import (
-    play_later,
-    play_out,
-    send_phases_to_store,
-    shortest_period_to_play_us,
-)
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import upload_correction
 from ...judge.events import played_keys
 from ...judge.refused_requests import STORED
 from ...judge.witness import expect_witnessed_drive, judge_nothing_read_back
@@ -71,19 +54,19 @@ class _TraceRing:
 
     def store(self) -> None:
         """Store a sequence of random drives."""
-        self.stored = send_phases_to_store(self.board, _SEQUENCE, frames=_FRAMES)
+        self.stored = playback.send_phases_to_store(self.board, _SEQUENCE, frames=_FRAMES)
 
     def latch(self, number: int = 1) -> None:
         """Latch so many random drives of the stream."""
         first = self.board.link.stream_next
-        for place, codes in enumerate(latch_random(self.board, number)):
-            self.due.append((m.LatchKey(0, 0, first + place), drive_crc(codes)))
+        for place, codes in enumerate(latching.latch_random(self.board, number)):
+            self.due.append((m.LatchKey(0, 0, first + place), latching.drive_crc(codes)))
 
     def play(self, loops: int = 1, least_us: int = 1000) -> None:
         """Play the stored sequence to its end."""
-        period_us = shortest_period_to_play_us(self.board, least_us)
-        play_out(self.board, _SEQUENCE, _FRAMES, loops=loops, period_us=period_us)
-        crcs = itertools.cycle(map(drive_crc, self.stored))
+        period_us = playback.shortest_period_to_play_us(self.board, least_us)
+        playback.play_out(self.board, _SEQUENCE, _FRAMES, loops=loops, period_us=period_us)
+        crcs = itertools.cycle(map(latching.drive_crc, self.stored))
         self.due += zip(played_keys(_SEQUENCE, _FRAMES, loops), crcs, strict=False)
 
     def go_through(self, event: str) -> None:
@@ -107,7 +90,7 @@ class _TraceRing:
 
     def judge(self, first: int, count: int, held: Sequence[int], name: str = "") -> None:
         """FAILED unless READ_TRACE shows those of the latches *held* by the ring that it names."""
-        reply = read_ring(self.board, first, count)
+        reply = latching.read_ring(self.board, first, count)
         name = f"{name}READ_TRACE of {count} from {first}"
         check_fields(reply, name, oldest=held[0], next=len(self.due))
         numbers = [number for number in held if first <= number < first + count][:_FIT]
@@ -118,7 +101,7 @@ class _TraceRing:
     def judge_holes(self, name: str, least: int) -> None:
         """FAILED unless each READ_TRACE shows what the ring holds: the latches from *least* on."""
         total = len(self.due)
-        held = [record.number for record in read_ring(self.board).records]
+        held = [record.number for record in latching.read_ring(self.board).records]
         is_due = held == sorted(set(held)) and held[least - total :] == list(range(least, total))
         text = f"{name}: the ring holds the latches {held}"
         check(is_due, f"{text}, due are {least} to {total - 1}, each once")
@@ -134,7 +117,7 @@ def ring_keeps_the_last(board: BoardClient) -> None:
     check(size > 0, "TRACE_RING is advertised, trace_ring is 0")
     board.arm(trace_mode=m.TraceMode.RING)
     ring, loops = _TraceRing(board), size // _FRAMES + 3
-    lasts_us = loops * _FRAMES * shortest_period_to_play_us(board, 100)
+    lasts_us = loops * _FRAMES * playback.shortest_period_to_play_us(board, 100)
     is_long = size > _RING_TRIED or lasts_us > _FILLED_US
     if is_long or not board.has(m.Feature.SEQUENCE_PHASES):
         ring.latch(20)
@@ -152,10 +135,10 @@ def ring_counts_every_mode(board: BoardClient) -> None:
     total = 0
     for mode in [*modes, *reversed(modes)]:
         board.arm(trace_mode=mode)
-        latch_now(board, board.flat_phases(total))
-        index = latch_now(board, board.flat_phases(total + 1))
+        latching.latch_now(board, board.flat_phases(total))
+        index = latching.latch_now(board, board.flat_phases(total + 1))
         total += 2
-        reply = read_ring(board)
+        reply = latching.read_ring(board)
         check_fields(reply, f"{mode.name}: TRACE_REPLY", next=total)
         if mode is m.TraceMode.RING:
             last = [(record.number, record.key.index) for record in reply.records[-2:]]
@@ -225,7 +208,7 @@ def reads_back_a_span(board: BoardClient) -> None:
     """READ_DRIVE of one, some and too many transducers shows those from first on"""
     board.need_any(READ_BACKS)
     registers = board.random_registers()
-    due = full_client_drive(registers)
+    due = latching.full_client_drive(registers)
     judge_spans(board, drive_kinds(board)[0], board.phases(registers), due)
 
 
@@ -246,11 +229,11 @@ def judge_spans(
         if board.wire.now_us() - latched_us > 250 * board.config.hold_ms:
             board.arm_anew()
             latched_us = board.wire.now_us()
-            latch_now(board, frame)
-            whole = read_back(board, kind)
+            latching.latch_now(board, frame)
+            whole = latching.read_back(board, kind)
             same = due in (None, whole.phases + whole.amplitudes)
             check(same, f"READ_DRIVE({kind.name}) shows other codes than were sent")
-        reply = read_drive(board, kind, first, count)
+        reply = latching.read_drive(board, kind, first, count)
         end = min(first + count, total)
         codes = whole.phases[first:end] + whole.amplitudes[first:end]
         text = f"READ_DRIVE({kind.name}) of {count} from {first}"
@@ -270,17 +253,17 @@ def reads_back_no_more(board: BoardClient) -> None:
 @case("HG-8.6/3", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def reads_back_one_latch(board: BoardClient) -> None:
     """codes, key and time of a read-back belong to one latch, as in trace and STATUS"""
-    mode = ask_for_board_latches_if_supported(board, m.Feature.TRACE)
+    mode = latching.ask_for_board_latches_if_supported(board, m.Feature.TRACE)
     board.arm()
     for _ in range(8):
         index, since = board.link.stream_next, board.link.mark()
-        (registers,) = latch_random(board, 1)
-        shown = read_back(board)
+        (registers,) = latching.latch_random(board, 1)
+        shown = latching.read_back(board)
         expect_witnessed_drive(board, shown, registers, b"\xff" * len(registers))
         last = {"key": m.LatchKey(0, 0, index), "t_latch_us": board.status().last_latch_us}
         check_fields(shown.reply, "DRIVE_REPLY", **last)
         if mode is not m.TraceMode.OFF:
-            seen = latches_received_from_board(board, since, mode)[-1:]
+            seen = latching.latches_received_from_board(board, since, mode)[-1:]
             check_equal([latch.crc for latch in seen], [shown.crc], "CRC-32 in trace and read-back")
 
 
@@ -291,7 +274,7 @@ def reads_back_one_latch(board: BoardClient) -> None:
 def reads_back_nothing_first(board: BoardClient) -> None:
     """before the first latch of a session codes, key and time are 0"""
     board.arm()
-    latch_random(board, 1)
+    latching.latch_random(board, 1)
     board.hello()
     judge_nothing_read_back(board, m.DriveKind.LATCHED, "behind the session before")
 
@@ -303,7 +286,7 @@ def _wait_with_a_frame(board: BoardClient) -> None:
 
 def _wait_with_a_playback(board: BoardClient) -> None:
     board.arm()
-    play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=2000)
+    playback.play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=2000)
 
 
 def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
@@ -314,7 +297,7 @@ def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
     yield "with a frame that waits", _wait_with_a_frame
     yield "MUTED", lambda board: board.mute()
     if board.has(m.Feature.CORRECTION):
-        yield "with another correction", upload_correction
+        yield "with another correction", uploads.upload_correction
     if board.has(m.Feature.SEQUENCE_PHASES):
         yield "with a playback that waits", _wait_with_a_playback
     yield "DISARMED", BoardClient.disarm
@@ -329,7 +312,7 @@ def every_empty_read_back(board: BoardClient) -> None:
     if board.has(m.Feature.CONFIG | m.Feature.AMPLITUDE):
         board.configure(amplitude_ceiling=_CEILING)
     if board.has(m.Feature.CORRECTION):
-        upload_correction(board)
+        uploads.upload_correction(board)
     for before, leave in output_states(board):
         board.arm()
         leave(board)

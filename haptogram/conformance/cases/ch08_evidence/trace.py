@@ -9,28 +9,11 @@ from typing import Any, Final
 from haptogram_protocol import messages as m
 
 from ...case import Depth, case
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import drive_kinds, trace_modes
 from ...client.drive_paths import drive_paths, registers_asked_for
-from ...client.latching import (
-    ask_for_board_latches,
-    drive_crc,
-    full_client_drive,
-    latch_in_time,
-    latch_now,
-    latch_random,
-    latches_received_from_board,
-    read_back,
-    read_ring,
-)
-from ...client.playback import (
-    flood_with_traces,
-    play_out,
-    send_phases_to_store,
-    send_phases_to_store_if_supported,
-)
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import upload_correction
 from ...judge.events import judge_division, played_keys
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, named, require
 from .read_back import judge_spans
@@ -67,7 +50,7 @@ def traces_by_its_mode(board: BoardClient) -> None:
     """of 6 latches the trace modes OFF and RING report none, CRC and DRIVE report 6"""
     for mode in trace_modes(board, *m.TraceMode):
         since = board.arm(trace_mode=mode)
-        latch_random(board, 6)
+        latching.latch_random(board, 6)
         got, due = _trace_events(board, since), 6 * (mode in (m.TraceMode.CRC, m.TraceMode.DRIVE))
         check(got == due, f"trace_mode {mode.name}: {got} events of 6 latches, due are {due}")
 
@@ -86,10 +69,10 @@ def every_trace_undivided(board: BoardClient) -> None:
 
 def _latch_and_play(board: BoardClient, number: int) -> list[m.LatchKey]:
     """Latch so many frames, then two passes of a sequence where it is taken; return the keys."""
-    due = [m.LatchKey(0, 0, latch_now(board)) for _ in range(number)]
+    due = [m.LatchKey(0, 0, latching.latch_now(board)) for _ in range(number)]
     if board.has(m.Feature.SEQUENCE_PHASES):
-        send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
-        play_out(board, _SEQUENCE, _FRAMES, loops=2)
+        playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+        playback.play_out(board, _SEQUENCE, _FRAMES, loops=2)
         due += played_keys(_SEQUENCE, _FRAMES, 2)
     return due
 
@@ -99,14 +82,14 @@ def _judge_traced_keys(
 ) -> None:
     """FAILED unless the latches that are traced are these, in order, or the last in the ring."""
     due = due[-board.identity.trace_ring :] if mode is m.TraceMode.RING else due
-    got = [latch.key for latch in latches_received_from_board(board, since, mode)]
+    got = [latch.key for latch in latching.latches_received_from_board(board, since, mode)]
     check_equal(got, due, f"mode {mode.name}: keys of {len(due)} latches")
 
 
 @case("HG-8.2/1", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def trace_keys_are_unique(board: BoardClient) -> None:
     """40 stream latches across 0xFFFF and two passes of a sequence have unique keys"""
-    mode = ask_for_board_latches(board)
+    mode = latching.ask_for_board_latches(board)
     since = board.arm()
     _judge_traced_keys(board, since, mode, _latch_and_play(board, 40))
 
@@ -132,12 +115,14 @@ def _judge_latch_times(board: BoardClient, mode: m.TraceMode, offsets_us: Sequen
     for offset_us in offsets_us:
         board.hello()
         since = board.arm(trace_mode=mode)
-        due_us = board.clock.on_carrier(latch_in_time(board, board.flat_phases(), offset_us))
+        due_us = board.clock.on_carrier(
+            latching.latch_in_time(board, board.flat_phases(), offset_us)
+        )
         times = {"STATUS": [board.last_latch_us()]}
         if board.has(m.Feature.READ_LATCHED):
-            shown_us = read_back(board).reply.t_latch_us
+            shown_us = latching.read_back(board).reply.t_latch_us
             times["DRIVE_REPLY"] = [board.clock.unwrap(shown_us)]
-        latches = latches_received_from_board(board, since, mode)
+        latches = latching.latches_received_from_board(board, since, mode)
         times[mode.name] = [latch.t_us for latch in latches]
         check_equal(times, {name: [due_us] for name in times}, "times of one latch")
 
@@ -148,11 +133,11 @@ def no_latch_before_time(board: BoardClient) -> None:
     latch
     """
     board.arm(trace_mode=m.TraceMode.RING)
-    latch_now(board)
+    latching.latch_now(board)
     before = board.status()
     t_us = board.clock.soon_us(bytes(2000), ahead_us=50_000)
     board.link.stream(board.flat_phases(), t_us)
-    waiting, ring = board.status(), read_ring(board)
+    waiting, ring = board.status(), latching.read_ring(board)
     board.clock.end_exchange()
     last = before.last_seq
     due = {"last_seq": last, "last_latch_us": before.last_latch_us}
@@ -160,7 +145,9 @@ def no_latch_before_time(board: BoardClient) -> None:
     check_fields(waiting.counters, "a frame that waits", latched=before.counters.latched)
     check_fields(ring, "before latch 1: the ring", next=1)
     if board.has(m.Feature.READ_LATCHED):
-        check_fields(read_back(board).reply.key, "a frame waits: the key read back", index=last)
+        check_fields(
+            latching.read_back(board).reply.key, "a frame waits: the key read back", index=last
+        )
     board.clock.wait_until(t_us + 200)
 
 
@@ -168,7 +155,7 @@ def no_latch_before_time(board: BoardClient) -> None:
 def drives_there_in_time(board: BoardClient) -> None:
     """read-backs right behind the time that the trace tells of a latch show its drive"""
     board.arm(trace_mode=m.TraceMode.CRC)
-    latch_now(board)
+    latching.latch_now(board)
     size = len(board.link.request_wire(m.Ping(0))[0])
     for moment_us in _MOMENTS_US:
         index, since = board.link.stream_next, board.link.mark()
@@ -183,7 +170,7 @@ def drives_there_in_time(board: BoardClient) -> None:
         pong = board.link.reply_in(answers[0], m.Pong)
         told = board.link.reply_in(answers[1], m.DriveReply).key.index
         board.clock.wait_until(t_us + 500)
-        latches = latches_received_from_board(board, since, m.TraceMode.CRC)
+        latches = latching.latches_received_from_board(board, since, m.TraceMode.CRC)
         (latch,) = (latch for latch in latches if latch.index == index)
         behind_us = board.clock.unwrap(pong.t_rx_us) - latch.t_us
         text = f"frame {index}, by its trace: a read-back {behind_us} µs later shows frame {told}"
@@ -199,12 +186,14 @@ def traces_hash_the_drive(board: BoardClient) -> None:
     sequence
     """
     since = board.arm(trace_mode=m.TraceMode.CRC, amplitude_ceiling=99)
-    drives = latch_random(board, 8)
+    drives = latching.latch_random(board, 8)
     if board.has(m.Feature.SEQUENCE_PHASES):
-        drives += send_phases_to_store(board, 3, frames=3)
-        play_out(board, 3, 3)
-    got = [latch.crc for latch in latches_received_from_board(board, since, m.TraceMode.CRC)]
-    check_equal(got, list(map(drive_crc, drives)), "TRACE: CRC-32 of the drives sent")
+        drives += playback.send_phases_to_store(board, 3, frames=3)
+        playback.play_out(board, 3, 3)
+    got = [
+        latch.crc for latch in latching.latches_received_from_board(board, since, m.TraceMode.CRC)
+    ]
+    check_equal(got, list(map(latching.drive_crc, drives)), "TRACE: CRC-32 of the drives sent")
 
 
 @case("HG-8.4/1", needs=m.Feature.TRACE_DRIVE | m.Feature.CONFIG, evidence=SELF_REPORTED)
@@ -215,13 +204,13 @@ def traces_every_third(board: BoardClient) -> None:
         if anew:
             board.hello()
         since, first = board.arm(), board.link.stream_next
-        drives = latch_random(board, 10)
+        drives = latching.latch_random(board, 10)
         judge_division(board, since, [m.LatchKey(0, 0, first + n) for n in range(10)], 3)
         events = _trace_events(board, since)
         check_equal(events, 4, "a trace of another kind reports latches as well")
         for _, event in board.link.events(m.TraceDrive, since):
             number = event.key.index - first
-            same = event.data == full_client_drive(drives[number])
+            same = event.data == latching.full_client_drive(drives[number])
             check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")
 
 
@@ -229,7 +218,7 @@ def traces_every_third(board: BoardClient) -> None:
 def traces_delay_nothing(board: BoardClient) -> None:
     """while traces fill the line all of 400 frames are latched at the highest rate, in time"""
     before = board.status().counters
-    _, frames = flood_with_traces(board)
+    _, frames = playback.flood_with_traces(board)
     board.check_counted(before, f"{frames} frames", {"latched": frames})
     times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(m.TraceDrive)]
     start = times[0] if times else 0
@@ -241,7 +230,7 @@ def traces_delay_nothing(board: BoardClient) -> None:
 def traces_give_way(board: BoardClient) -> None:
     """traces that find no room are counted in trace_dropped; PONG and PLAYBACK_ENDED get through"""
     before = board.status().counters
-    seen, frames = flood_with_traces(board)
+    seen, frames = playback.flood_with_traces(board)
     dropped = board.counted_since(before)["trace_dropped"]
     text = f"{frames} latches: {seen} TRACE_DRIVE came, {dropped} are counted as dropped"
     check_equal(seen + dropped, frames, text)
@@ -253,7 +242,7 @@ def _show_under_ceiling(board: BoardClient, **changes: Any) -> None:
     if board.has(m.Feature.AMPLITUDE):
         changes = {"amplitude_ceiling": _CEILING} | changes
     if board.has(m.Feature.CORRECTION):
-        upload_correction(board)
+        uploads.upload_correction(board)
     board.configure(**changes)
 
 
@@ -268,11 +257,11 @@ def every_trace_shows_the_latched_drive(board: BoardClient) -> None:
         for path in drive_paths(board):
             since = board.link.mark()
             due = registers_asked_for(board, path.latch())
-            shown = read_back(board)
+            shown = latching.read_back(board)
             name = f"{path.name}, trace {mode.name}"
             if due is not None:
                 check_equal((shown.phases, shown.amplitudes), due, f"{name}: drive read back")
-            seen = latches_received_from_board(board, since, mode)
+            seen = latching.latches_received_from_board(board, since, mode)
             crcs = [latch.crc for latch in seen[-1:]]
             check_equal(crcs, [shown.crc], f"{name}: CRC-32 of the drive read back")
 
@@ -293,7 +282,7 @@ def every_span_under_a_ceiling(board: BoardClient) -> None:
 @case("HG-8.3/2-ramp", needs=_DIMMED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_trace_in_a_ramp(board: BoardClient) -> None:
     """latches in a ramp, and while the ceiling is 0 and changes, are traced as they are latched"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=4)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=4)
     for mode in trace_modes(board):
         for ceiling in (0, _CEILING):
             # The host is silent, so that the lease's ramp goes on while queued frames are latched.
@@ -307,10 +296,10 @@ def every_trace_in_a_ramp(board: BoardClient) -> None:
             board.link.send(*(board.link.stream_wire(frame, t_us) for frame, t_us in frames))
             board.clock.end_exchange()
             board.wire.idle(max(0, times[-1] + 5 * _MS - board.clock.device_estimate_us()))
-            seen = latches_received_from_board(board, since, mode)
+            seen = latching.latches_received_from_board(board, since, mode)
             got = [latch.crc for latch in seen if latch.index >= first]
             text = f"trace {mode.name}, ceiling {ceiling}, during a ramp: other drives"
-            check_equal(got, list(map(drive_crc, registers)), text)
+            check_equal(got, list(map(latching.drive_crc, registers)), text)
 
 
 @case("HG-8.3/2-keys", needs=_PLAYED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -321,20 +310,22 @@ def every_trace_of_like_keys(board: BoardClient) -> None:
     for mode in trace_modes(board):
         board.hello()
         since, due = board.arm(trace_mode=mode), []
-        stored = {number: send_phases_to_store(board, number, frames=1) for number in _ALIKE}
+        stored = {
+            number: playback.send_phases_to_store(board, number, frames=1) for number in _ALIKE
+        }
         for step in _STEPS_WITH_LIKE_KEYS:
             if step is None:
-                latch_random(board, 1)
+                latching.latch_random(board, 1)
                 continue
             number, is_new = step
             if is_new:
-                stored[number] = send_phases_to_store(board, number, frames=1)
-            play_out(board, number, 1)
-            due.append(drive_crc(stored[number][0]))
+                stored[number] = playback.send_phases_to_store(board, number, frames=1)
+            playback.play_out(board, number, 1)
+            due.append(latching.drive_crc(stored[number][0]))
             if board.has(m.Feature.READ_LATCHED):
                 name = f"trace {mode.name}: sequence {number}, read back"
-                check_fields(read_back(board), name, crc=due[-1])
-        seen = latches_received_from_board(board, since, mode)
+                check_fields(latching.read_back(board), name, crc=due[-1])
+        seen = latching.latches_received_from_board(board, since, mode)
         got = [latch.crc for latch in seen if latch.sequence]
         check_equal(got, due, f"trace {mode.name}: CRC-32 of playbacks of one frame")
 
@@ -344,15 +335,15 @@ def every_division_starts_anew(board: BoardClient) -> None:
     """a divider counts the latches of stream and playback from SET_CONFIG and from HELLO on,
     each
     """
-    send_phases_to_store(board, _SEQUENCE, frames=2)
+    playback.send_phases_to_store(board, _SEQUENCE, frames=2)
     for before, name in itertools.product(range(4), ("SET_CONFIG", "HELLO")):
         board.arm(trace_mode=m.TraceMode.DRIVE, trace_divider=3)
-        latch_random(board, before)
+        latching.latch_random(board, before)
         if name == "HELLO":
             board.hello()
         else:
             board.configure(trace_mode=m.TraceMode.DRIVE, trace_divider=3)
         since = board.arm()
-        keys = [m.LatchKey(0, 0, latch_now(board)), *played_keys(_SEQUENCE, 2, 3)]
-        play_out(board, _SEQUENCE, 2, loops=3)
+        keys = [m.LatchKey(0, 0, latching.latch_now(board)), *played_keys(_SEQUENCE, 2, 3)]
+        playback.play_out(board, _SEQUENCE, 2, loops=3)
         judge_division(board, since, keys, 3, f"{before} latches, {name}, ")

@@ -13,11 +13,9 @@ from typing import Final
 from haptogram_protocol import messages as m
 
 from ...case import Depth, case
-from ...client import malformed_frames
+from ...client import latching, malformed_frames, playback
 from ...client.board_client import BoardClient
-from ...client.latching import latch_now, latch_random, read_ring, send_between_pings
 from ...client.malformed_frames import malformed_by_counter
-from ...client.playback import flood_with_traces, send_phases_to_store_if_supported
 from ...client.stream_kinds import points_of_stream_kind, stream_kinds, valid_requests_to_send
 from ...judge.events import judge_event_numbers
 from ...judge.refused_requests import judged_refusal, requests_refused_by_link
@@ -64,7 +62,7 @@ def keeps_its_status_counters(board: BoardClient) -> None:
 
 def _check_nothing_clears_counters(board: BoardClient) -> None:
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
     board.link.stream(board.flat_phases(), seq=board.link.stream_next - 1)
     board.link.send(*malformed_by_counter(board.link).values())
     before = board.status().counters
@@ -118,15 +116,15 @@ def every_counter_of_66000(board: BoardClient) -> None:
 @case("HG-3.6/2-requests", needs=_TRACES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_request_leaves_event_numbers(board: BoardClient) -> None:
     """behind every request, refusal and repeated HELLO events and stream frames go on by 1"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     since, names = board.arm(trace_mode=m.TraceMode.CRC), ["ARM"]
     before = board.status().counters
-    latch_now(board)
+    latching.latch_now(board)
     for name, send in _requests_at_events(board):
         send()
         names.append(name)
         board.arm()
-        latch_now(board)
+        latching.latch_now(board)
     board.check_counted(before, "stream frames without a gap", {"gap": 0, "duplicate": 0})
     latches = [trace.index for _, trace in board.link.events(m.Trace, since)]
     for place, (one, two) in enumerate(itertools.pairwise(latches)):
@@ -150,16 +148,16 @@ def _requests_at_events(board: BoardClient) -> Iterator[tuple[str, Callable[[], 
 @case("HG-8.5/1-kept", needs=_RING, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_request_leaves_the_ring(board: BoardClient) -> None:
     """the ring keeps its latches over every request, MUTE, timer and HELLO again of the session"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.arm(trace_mode=m.TraceMode.RING)
-    latch_random(board, 3)
-    before = read_ring(board, 0, 3).records
+    latching.latch_random(board, 3)
+    before = latching.read_ring(board, 0, 3).records
     check_equal(len(before), 3, f"the ring holds {len(before)} of 3 latches")
     for name, happen in _counter_preserving_events(board):
         if not name.startswith("a new session"):
             happen()
             board.configure(trace_mode=m.TraceMode.RING)
-            check_equal(read_ring(board, 0, 3).records, before, f"the ring after {name}")
+            check_equal(latching.read_ring(board, 0, 3).records, before, f"the ring after {name}")
 
 
 # --- Counters ----------------------------------------------------------------------------------
@@ -169,7 +167,7 @@ def every_request_leaves_the_ring(board: BoardClient) -> None:
 def every_counter_outlives_everything(board: BoardClient) -> None:
     """every counter that can be moved outlives every request, session, playback and timer"""
     _move_all_counters(board)
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     before = board.status().counters
     for name, happen in 2 * list(_counter_preserving_events(board)):
         happen()  # the second time behind a timer's mute
@@ -211,7 +209,7 @@ def _move_all_counters(board: BoardClient) -> None:
         board.clock.wait_latched()
         _run_out_lease(board)
     if board.has(_FLOODS):
-        flood_with_traces(board)
+        playback.flood_with_traces(board)
 
 
 def _run_out_lease(board: BoardClient) -> None:
@@ -294,7 +292,7 @@ def margins_count_from_ready(board: BoardClient) -> None:
         board.clock.wait_latched()
         t_us = board.clock.soon_us(bytes(2000), ahead_us=500 * _MS)
         board.status()
-        from_us, to_us = send_between_pings(board, message, t_us)
+        from_us, to_us = latching.send_between_pings(board, message, t_us)
         due_us = t_us - from_us - board.clock.ready_us(0, points_of_stream_kind(message))
         _check_margins(board.status(), 1, due_us, due_us, to_us - from_us)
         board.mute()  # or the next frame would not be in order
@@ -305,7 +303,7 @@ def margins_count_from_ready(board: BoardClient) -> None:
 def every_request_keeps_margins(board: BoardClient) -> None:
     """margins outlive every request but GET_STATUS: a new session, MUTE, PLAY and all the others"""
     board.require_no_status()
-    send_phases_to_store_if_supported(board, _STORED, frames=2)
+    playback.send_phases_to_store_if_supported(board, _STORED, frames=2)
     messages = [
         one for one in valid_requests_to_send(board, _STORED) if not isinstance(one, m.GetStatus)
     ]

@@ -11,33 +11,11 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
+from ...client import latching, playback, uploads
 from ...client.board_client import PARTS_OF_FRAMES, BoardClient
 from ...client.capabilities import drive_kinds, trace_modes
-from ...client.latching import (
-    ClientLatch,
-    full_client_drive,
-    latch_in_time,
-    latch_now,
-    latch_random,
-    latch_timed,
-    latches_received_from_board,
-    read_back,
-)
-from ...client.playback import (
-    await_playback_end,
-    let_play,
-    most_periods_to_play,
-    period_to_play,
-    play_at,
-    play_later,
-    play_now,
-    play_out,
-    send_phases_to_store,
-    send_phases_to_store_if_supported,
-)
 from ...client.recording import counter_steps
 from ...client.stream_kinds import valid_requests_to_send
-from ...client.uploads import upload_correction
 from ...judge.timers import HOLD, judge_status_period, judged_mute_by_timer
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields
 
@@ -102,7 +80,7 @@ def status_begins_with_nothing(board: BoardClient) -> None:
     board.arm()
     for _ in range(2):
         board.check_status("before the first latch", last_seq=0, last_latch_us=0)
-        index = latch_now(board)
+        index = latching.latch_now(board)
         found = board.check_status("behind a latch", last_seq=index)
         check(found.last_latch_us != 0, "last_latch_us is 0 after a latch")
         board.hello()
@@ -123,7 +101,9 @@ def _read_last_latch(board: BoardClient) -> dict[str, object]:
     """Return what status and read-back tell of the last latch, by its name."""
     status = board.status()
     told: dict[str, object] = {"seq": status.last_seq, "latch_us": status.last_latch_us}
-    return told | ({"read": read_back(board).reply} if board.has(m.Feature.READ_LATCHED) else {})
+    return told | (
+        {"read": latching.read_back(board).reply} if board.has(m.Feature.READ_LATCHED) else {}
+    )
 
 
 def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -135,11 +115,11 @@ def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
     yield "a frame for later", lambda: stream(frame, board.clock.ahead_us(_FAR_US))
     yield "a late frame", lambda: stream(frame, board.clock.device_us() - _FAR_US)
     if board.has(m.Feature.SEQUENCE_PHASES):
-        wait = partial(play_later, loops=1, unattended_ms=5000)
+        wait = partial(playback.play_later, loops=1, unattended_ms=5000)
         yield "a playback that waits", partial(wait, board, _SEQUENCE, 3_000_000)
         yield "STOP before its start", board.stop
     if board.has(m.Feature.CORRECTION):
-        yield "a correction", partial(upload_correction, board)
+        yield "a correction", partial(uploads.upload_correction, board)
     if board.has(m.Feature.CONFIG):
         yield "the hold that mutes", partial(_run_out_hold, board)
     for last in (m.Mute(), m.Arm(), m.Disarm()):
@@ -164,24 +144,24 @@ def _check_last_latch_stays(board: BoardClient, name: str) -> None:
 @case("HG-9.1/2-stays", evidence=SELF_REPORTED)
 def every_latchless_event(board: BoardClient) -> None:
     """last_seq, last_latch_us, key and codes of the last latch stay until the next latch"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.arm()
     index = board.link.stream_next
-    latch_random(board, 1)
+    latching.latch_random(board, 1)
     _check_last_latch_stays(board, "a stream frame")
     if not board.has(m.Feature.SEQUENCE_PHASES):
         return
     for ended in ("by itself", "by STOP"):
         board.arm()
         if ended == "by itself":
-            play_out(board, _SEQUENCE, 1, loops=3)
+            playback.play_out(board, _SEQUENCE, 1, loops=3)
         else:
-            play_now(board, _SEQUENCE, loops=0)
-            let_play(board, 5)
+            playback.play_now(board, _SEQUENCE, loops=0)
+            playback.let_play(board, 5)
             board.stop()
         board.check_status("after a playback", last_seq=index)
         if board.has(m.Feature.READ_LATCHED):
-            key = read_back(board).reply.key
+            key = latching.read_back(board).reply.key
             due = m.LatchKey(_SEQUENCE, 2 if ended == "by itself" else key.loop, 0)
             check_equal(key, due, f"the key after passes of 1 frame, ended {ended}")
         _check_last_latch_stays(board, f"a playback that ended {ended}")
@@ -244,38 +224,41 @@ def _latch_and_replace(board: BoardClient, frame: m.Message) -> None:
 def _latch_and_flush(board: BoardClient, frame: m.Message) -> None:
     """Latch at once a frame that flushes one for later."""
     board.link.stream(board.flat_phases(), board.clock.ahead_us(2_000_000))
-    latch_now(board, frame)
+    latching.latch_now(board, frame)
 
 
 def _play_at_once(board: BoardClient, _: m.Message) -> None:
     since = board.link.mark()
-    play_now(board, _SEQUENCE, loops=_LOOPS)
+    playback.play_now(board, _SEQUENCE, loops=_LOOPS)
     _await_end(board, since)
 
 
 def _play_in_time(board: BoardClient, _: m.Message) -> None:
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(500), ahead_us=5 * _MS)
-    play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
+    playback.play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
     _await_end(board, since)
 
 
 def _await_end(board: BoardClient, since: int) -> None:
     latches = _LOOPS * _FRAMES
     traces_us = board.wire.period_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
-    await_playback_end(board, since, latches * period_to_play(board) + traces_us)
+    playback.await_playback_end(board, since, latches * playback.period_to_play(board) + traces_us)
 
 
 def _paths_of_latches(board: BoardClient) -> Iterator[_Path]:
     """Yield every path to a latch that the board has."""
-    yield _Path("a frame latched at once", latch_now)
-    yield _Path("a frame latched in time", latch_in_time)
+    yield _Path("a frame latched at once", latching.latch_now)
+    yield _Path("a frame latched in time", latching.latch_in_time)
     if board.has(m.Feature.CONFIG):
         yield _Path("a late frame", _latch_late, (1, 1, 1, 0))
     if board.clock.carrier_us > 1:
         yield _Path("a frame that replaces another", _latch_and_replace, (2, 1, 0, 1))
     yield _Path("a frame that flushes another", _latch_and_flush, (2, 1, 0, 1))
-    frames, most = _LOOPS * _FRAMES, most_periods_to_play(board, period_to_play(board))
+    frames, most = (
+        _LOOPS * _FRAMES,
+        playback.most_periods_to_play(board, playback.period_to_play(board)),
+    )
     if board.has(m.Feature.SEQUENCE_PHASES) and most > frames:
         for name, play in (("at once", _play_at_once), ("in time", _play_in_time)):
             yield _Path(f"a sequence played {name}", play, (0, frames, 0, 0), plays=True)
@@ -285,7 +268,7 @@ def _last_stored_frame(board: BoardClient) -> bytes:
     """Store a sequence where the board takes any; return its last frame."""
     if not board.has(m.Feature.SEQUENCE_PHASES):
         return b""
-    return send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)[-1]
+    return playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)[-1]
 
 
 # --- Cases -------------------------------------------------------------------------------------
@@ -318,7 +301,7 @@ def _judge_latch_on_path(
     _check_status(before, after, path, last, text)
     _check_drives(board, after, last, text)
     if mode is not m.TraceMode.OFF:
-        latches = latches_received_from_board(board, since, mode)
+        latches = latching.latches_received_from_board(board, since, mode)
         last_us = board.clock.unwrap(after.last_latch_us)
         _check_traces(latches, path, last, last_us, text)
 
@@ -337,12 +320,14 @@ def _check_status(
 def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, text: str) -> None:
     for kind in drive_kinds(board):
         due = {"key": last.key, "t_latch_us": after.last_latch_us}
-        due |= {"data": full_client_drive(last.registers)}
-        check_fields(read_back(board, kind).reply, f"{text}: READ_DRIVE({kind.name})", **due)
+        due |= {"data": latching.full_client_drive(last.registers)}
+        check_fields(
+            latching.read_back(board, kind).reply, f"{text}: READ_DRIVE({kind.name})", **due
+        )
 
 
 def _check_traces(
-    latches: list[ClientLatch], path: _Path, last: _LastLatch, last_us: int, text: str
+    latches: list[latching.ClientLatch], path: _Path, last: _LastLatch, last_us: int, text: str
 ) -> None:
     _, latched, late, _ = path.counted
     new = latches[-latched:]
@@ -356,17 +341,19 @@ def every_latch_restarts_the_hold(board: BoardClient) -> None:
     """a latch of every path begins the hold anew: it ends hold_ms behind the last latch"""
     stored = _last_stored_frame(board)
     # A path waits for two frames, twice as long as the line needs, behind a third of the hold.
-    wait_us = 2 * period_to_play(board) + 4 * board.clock.lead_us  # two latches of a playback
+    wait_us = (
+        2 * playback.period_to_play(board) + 4 * board.clock.lead_us
+    )  # two latches of a playback
     size = 8 * len(board.flat_phases().serialize())
     hold_ms = min(10_000, board.clock.timer_ms(_HOLD_MS + wait_us // _MS, size))
     board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
     for path in _paths_of_latches(board):
         since = board.arm()
-        begun_us = latch_timed(board)
+        begun_us = latching.latch_timed(board)
         board.wire.idle(hold_ms * _MS // 3)
         _latch_on_path(board, path, stored)
         start_us = board.last_latch_us()
-        first_us = start_us - (path.counted[1] - 1) * period_to_play(board)
+        first_us = start_us - (path.counted[1] - 1) * playback.period_to_play(board)
         last_us = begun_us + (hold_ms - 50) * _MS
         board.clock.require_before(last_us, "a latch within the hold", first_us)
         HOLD.judge(board, since, start_us, hold_ms, f"hold_ms = {hold_ms}, behind {path.name}")

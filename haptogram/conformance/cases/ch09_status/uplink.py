@@ -8,14 +8,9 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
+from ...client import playback
 from ...client.board_client import BoardClient
 from ...client.capabilities import trace_modes
-from ...client.playback import (
-    flood_with_traces,
-    play_now,
-    send_phases_that_fit,
-    shortest_period_to_play_us,
-)
 from ...client.request_client import LONGEST_BURST_BYTES
 from ...judge.events import judge_event_numbers
 from ...outcome import SELF_REPORTED, check
@@ -45,7 +40,7 @@ def free_bytes_are_free(board: BoardClient) -> None:
 def uplink_keeps_event_numbers(board: BoardClient) -> None:
     """events count up without a gap, even where traces were dropped at the board"""
     since = board.link.mark()
-    flood_with_traces(board)
+    playback.flood_with_traces(board)
     judge_event_numbers(board, board.wire.received[since:])
 
 
@@ -63,14 +58,14 @@ def _flood_uplink(board: BoardClient, mode: m.TraceMode) -> None:
     period_ms = board.quick_status_ms
     board.configure(trace_mode=mode, status_period_ms=period_ms)
     board.hello()
-    send_phases_that_fit(board, _SEQUENCE, frames=2)
+    playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.arm()
     before = board.status().counters
-    period_us = board.clock.on_carrier(shortest_period_to_play_us(board))
+    period_us = board.clock.on_carrier(playback.shortest_period_to_play_us(board))
     alone_ms = min(_STATUS_TOLD * period_ms + period_ms // 2, board.identity.max_unattended_ms)
     since = board.link.mark()
     start_us = board.clock.device_us()  # an answer behind the first traces may wait for the line
-    play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
+    playback.play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
     board.wire.look_away((alone_ms + 5) * _MS)
     timeout_us = 20 * alone_ms * _MS
     for event in (m.StateChanged, m.PlaybackEnded):
@@ -92,7 +87,7 @@ def full_uplink_keeps_numbers(board: BoardClient) -> None:
     """a host reads nothing until no event finds room: numbers of every kind go on without a gap"""
     plays = board.has(m.Feature.SEQUENCE_PHASES)
     if plays:
-        send_phases_that_fit(board, _SEQUENCE, frames=2)
+        playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
     for state in (OutputState.DISARMED, OutputState.ARMED):
         _fill_uplink(board, state, m.TraceMode.OFF)
     for mode in trace_modes(board, *_TRACES) if plays else ():
@@ -112,7 +107,7 @@ def _fill_uplink(board: BoardClient, state: OutputState, mode: m.TraceMode) -> N
     board.bring_to(state)
     since, before = board.link.mark(), board.status().counters
     if mode is not m.TraceMode.OFF:
-        play_now(board, _SEQUENCE, loops=0, period_us=_TRACED_US, unattended_ms=alone_ms)
+        playback.play_now(board, _SEQUENCE, loops=0, period_us=_TRACED_US, unattended_ms=alone_ms)
     board.wire.look_away((_SILENT_MS + 5 * period_ms) * _MS)
     board.link.barrier()
     board.wire.idle(3 * period_ms * _MS)

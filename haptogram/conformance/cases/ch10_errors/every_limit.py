@@ -11,13 +11,8 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.rules import CONFIG_BOUNDS
 
 from ...case import Case, Depth, case
+from ...client import playback, uploads
 from ...client.board_client import BoardClient
-from ...client.playback import (
-    least_period_us,
-    play_request,
-    send_phases_to_store,
-)
-from ...client.uploads import SEQUENCES, announce_upload, upload_forms
 from ...outcome import SELF_REPORTED, check_equal, named
 
 _SEQUENCE: Final = 5
@@ -61,7 +56,7 @@ def _settings_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _sizes_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    for form in upload_forms(board, _SEQUENCE):
+    for form in uploads.upload_forms(board, _SEQUENCE):
         if not form.target:
             continue
         unit = form.frame_bytes
@@ -95,9 +90,9 @@ def _commits_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 def _begin_upload_with_limits(board: BoardClient) -> int:
     """Begin an upload of a sequence, and return its bytes."""
-    form = upload_forms(board, _SEQUENCE)[0]
+    form = uploads.upload_forms(board, _SEQUENCE)[0]
     size = min(_SIZE_FRAMES, form.most_frames(board)) * form.frame_bytes
-    announce_upload(board, form.request(size))
+    uploads.announce_upload(board, form.request(size))
     return size
 
 
@@ -113,15 +108,15 @@ def _elements_beyond_limits(
 
 def _play_within_limits(board: BoardClient) -> m.Play:
     """Return a PLAY that an ARMED board carries out."""
-    send_phases_to_store(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store(board, _SEQUENCE, frames=1)
     board.arm()
-    return play_request(board, _SEQUENCE, loops=1, unattended_ms=1000)
+    return playback.play_request(board, _SEQUENCE, loops=1, unattended_ms=1000)
 
 
 def _sequences_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
     right = _play_within_limits(board)
     for sequence in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["sequence"]):
-        if sequence not in SEQUENCES:
+        if sequence not in uploads.SEQUENCES:
             wrong = dataclasses.replace(right, sequence=sequence)
             header = {"flags": int(m.Flag.IMMEDIATE)}
             yield f"sequence {sequence:#06x}", wrong, m.ErrorCode.NOT_FOUND, None, header
@@ -131,7 +126,7 @@ def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
     right, identity, bad = _play_within_limits(board), board.identity, m.ErrorCode.BAD_VALUE
     header = {"flags": int(m.Flag.IMMEDIATE)}
     bounds = {
-        "period_us": (least_period_us(board), (1 << _WIDTHS["period_us"]) - 1),
+        "period_us": (playback.least_period_us(board), (1 << _WIDTHS["period_us"]) - 1),
         "unattended_ms": (1, identity.max_unattended_ms),
     }
     for name, (least, most) in bounds.items():

@@ -13,20 +13,10 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case, case_about_host
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import TRACED_PLAYS
-from ...client.latching import latch_now
-from ...client.playback import (
-    let_play,
-    phases_that_fit,
-    play_now,
-    play_out,
-    send_phases_that_fit,
-    send_phases_to_store_if_supported,
-    shortest_period_to_play_us,
-)
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
-from ...client.uploads import begin_upload, send_upload_chunks, upload_correction
 from ...judge.events import judge_event_numbers
 from ...judge.held_state import Held, held_state_changes, judged_held_state
 from ...judge.refused_requests import (
@@ -102,7 +92,7 @@ def error_refusals_change_nothing(board: BoardClient) -> None:
         board.link.refused_raw(0x43, b"", m.ErrorCode.STALE_SESSION, session=board.link.session ^ 3)
         board.link.refused(m.GetGeometry(0xFFFF, 1), m.ErrorCode.NOT_FOUND)
         board.clock.wait_until(t_us + 100)
-        latch_now(board)
+        latching.latch_now(board)
     board.check_status("a refusal", state=OutputState.ARMED)
     found = board.link.call(m.GetConfig(), m.ConfigReply)
     check_equal(found, config, "a refusal has changed the configuration")
@@ -124,7 +114,7 @@ def stream_gets_no_error(board: BoardClient) -> None:
 @case("HG-10.2/1")
 def uses_the_right_error_codes(board: BoardClient) -> None:
     """each refusal of an ARMED board has the code that SPEC.md gives; none is BUSY"""
-    send_phases_to_store_if_supported(board, STORED, frames=1)
+    playback.send_phases_to_store_if_supported(board, STORED, frames=1)
     board.arm()
     board.link.refused_raw(0x7B, b"", m.ErrorCode.UNSUPPORTED, 0x7B)
     _judge_error_codes(board, requests_refused_while_armed(board))
@@ -147,7 +137,7 @@ class Situation:
         _set_before_refusal(board)
         board.arm()
         if self.name != PLAYING_SLOWLY:
-            latch_now(board, stream_kinds(board)[-1].make())
+            latching.latch_now(board, stream_kinds(board)[-1].make())
         last_us = OUTPUT_STATES[self.name](board)
         return last_us if self.name == QUEUES else 0
 
@@ -173,7 +163,7 @@ def _set_before_refusal(board: BoardClient) -> None:
     board.link.stream_next += _GAP  # numbers of more than 16 bits
     board.link.stream(board.shortest_stream(), flags=_UNKNOWN_FLAG)
     if board.has(m.Feature.CORRECTION) and not any(board.correction or b""):
-        upload_correction(board)
+        uploads.upload_correction(board)
     if board.has(m.Feature.CONFIG):
         louder = {"ramp_ms": 33, "amplitude_ceiling": 77} if board.has(m.Feature.AMPLITUDE) else {}
         ring = {"trace_mode": m.TraceMode.RING} if board.has(m.Feature.TRACE_RING) else {}
@@ -185,14 +175,14 @@ def _set_before_refusal(board: BoardClient) -> None:
 def pending_before_refusal(board: BoardClient) -> bytes:
     """Return the bytes of the upload that is under way in every situation."""
     count = board.identity.transducers
-    frames = phases_that_fit(board, _FRAMES) if count >= _GAP_BYTES else _FRAMES
+    frames = playback.phases_that_fit(board, _FRAMES) if count >= _GAP_BYTES else _FRAMES
     return bytes(number % 251 for number in range(frames * count))
 
 
 def _begin_upload_before_refusal(board: BoardClient) -> bytes:
     """Begin the upload, send its first byte, and return all of its bytes."""
     data = pending_before_refusal(board)
-    begin_upload(board, m.UploadKind.PHASES, PENDING, data)
+    uploads.begin_upload(board, m.UploadKind.PHASES, PENDING, data)
     board.link.call(m.UploadChunk(0, data[:1]), m.UploadChunkReply)
     return data
 
@@ -210,7 +200,7 @@ def refusal_situations(board: BoardClient) -> Iterator[Situation]:
 @case("HG-10.1/1-types", evidence=SELF_REPORTED)
 def every_refusal_changes_nothing(board: BoardClient) -> None:
     """queue, output, playback, upload, margins, settings, ring: no refused request changes them"""
-    send_phases_to_store_if_supported(board, STORED, frames=1)
+    playback.send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         _judge_refusals_in_situation(board, situation)
         if board.has(m.Feature.SEQUENCE_PHASES):
@@ -257,7 +247,7 @@ def held_after_refusals(
 def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
     """FAILED unless the upload under way can be completed, and both sequences are played."""
     data = pending_before_refusal(board)
-    send_upload_chunks(board, data)
+    uploads.send_upload_chunks(board, data)
     taken = board.link.ask(m.UploadCommit(PENDING)).message
     check(
         isinstance(taken, m.UploadCommitReply), f"{name}: the upload cannot be committed any more"
@@ -266,8 +256,8 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
     for sequence, frames in ((STORED, 1), (PENDING, len(data) // board.identity.transducers)):
         board.arm()
         with board.counting(latched=frames):
-            play_now(board, sequence, loops=1)
-            let_play(board, frames + 1)
+            playback.play_now(board, sequence, loops=1)
+            playback.let_play(board, frames + 1)
             board.wire.idle_beyond(0)
 
 
@@ -276,7 +266,7 @@ def every_mismatch_leaves_the_upload(board: BoardClient) -> None:
     """an upload outlives a commit that is refused with CRC_MISMATCH: the right bytes complete it"""
     data = _begin_upload_before_refusal(board)
     damaged = bytes([data[0] ^ 0x40]) + data[1:]
-    send_upload_chunks(board, damaged)
+    uploads.send_upload_chunks(board, damaged)
     since = board.link.mark()
     before = judged_held_state(board, since)
     for _ in range(2):
@@ -293,7 +283,7 @@ def every_refusal_leaves_the_timers(board: BoardClient) -> None:
     """behind a refusal of every kind lease and unattended time have their own lengths and
     reasons
     """
-    send_phases_to_store_if_supported(board, STORED, frames=1)
+    playback.send_phases_to_store_if_supported(board, STORED, frames=1)
     for plays in (False, True) if board.has(m.Feature.SEQUENCE_PHASES) else (False,):
         playing = Situation(PLAYING_SLOWLY).refusals
         refusals = list(playing(board) if plays else requests_refused_while_armed(board))
@@ -309,9 +299,9 @@ def _judge_timer_behind_refusals(
     board.hello()
     since = board.arm(host_timeout_ms=2 * lease_ms if plays else lease_ms, hold_ms=10_000)
     if plays:
-        play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=lease_ms)
+        playback.play_now(board, STORED, loops=0, period_us=_PERIOD_US, unattended_ms=lease_ms)
     else:
-        latch_now(board)
+        latching.latch_now(board)
     for refusal in refusals:
         judged_refusal(board, refusal)
     start_us = board.clock.device_us()
@@ -323,7 +313,7 @@ def _judge_timer_behind_refusals(
 @case("HG-10.2/1-types")
 def every_refusal_has_its_error_code(board: BoardClient) -> None:
     """a request of every type, refused for every reason, gets the code of that reason"""
-    send_phases_to_store_if_supported(board, STORED, frames=1)
+    playback.send_phases_to_store_if_supported(board, STORED, frames=1)
     queued = Situation(QUEUES)
     queued.bring(board)
     _judge_error_codes(board, list(queued.refusals(board)))
@@ -337,7 +327,7 @@ def _allowed_readings(board: BoardClient) -> list[m.Message]:
 @case("HG-10.2/1-moments", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_reading_is_always_answered(board: BoardClient) -> None:
     """requests that only ask are answered while streaming, playing, waiting, DISARMED and MUTED"""
-    send_phases_to_store_if_supported(board, STORED, frames=1)
+    playback.send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
         for message in _allowed_readings(board):
@@ -354,7 +344,7 @@ def every_setting_changes_only_itself(board: BoardClient) -> None:
     """a field set while frames wait, a sequence plays or an upload is under way changes only
     itself
     """
-    send_phases_to_store_if_supported(board, STORED, frames=1)
+    playback.send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         last_us, before = brought_to_refusal(board, situation)
         other = other_config_than_judged(board)
@@ -390,10 +380,10 @@ def every_speed_is_told_by_hello(board: BoardClient) -> None:
 @case("HG-3.6/2-events", needs=TRACED_PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_event_of_many_is_numbered(board: BoardClient) -> None:
     """2200 events of one session count up by 1: more than 11 bits of their numbers are kept"""
-    send_phases_that_fit(board, STORED, frames=2)
+    playback.send_phases_that_fit(board, STORED, frames=2)
     board.configure(trace_mode=m.TraceMode.CRC)
     board.hello()
-    since, period_us = board.arm(), shortest_period_to_play_us(board, 500)
-    play_out(board, STORED, 2, loops=_EVENTS // 2, period_us=period_us)
+    since, period_us = board.arm(), playback.shortest_period_to_play_us(board, 500)
+    playback.play_out(board, STORED, 2, loops=_EVENTS // 2, period_us=period_us)
     judge_event_numbers(board, board.wire.received[since:])
     board.disarm()

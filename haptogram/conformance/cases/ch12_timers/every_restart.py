@@ -12,16 +12,9 @@ from haptogram_protocol.framing import MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
-from ...client import malformed_frames
+from ...client import latching, malformed_frames, playback
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYS
-from ...client.latching import latch_now
-from ...client.playback import (
-    play_later,
-    play_request,
-    send_phases_that_fit,
-    send_phases_to_store_if_supported,
-)
 from ...client.stream_kinds import (
     StreamKind,
     refused_requests_to_send,
@@ -95,7 +88,7 @@ def latches_renew_no_lease(board: BoardClient) -> None:
 
 def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
     """Latch a frame, and queue frames for every 50 ms of a time."""
-    latch_now(board)
+    latching.latch_now(board)
     first_us = board.clock.soon_us(bytes(4000))
     good, number = board.shortest_stream(), min(board.identity.queue_depth, length_ms // 50)
     times = [first_us + 50 * _MS * place for place in range(number)]
@@ -108,7 +101,7 @@ def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
 def play_later_than_timer(board: BoardClient, ahead_ms: int, alone_ms: int) -> None:
     """Let a playback of the stored sequence wait so long for its start, or until it is ready."""
     ahead_us = max(ahead_ms * _MS, board.clock.ready_us(20 * _MS))
-    play_later(board, STORED, ahead_us, period_us=SLOW_US, unattended_ms=alone_ms)
+    playback.play_later(board, STORED, ahead_us, period_us=SLOW_US, unattended_ms=alone_ms)
 
 
 @case("HG-7.6/5-waiting", needs=PLAYS, depth=Depth.DEFAULT)
@@ -116,7 +109,7 @@ def waits_unattended(board: BoardClient) -> None:
     """from PLAY on, also before its start, unattended_ms stands for host_timeout_ms; STOP ends
     that
     """
-    send_phases_that_fit(board, STORED, frames=2)
+    playback.send_phases_that_fit(board, STORED, frames=2)
     board.configure(host_timeout_ms=80, hold_ms=10_000)
     for name, ahead_ms, alone_ms in (
         ("its start comes", 250, 400),
@@ -169,7 +162,7 @@ def judge_renewals(
     late.
     """
     timer = "unattended time" if plays else "lease"
-    send_phases_to_store_if_supported(board, STORED, frames=2)
+    playback.send_phases_to_store_if_supported(board, STORED, frames=2)
     size = 2 * 2 * 2 * board.identity.transducers
     repeated = _repeated_renewals(board, plays=plays)
     at_once = ((name, make, None) for name, make in _renewals(board, plays=plays))
@@ -210,7 +203,9 @@ def _muted_by_lease_after_ms(
     answer = board.link.ask(m.Arm())
     if plays:
         alone_ms = min(lasts_ms, board.identity.max_unattended_ms)
-        play = play_request(board, STORED, loops=0, period_us=SLOW_US, unattended_ms=alone_ms)
+        play = playback.play_request(
+            board, STORED, loops=0, period_us=SLOW_US, unattended_ms=alone_ms
+        )
         answer = board.link.ask_at_once(play)
     board.link.reply_in(
         answer, *((m.PlayReply, m.Play.TYPE) if plays else (m.ArmReply, m.Arm.TYPE))
@@ -295,7 +290,7 @@ def nothing_else_restarts_the_status_timer(board: BoardClient) -> None:
     since, end_us = board.link.mark(), board.wire.now_us() + 6 * period_ms * _MS
     while board.wire.now_us() < end_us:
         board.arm()
-        latch_now(board)
+        latching.latch_now(board)
         for message in valid_requests_to_send(board, STORED):
             if not isinstance(message, m.SetConfig):
                 board.link.ask(message)
@@ -395,7 +390,7 @@ def judge_no_renewals(
     board: BoardClient, make: Callable[[BoardClient], Frames], *timers: TimerKind
 ) -> None:
     """FAILED if one of *timers*, or of all, ends late because of these frames."""
-    send_phases_to_store_if_supported(board, TIMED, frames=2)
+    playback.send_phases_to_store_if_supported(board, TIMED, frames=2)
     for timer in timer_kinds(board, *timers):
         frames = make(board)
         if timer is not RAMP and _lease_length_ms(board, frames) <= timer.most_ms(board):

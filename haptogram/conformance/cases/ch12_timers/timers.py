@@ -17,18 +17,10 @@ from haptogram_protocol.rules import CONFIG_BOUNDS
 from haptogram_protocol.state import MuteReason
 
 from ...case import Case, Depth, case, case_about_host
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYS, SHOWN_RAMPS, TRACED_PLAYS
-from ...client.latching import (
-    FULL,
-    latch_now,
-    latch_timed,
-    read_back,
-    read_back_radiated,
-)
-from ...client.playback import play_at, play_now, send_phases_that_fit, send_phases_to_store
 from ...client.stream_kinds import stream_kinds, valid_requests_to_send
-from ...client.uploads import SEQUENCES
 from ...judge.ramps import judge_straight_ramp, judged_ramp_reading
 from ...judge.refused_requests import judged_refusal, requests_refused_while_armed
 from ...judge.timers import (
@@ -90,7 +82,7 @@ def lease_runs_out(board: BoardClient) -> None:
     for wanted_ms in map(board.clock.timer_ms, (80, 200)):
         due_ms = board.arm_with_timer(LEASE.name, wanted_ms) + board.graded_ramp_ms
         if board.has(m.Feature.CONFIG):  # else a hold may end before
-            latch_now(board)
+            latching.latch_now(board)
         start_us, since = board.clock.device_us(), board.link.mark()
         LEASE.judge(board, since, start_us, due_ms)
 
@@ -106,10 +98,10 @@ def hold_timer_is_not_taken_up_again(board: BoardClient) -> None:
     """behind each end of a held drive, ARM and every other request start no hold"""
     for end in (m.Mute(), m.Disarm(), None):
         board.arm(hold_ms=_STALE_MS)
-        latch_now(board)
+        latching.latch_now(board)
         board.link.ask(end) if end else board.hello()
         since, name = board.arm(), end.TYPE.name if end else "HELLO"
-        for message in valid_requests_to_send(board, SEQUENCES[0]):
+        for message in valid_requests_to_send(board, uploads.SEQUENCES[0]):
             if message.TYPE.name not in ("DISARM", "PLAY"):
                 board.link.ask(message)
         board.wire.idle((_STALE_MS + 50) * _MS)
@@ -126,7 +118,7 @@ def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
     require(hold_ms < board.config.host_timeout_ms, text)
     since = board.link.mark()
     for _ in range(4):
-        latch_now(board)
+        latching.latch_now(board)
         board.wire.idle(min(60, hold_ms // 3) * _MS)
     start_us = board.last_latch_us()
     due_ms = hold_ms + board.graded_ramp_ms
@@ -137,9 +129,9 @@ def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
 def lease_is_back_after_playback(board: BoardClient) -> None:
     """from the end of a playback on the lease is host_timeout_ms again"""
     board.configure(host_timeout_ms=150, hold_ms=5000)
-    send_phases_that_fit(board, 1, frames=2)
+    playback.send_phases_that_fit(board, 1, frames=2)
     since = board.arm()
-    play_now(board, 1, loops=150, period_us=1000, unattended_ms=5000)
+    playback.play_now(board, 1, loops=150, period_us=1000, unattended_ms=5000)
     name = "a playback of 300 ms, longer than host_timeout_ms"
     ended, _ = board.due_event(m.PlaybackEnded, since, 600 * _MS, name)
     LEASE.judge(board, since, board.clock.unwrap(ended.time_us), 150, "after the playback")
@@ -308,7 +300,7 @@ def _play_across_timer_wrap(board: BoardClient) -> None:
     """Play frames whose start lies behind the wrap, then one from before it to behind it."""
     lead_us = board.clock.ready_us(100 * _MS + 2 * board.wire.limits.lead_us)
     for offset_us in (30 * _MS, -30 * _MS):
-        send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+        playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
         board.configure(trace_mode=m.TraceMode.CRC)
         wrap_us = _wait_before_timer_wrap(board, lead_us)
         start_us = board.clock.on_carrier(wrap_us + offset_us)
@@ -330,7 +322,10 @@ def every_timer_crosses_the_wrap(board: BoardClient) -> None:
         since = board.link.mark()
         start_us = timer.start(board, 200)
         if timer is HOLD and board.has(m.Feature.READ_LATCHED):
-            told_us, shown_us = board.status().last_latch_us, read_back(board).reply.t_latch_us
+            told_us, shown_us = (
+                board.status().last_latch_us,
+                latching.read_back(board).reply.t_latch_us,
+            )
             check_equal(shown_us, told_us, f"READ_DRIVE: latched at {shown_us}, STATUS disagrees")
         timer.judge(board, since, start_us, 200, f"{timer.name} across {wrap_us} µs")
         if not board.wire.is_virtual:
@@ -374,7 +369,7 @@ def _hold_late_us(board: BoardClient, names: Sequence[str]) -> int:
     hold_ms = _length_of_hold_ms(board)
     board.hello()
     since = board.arm(hold_ms=hold_ms)
-    start_us = latch_timed(board)
+    start_us = latching.latch_timed(board)
     board.wire.idle(30 * _MS)
     for name in names:
         if name == _REQUESTS:
@@ -407,7 +402,7 @@ def every_request_leaves_the_ramp_of_a_hold(board: BoardClient) -> None:
     """during a ramp of the hold no request, ARM and SET_CONFIG among them, ends or moves it"""
     hold_ms, ramp_ms = 60, min(2000, _length_of_hold_ms(board))
     since = board.arm(hold_ms=hold_ms, ramp_ms=ramp_ms)
-    start_us = latch_timed(board)
+    start_us = latching.latch_timed(board)
     board.clock.idle_until(start_us + (hold_ms + 20) * _MS)
     _ask_all_during_hold(board)
     board.configure(hold_ms=10_000, ramp_ms=1)
@@ -420,9 +415,9 @@ def every_request_leaves_the_ramp_of_a_hold(board: BoardClient) -> None:
 def every_played_latch_restarts_the_hold(board: BoardClient) -> None:
     """during a playback longer than the hold each latch restarts it; after it the hold runs out"""
     board.configure(hold_ms=100)
-    send_phases_that_fit(board, STORED, frames=2)
+    playback.send_phases_that_fit(board, STORED, frames=2)
     since = board.arm()
-    play_now(board, STORED, loops=50, period_us=4 * _MS)
+    playback.play_now(board, STORED, loops=50, period_us=4 * _MS)
     name = "a playback of 400 ms with a hold of 100 ms"
     board.due_event(m.PlaybackEnded, since, 600 * _MS, name)
     start_us = board.last_latch_us()
@@ -432,15 +427,15 @@ def every_played_latch_restarts_the_hold(board: BoardClient) -> None:
 @case("HG-12.3/1-stop", needs=PLAYS, depth=Depth.DEFAULT)
 def every_stop_leaves_the_hold(board: BoardClient) -> None:
     """PLAY, a playback that waits, STOP and ARM leave the hold of the last latch as it runs"""
-    send_phases_that_fit(board, STORED, frames=2)
+    playback.send_phases_that_fit(board, STORED, frames=2)
     for name in ("a playback that waits, muted", "a playback that waits", "a slow playback"):
         board.hello()
         since = board.arm(hold_ms=TIMER_MS)
         if name == "a slow playback":
-            play_now(board, STORED, loops=0, period_us=SLOW_US)
+            playback.play_now(board, STORED, loops=0, period_us=SLOW_US)
             board.clock.wait_latched()
         else:
-            latch_now(board)
+            latching.latch_now(board)
         start_us = board.last_latch_us()
         board.clock.idle_until(start_us + 40 * _MS)
         if name != "a slow playback":
@@ -460,16 +455,16 @@ def every_silent_drive_is_held(board: BoardClient) -> None:
     silent: dict[str, tuple[m.Message, int]] = {}
     if board.has(m.Feature.AMPLITUDE):
         codes = board.random_registers() + bytes(board.identity.transducers)
-        silent["DRIVES of amplitude 0"] = m.Drives(codes), FULL
+        silent["DRIVES of amplitude 0"] = m.Drives(codes), latching.FULL
         silent["PHASES under a ceiling of 0"] = board.flat_phases(5), 0
     if board.has(m.Feature.POINTS):
         points = (m.FocalPoint(10_000, 5_000, 150_000, 0, 0),)
-        silent["POINTS of amplitude 0"] = m.Points(points), FULL
+        silent["POINTS of amplitude 0"] = m.Points(points), latching.FULL
     mode = m.TraceMode.CRC if board.has(m.Feature.TRACE) else m.TraceMode.OFF
     for name, (message, ceiling) in silent.items():
         since = board.arm(hold_ms=_SILENT_MS, amplitude_ceiling=ceiling, trace_mode=mode)
         with board.counting(latched=1, accepted=1, timeouts=1):
-            start_us = latch_timed(board, message)
+            start_us = latching.latch_timed(board, message)
             HOLD.judge(board, since, start_us, _SILENT_MS, name)
         traced = len(board.link.events(m.Trace, since))
         check_equal(traced, mode is m.TraceMode.CRC, f"{name}: {traced} traces of one latch")
@@ -481,35 +476,35 @@ def every_silent_drive_is_held(board: BoardClient) -> None:
 @case("HG-6.11/4-latches", needs=SHOWN_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     """in a ramp of the hold every latch restores the output: at once, queued, late, played"""
-    full = bytes([FULL]) * board.identity.transducers
+    full = bytes([latching.FULL]) * board.identity.transducers
     ways = ["at once", "queued", "queued, with others behind it", "late"]
     if board.has(m.Feature.SEQUENCE_PHASES):
-        send_phases_that_fit(board, STORED, frames=2)
+        playback.send_phases_that_fit(board, STORED, frames=2)
         ways += ["played", "played later"]
     for way in ways:
         board.hello()
         board.arm(hold_ms=_HELD_MS, ramp_ms=_FADING_MS, late_window_us=100_000)
         board.clock.require_horizon((_HELD_MS + 200 + 8000 * way.endswith("it")) * _MS)
-        start_us = latch_timed(board)
+        start_us = latching.latch_timed(board)
         at_us = board.clock.on_carrier(start_us + (_HELD_MS + 200) * _MS)  # a tenth of the ramp
         if way.startswith("queued"):
             number = 3 if "others" in way else 1
             times = [at_us + 4_000_000 * place for place in range(number)]
             board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
         if way == "played later":
-            play_at(board, STORED, at_us, loops=0, period_us=9_000_000, unattended_ms=9000)
+            playback.play_at(board, STORED, at_us, loops=0, period_us=9_000_000, unattended_ms=9000)
         board.clock.idle_until(at_us - 60 * _MS)
-        faded = read_back_radiated(board).loudest
+        faded = latching.read_back_radiated(board).loudest
         if board.clock.device_us() < at_us:
-            check(faded < FULL, f"{way}: no ramp of the hold begins")
+            check(faded < latching.FULL, f"{way}: no ramp of the hold begins")
         board.clock.wait_until(board.clock.ready_us(at_us))
         if way == "at once":
-            latch_now(board)
+            latching.latch_now(board)
         elif way == "late":
             board.link.stream(board.flat_phases(), board.late_time_us(20 * _MS))
             board.clock.wait_latched(0)
         elif way == "played":
-            play_now(board, STORED, loops=0, period_us=SLOW_US)
+            playback.play_now(board, STORED, loops=0, period_us=SLOW_US)
             board.clock.wait_latched(0)
         latched_us = board.last_latch_us()
         reading = judged_ramp_reading(board, latched_us + _HELD_MS * _MS)
