@@ -67,11 +67,9 @@ class Assembly(Protocol):
     @property
     def clock(self) -> type[BoardClock]:
         """The clock of the board."""
-        ...
 
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,6 @@ class UnreadClientTime(Protocol):
 
     def skip_ns(self, duration_ns: int) -> None:
         """Let so much time pass; what the board sends meanwhile waits at the board."""
-        ...
 
 
 @runtime_checkable
