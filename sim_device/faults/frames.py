@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Final, TypeAlias
 
 from haptogram_protocol import framing
+from haptogram_protocol.cobs import cobs_encode
 from haptogram_protocol.errors import ProtocolError
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header
 
@@ -61,7 +62,7 @@ def sealed_by_fault(body: bytes) -> bytes:
 
 def _crc_fault(body: bytes, _: Values, source: random.Random) -> bytes:
     wrong = zlib.crc32(body) ^ 1 << source.randrange(8 * framing.CRC_BYTES)
-    return framing.cobs_encode(body + wrong.to_bytes(framing.CRC_BYTES, "little"))
+    return cobs_encode(body + wrong.to_bytes(framing.CRC_BYTES, "little"))
 
 
 def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:

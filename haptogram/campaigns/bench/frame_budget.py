@@ -22,7 +22,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.machine.posix import posix_module
 from haptogram.machine.process import real_time_process
 from haptogram_protocol import FrameDecoder, encode_frame, messages
-from haptogram_protocol.framing import Stuffing, fastest_cobs
+from haptogram_protocol.cobs import Stuffing, fastest_cobs
 
 _TIMES: Final = 400  # repetitions of a stage, of which the median counts
 _TICKS: Final = 100

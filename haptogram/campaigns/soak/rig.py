@@ -10,6 +10,7 @@ from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram_protocol import NEED_DATA, HostConnection, messages
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import (
     EventReceived,
     FrameDropped,
@@ -18,7 +19,6 @@ from haptogram_protocol.connection import (
     RequestTimedOut,
 )
 from haptogram_protocol.connection.events import NeedData
-from haptogram_protocol.framing import fastest_cobs
 
 from .comparison import BoardUnderSoak, Hopeless, SoakComparison
 from .excerpts import SoakExcerpts

@@ -8,7 +8,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.framing import cobs_encode, encode_frame
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Mute, Ping
 from haptogram_protocol.record import Record
 

@@ -12,8 +12,9 @@ from typing import Final, NoReturn, Protocol, runtime_checkable
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
+from haptogram_protocol.cobs import cobs_decode
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode, decode_frame
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
 from haptogram_protocol.messages import (
     EVENT_RANGE,
     RESPONSE_RANGE,

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Final, cast
 
 from .. import messages
+from ..cobs import PURE_PYTHON, Cobs
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import HEADER_BYTES, PURE_PYTHON, Cobs, FrameDecoder, encode_frame
+from ..framing import HEADER_BYTES, FrameDecoder, encode_frame
 from .counters import LINK_COUNTERS
 from .events import NEED_DATA, BoardEvent, FrameDropped, NeedData, RequestReceived, StreamReceived
 from .inbox import ConnectionInbox
@@ -44,7 +45,7 @@ class BoardConnection:
     output_limit : int, keyword-only
         Bytes that may wait for the line; droppable events get half of it.
     cobs : Cobs, keyword-only
-        COBS; :func:`~haptogram_protocol.framing.fastest_cobs` gives a compiled one.
+        COBS; :func:`~haptogram_protocol.cobs.fastest_cobs` gives a compiled one.
     decoder : FrameDecoder or None, keyword-only
         Decoder of the received bytes; None: a new one with *cobs*.
     unsupported : container of int, keyword-only

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections import deque
 
+from ..cobs import PURE_PYTHON, Cobs
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import PURE_PYTHON, Cobs, FrameDecoder, encode_frame
+from ..framing import FrameDecoder, encode_frame
 from ..messages import (
     EVENT_RANGE,
     FIRST_STREAM_SEQ,
@@ -53,7 +54,7 @@ class HostConnection:
     nonce : int, keyword-only
         Session to ask for, 1 to 65535, chosen at random.
     cobs : Cobs, keyword-only
-        COBS; :func:`~haptogram_protocol.framing.fastest_cobs` gives a compiled one.
+        COBS; :func:`~haptogram_protocol.cobs.fastest_cobs` gives a compiled one.
 
     Attributes
     ----------

@@ -17,20 +17,6 @@ from typing import Protocol, TypeAlias, TypeVar, runtime_checkable
 
 from ..errors import LocalProtocolError
 
-__all__ = [
-    "BoardEnd",
-    "Codes",
-    "Commits",
-    "Dialect",
-    "DialectEnd",
-    "Display",
-    "HostEnd",
-    "OneWayHostEnd",
-    "Operation",
-    "Reply",
-    "no_dialect_bytes_for",
-]
-
 
 class Operation:
     """One thing that the bytes of a host ask of a board."""

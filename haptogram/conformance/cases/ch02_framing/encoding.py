@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from haptogram_protocol.framing import CRC_BYTES, MAX_ENCODED_BYTES, cobs_encode, encode_frame
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import CRC_BYTES, MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.messages import (
     DriveKind,
     DriveReply,

@@ -7,7 +7,8 @@ from functools import partial
 from typing import Final, TypeAlias
 
 from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.framing import MAX_ENCODED_BYTES, cobs_encode, encode_frame
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.messages import Arm, Feature, Phases, Ping, Pong, UploadChunk, UploadKind
 
 from ...case import Depth, case
