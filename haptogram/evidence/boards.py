@@ -44,17 +44,14 @@ class DriverEvidence(Protocol):
     @property
     def session(self) -> int:
         """Nonce of the session; 0 on a wire without sessions."""
-        ...
 
     @property
     def intended(self) -> KeptRecords[Intended]:
         """Frames that were sent or due, in order."""
-        ...
 
     @property
     def observations(self) -> KeptRecords[Observation]:
         """Latches that the board reported, or that the bytes on the wire are."""
-        ...
 
 
 class BoardUnderTest:

@@ -11,6 +11,7 @@ from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram_protocol import NEED_DATA, HostConnection
 from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import (
     EventReceived,
     FrameDropped,
@@ -19,7 +20,6 @@ from haptogram_protocol.connection import (
     RequestTimedOut,
 )
 from haptogram_protocol.connection.events import NeedData
-from haptogram_protocol.framing import fastest_cobs
 
 from .comparison import BoardUnderSoak, Hopeless, SoakComparison
 from .excerpts import SoakExcerpts

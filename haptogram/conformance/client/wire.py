@@ -13,8 +13,9 @@ from typing import Final, NoReturn, Protocol, runtime_checkable
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
 from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import cobs_decode
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode, decode_frame
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
 
 from ..outcome import HeldUpError, check, fail, inconclusive, require
 from .recording import DialogueRecording, TransferDirection
@@ -36,7 +37,6 @@ class UnreadClientTime(Protocol):
 
     def skip_ns(self, duration_ns: int) -> None:
         """Let so much time pass; what the board sends meanwhile waits at the board."""
-        ...
 
 
 @runtime_checkable

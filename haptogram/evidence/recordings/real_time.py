@@ -13,15 +13,10 @@ from typing import Final
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.errors import ConfigurationError, LinkError, NoAnswerError
 from haptogram_protocol.annotation.frames import Annotated, FrameAnnotator
+from haptogram_protocol.cobs import cobs_encode
 from haptogram_protocol.dialects.looks_like import HAPTOGRAM, LOOKED_AT_BYTES, looks_like_dialect
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import (
-    DELIMITER,
-    MAX_ENCODED_BYTES,
-    cobs_encode,
-    decode_frame,
-    encode_frame,
-)
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame, encode_frame
 from haptogram_protocol.messages import (
     STREAM_RANGE,
     Flag,

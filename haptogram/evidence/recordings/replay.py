@@ -40,27 +40,21 @@ class RecordingReplayBoard(Protocol):
     @property
     def boot_us(self) -> int:
         """Device time of the power-up."""
-        ...
 
     def write(self, t_ns: int, data: bytes, waited_ns: int) -> None:
         """Give the board bytes at *t_ns*, which may have waited for it."""
-        ...
 
     def read(self, t_ns: int) -> bytes:
         """Return the bytes that have come from the board up to *t_ns*."""
-        ...
 
     def unplug(self, t_ns: int) -> None:
         """Lose what is on the line: the host has closed the port."""
-        ...
 
     def raise_hardware_fault(self, t_ns: int) -> None:
         """Let the hardware of the board fail."""
-        ...
 
     def take_records(self) -> list[LatchRecord | Mapping[str, Any]]:
         """Return latches and other records of the back door since the last call."""
-        ...
 
 
 class MakeReplayBoard(Protocol):
@@ -68,7 +62,6 @@ class MakeReplayBoard(Protocol):
 
     def __call__(self, options: Mapping[str, Any], *, paced: bool) -> RecordingReplayBoard:
         """Return the board with these options."""
-        ...
 
 
 @dataclass(frozen=True, eq=False, slots=True)  # eq: a board may be opened twice in the same way

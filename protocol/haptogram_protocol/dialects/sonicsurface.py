@@ -28,7 +28,7 @@ from .codec import Codes, Dialect, Operation
 from .fpga_bytes.board_end import FpgaBoardEnd
 from .fpga_bytes.display import FpgaDisplay
 from .fpga_bytes.host_end import FpgaHostEnd
-from .fpga_bytes.operations import Begin, Clocks, ModulationStep, Select, SetPhases, Swap
+from .fpga_bytes.operations import Begin, Clocks, ModulationStep, Select, Swap
 from .fpga_bytes.rules import FpgaByteRules
 
 CHANNELS: Final = 256
@@ -69,19 +69,6 @@ TACTILE_CORRECTION: Final = bytes.fromhex(
     "1010031e0f1f1f000001111f02101000000d100e100e1f0d0d1f0f0f0f101e0f"
     "00101f1f01000f12001f010f0100000e0f0110000f121e011302101e0f0f0101"
 )
-
-
-def sonicsurface_frame(codes: bytes, boards: tuple[int, ...] = (0,)) -> list[Operation]:
-    """Return the operations of a whole frame for the boards that listen.
-
-    Parameters
-    ----------
-    codes : bytes
-        A code for each of the 256 channels, in the order of the wire.
-    boards : tuple of int
-        The boards that listen: 0 is the primary, 1 the secondary.
-    """
-    return [Begin(), SetPhases(boards, 0, codes), Swap()]
 
 
 class _TactileDisplay(FpgaDisplay):

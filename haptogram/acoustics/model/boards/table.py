@@ -4,42 +4,32 @@ from __future__ import annotations
 
 from typing import Final
 
+from haptogram.acoustics.model.boards import grids
 from haptogram.acoustics.model.boards.bowls import TINYLEV
-from haptogram.acoustics.model.boards.grids import (
-    AUTD3,
-    INTERACTLAB,
-    SONICSURFACE,
-    SONICSURFACE_STACK,
-    ULTRAINO_FLAT8,
-    ULTRAINO_NANO8,
-    ULTRAINO_NANO16,
-    ULTRAINO_SONICSURFACE,
-    ULTRAINO_STACK,
-)
 
 LAYOUTS: Final = {
     layout.name: layout
     for layout in (
-        SONICSURFACE,
-        SONICSURFACE_STACK,
-        ULTRAINO_SONICSURFACE,
-        ULTRAINO_STACK,
-        ULTRAINO_FLAT8,
+        grids.SONICSURFACE,
+        grids.SONICSURFACE_STACK,
+        grids.ULTRAINO_SONICSURFACE,
+        grids.ULTRAINO_STACK,
+        grids.ULTRAINO_FLAT8,
         TINYLEV,
-        INTERACTLAB,
-        AUTD3,
+        grids.INTERACTLAB,
+        grids.AUTD3,
     )
 }
 #: Layout of each dialect, as its clients have it; that of Nano boards is assumed.
 LAYOUT_OF_DIALECT: Final = {
-    "sonicsurface": SONICSURFACE,
-    "sonicsurface-tactile": SONICSURFACE,
-    "ultraino-fpga": ULTRAINO_SONICSURFACE,
+    "sonicsurface": grids.SONICSURFACE,
+    "sonicsurface-tactile": grids.SONICSURFACE,
+    "ultraino-fpga": grids.ULTRAINO_SONICSURFACE,
     "ultraino-fpga-128": TINYLEV,
-    "ultraino-fpga-chained": ULTRAINO_STACK,
-    "ultraino-mega64": ULTRAINO_FLAT8,
-    "ultraino-nano8": ULTRAINO_NANO8,
-    "ultraino-nano16": ULTRAINO_NANO16,
-    "interactlab": INTERACTLAB,
-    "autd3": AUTD3,
+    "ultraino-fpga-chained": grids.ULTRAINO_STACK,
+    "ultraino-mega64": grids.ULTRAINO_FLAT8,
+    "ultraino-nano8": grids.ULTRAINO_NANO8,
+    "ultraino-nano16": grids.ULTRAINO_NANO16,
+    "interactlab": grids.INTERACTLAB,
+    "autd3": grids.AUTD3,
 }

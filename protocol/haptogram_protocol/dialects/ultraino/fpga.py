@@ -38,8 +38,6 @@ from ..fpga_bytes.operations import (
     BeginAmplitudes,
     Clocks,
     Select,
-    SetAmplitudes,
-    SetPhases,
     Swap,
     ToggleMultiplex,
 )
@@ -65,22 +63,6 @@ RULES: Final = {
 RULES_128: Final = FpgaByteRules(
     "ultraino-fpga-128", CHANNELS_128, 128, {0xFE: Begin(), 0xFD: Swap()}, wraps=False
 )
-
-
-def ultraino_fpga_frame(codes: bytes, amplitudes: bytes | None = None) -> list[Operation]:
-    """Return the operations of SimpleFPGA's frame; with *amplitudes* for ``fb="amplitude"``."""
-    operations: list[Operation] = [Begin(), SetPhases((0,), 0, codes)]
-    if amplitudes is not None:
-        operations += [BeginAmplitudes(), SetAmplitudes((0,), 0, amplitudes)]
-    return [*operations, Swap()]
-
-
-def chained_ultraino_frame(codes: list[bytes]) -> list[Operation]:
-    """Return the operations of ChainedFPGA's frame, from the codes of each board."""
-    operations: list[Operation] = []
-    for number, of_board in enumerate(codes):
-        operations += [Select(number), SetPhases((number,), 0, of_board)]
-    return [*operations, Swap()]
 
 
 def _ultraino_board_end(*, fb: str = FALLS_THROUGH) -> FpgaBoardEnd:

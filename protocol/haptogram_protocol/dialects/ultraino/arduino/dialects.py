@@ -6,24 +6,13 @@ import functools
 import re
 from typing import Final
 
-from ...codec import Dialect, Operation
+from ...codec import Dialect
 from .board_end import ArduinoBoardEnd
 from .display import ONE_PATTERN, SlotDisplay
 from .firmware import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoFirmware
 from .host_end import ArduinoHostEnd
 from .line_bytes import BYTES_OF_DURATION, COMMAND, DURATION_BYTES, OTHER_HOPS, PARTS, SWAP
-from .operations import CommitDurations, SetDurations, SetPattern, Swap
 from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, ArduinoSlotLayout
-
-
-def mega64_frame(patterns: list[bytes], durations: bytes = ONE_PATTERN) -> list[Operation]:
-    """Return the operations of a frame of MEGA64 from the slot bytes of each board of a chain."""
-    return [
-        *(SetPattern(board, 0, slots) for board, slots in enumerate(patterns)),
-        SetDurations(durations),
-        CommitDurations(),
-        Swap(),
-    ]
 
 
 def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
