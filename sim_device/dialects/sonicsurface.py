@@ -78,3 +78,4 @@ TACTILE: Final = Emulation(
     layout=lambda _: ONE_SONICSURFACE,
     mounting=sonicsurface_dialect_mounting,
 )
+EMULATIONS: Final = (SONICSURFACE, TACTILE)

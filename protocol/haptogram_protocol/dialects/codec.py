@@ -188,6 +188,8 @@ class Dialect:
     display : callable or None
         From the number of boards on the line to how a host shows phases on them; None: this program
         emulates the boards and does not drive them.
+    layout : str
+        Name of the layout of its emitters, as its own programs have it; empty: not known here.
     """
 
     name: str
@@ -200,6 +202,7 @@ class Dialect:
     host: Callable[..., HostEnd]
     signature: re.Pattern[bytes]
     display: Callable[[int], Display] | None = None
+    layout: str = ""
 
 
 class OneWayHostEnd:

@@ -104,6 +104,7 @@ SONICSURFACE: Final = Dialect(
     host=functools.partial(FpgaHostEnd, RULES),
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe(?:[\xc0\xc1]?[\x00-\x20]{256}){1,2}\xfd"),
     display=lambda boards: FpgaDisplay(RULES, 32, boards),
+    layout="sonicsurface",
 )
 TACTILE: Final = Dialect(
     name="sonicsurface-tactile",
@@ -118,4 +119,6 @@ TACTILE: Final = Dialect(
         rb"[\xa0-\xbf]\xfe[\x00-\x20]{256}\xfd|\xfe[\x00-\x20]{256}\xfd[\xa0-\xbf]"
     ),
     display=lambda _: _TactileDisplay(),
+    layout="sonicsurface",
 )
+DIALECTS: Final = (SONICSURFACE, TACTILE)

@@ -86,3 +86,4 @@ NANO16: Final = _arduino_emulation(
 NANO8: Final = _arduino_emulation(
     dialects.NANO8, Outputs(NANO8_FIRMWARE, slots.NANO8_LAYOUT), ULTRAINO_NANO8
 )
+EMULATIONS: Final = (MEGA64, NANO8, NANO16)

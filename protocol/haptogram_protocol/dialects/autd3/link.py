@@ -324,4 +324,6 @@ AUTD3: Final = Dialect(
     host=Autd3HostEnd,
     signature=re.compile(rb"\x10..AUTD3REMOTE", re.DOTALL),
     display=Autd3Display,
+    layout="autd3",
 )
+DIALECTS: Final = (AUTD3,)

@@ -118,6 +118,7 @@ SIMPLE: Final = Dialect(
     host=_ultraino_host_end,
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
     display=lambda _: FpgaDisplay(RULES[FALLS_THROUGH], 32),
+    layout="ultraino-sonicsurface",
 )
 SIMPLE_128: Final = Dialect(
     name="ultraino-fpga-128",
@@ -130,6 +131,7 @@ SIMPLE_128: Final = Dialect(
     host=functools.partial(FpgaHostEnd, RULES_128),
     signature=re.compile(rb"\xfe[\x00-\x80]{72}\xfd"),
     display=lambda _: FpgaDisplay(RULES_128, 128),
+    layout="tinylev",
 )
 CHAINED: Final = Dialect(
     name="ultraino-fpga-chained",
@@ -142,4 +144,6 @@ CHAINED: Final = Dialect(
     host=_chained_ultraino_host_end,
     signature=re.compile(rb"(?<!\xfe)(?:[\xc0-\xcf][\x00-\x20]{256})+\xfd"),
     display=lambda boards: FpgaDisplay(chained_ultraino_rules(boards), 32, boards),
+    layout="ultraino-sonicsurface-stack",
 )
+DIALECTS: Final = (SIMPLE, SIMPLE_128, CHAINED)

@@ -10,7 +10,7 @@ import pytest
 
 import pattern_drives as drives
 from haptogram.acoustics import Calibration, focus_phases
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT, LAYOUTS
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
 from haptogram.records.remark import About
 from haptogram.verification import FrameStatus, Tolerance, Verdict
@@ -478,7 +478,7 @@ def test_a_focus_of_bowls_is_found_without_being_expected(radius_m):
 
 def test_elements_too_few_for_a_focus_are_not_verified():
     """Eight of them prove nothing: the right drive is no wrong one, and a wrong one is."""
-    array = LAYOUT_OF_DIALECT["ultraino-nano8"].array()
+    array = LAYOUTS["ultraino-nano8"].array()
     target = np.array([[0.004, 0.005, 0.04]])
     run = watched(array, latches(array, 24, target), target)
     assert run.result().statuses == {FrameStatus.NOT_VERIFIED: 1}

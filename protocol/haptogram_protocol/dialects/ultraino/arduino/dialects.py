@@ -22,7 +22,11 @@ def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
 
 
 def _arduino_dialect(
-    firmware: ArduinoFirmware, title: str, layout: ArduinoSlotLayout, connected: bytes = b""
+    firmware: ArduinoFirmware,
+    title: str,
+    layout: ArduinoSlotLayout,
+    emitters: str,
+    connected: bytes = b"",
 ) -> Dialect:
     def board(*, boards: int = 1) -> ArduinoBoardEnd:
         return ArduinoBoardEnd(firmware, boards)
@@ -51,11 +55,21 @@ def _arduino_dialect(
         host=host,
         signature=re.compile(pattern + others + ending, re.DOTALL),
         display=display,
+        layout=emitters,
     )
 
 
-MEGA64: Final = _arduino_dialect(MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", MEGA64_LAYOUT)
-NANO16: Final = _arduino_dialect(
-    NANO16_FIRMWARE, "Ultraino Arduino Nano16", NANO16_LAYOUT, NANO16_CONNECTED
+MEGA64: Final = _arduino_dialect(
+    MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", MEGA64_LAYOUT, "ultraino-flat8"
 )
-NANO8: Final = _arduino_dialect(NANO8_FIRMWARE, "Ultraino Arduino Nano8", NANO8_LAYOUT)
+NANO16: Final = _arduino_dialect(
+    NANO16_FIRMWARE,
+    "Ultraino Arduino Nano16",
+    NANO16_LAYOUT,
+    "ultraino-nano16",
+    NANO16_CONNECTED,
+)
+NANO8: Final = _arduino_dialect(
+    NANO8_FIRMWARE, "Ultraino Arduino Nano8", NANO8_LAYOUT, "ultraino-nano8"
+)
+DIALECTS: Final = (MEGA64, NANO8, NANO16)
