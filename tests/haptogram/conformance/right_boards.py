@@ -6,7 +6,6 @@ import functools
 import json
 import os
 import random
-import shlex
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -95,16 +94,8 @@ def judged(seed, options):
     if options.clock == "virtual":
         access = identity(baud=options.baud, **identity_of(seed))
     else:
-        words = [
-            sys.executable,
-            __file__,
-            "--serve",
-            "--first",
-            str(seed),
-            "--baud",
-            str(options.baud),
-        ]
-        access = SpawnAccess(shlex.join(words), baudrate=options.baud)
+        words = f"{sys.executable} {__file__} --serve --first {seed} --baud {options.baud}"
+        access = SpawnAccess(words, baudrate=options.baud, boot_timeout_s=60)
     suite = run(access, *options.clause, depth=Depth[options.depth.upper()], seed=seed)
     found = {
         r.case: f"{r.behaviour.value}: {r.detail}"
