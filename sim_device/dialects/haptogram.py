@@ -101,6 +101,7 @@ class VirtualHaptogramDialect:
     """
 
     ahead: Final = None
+    announce: Final = None
 
     def __init__(
         self,
