@@ -329,8 +329,8 @@ class Simulation:
         self._is_next_known = False
         begin_ns = max(t_ns - credit_ns, line.free_ns)
         line.send(data, t_ns - credit_ns)
-        if self.dialect.ahead is not None and line is self._down:
-            self.dialect.ahead.announce(self._exact_us(max(begin_ns, t_ns)), data)
+        if self.dialect.announce is not None and line is self._down:
+            self.dialect.announce(self._exact_us(max(begin_ns, t_ns)), data)
         if self._probe is not None and data:
             # Bytes that have waited for a stalled process arrive now, not in its past.
             behind_ns = max(0, t_ns - line.free_ns)

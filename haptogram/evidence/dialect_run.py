@@ -11,6 +11,7 @@ from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
+from haptogram.evidence.dialects.latches import upload_loss_text
 from haptogram.evidence.run_record import (
     RunRecord,
     calibration_of_run,
@@ -119,6 +120,8 @@ def measure_run_of_dialect(
     finally:
         close_driver_of_run(driver, found)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
+    if (loss := upload_loss_text(board.records())) is not None:
+        found.warnings.append(loss)
     if tap is not None:
         tap.tell(board.records())
     found.unseen, found.fault_counts = board.unseen, board.fault_counts

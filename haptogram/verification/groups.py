@@ -46,6 +46,7 @@ def groups_of_elements(
     limit_rad: float,
     steps: int,
     channels: Mapping[int, str] | None = None,
+    spread_rad: float | None = None,
 ) -> tuple[list[ElementGroup], set[int]]:
     """Return the groups of *shifted* elements, and all elements that they explain.
 
@@ -61,7 +62,10 @@ def groups_of_elements(
         Steps of the board's phases in a period.
     channels : mapping of int to str, optional
         Names of their pins, which tell ports.
+    spread_rad : float, optional
+        By how much the members of a group may differ from its lag; by default twice the limit.
     """
+    spread_rad = 2.0 * limit_rad if spread_rad is None else spread_rad
     left = set(shifted)
     found: list[ElementGroup] = []
     noun = "" if channels is None else " pins"
@@ -70,7 +74,7 @@ def groups_of_elements(
             name: lag
             for name, members in classes.items()
             if len(members) >= _FEWEST
-            and (lag := _shared_lag(members, lags_rad, limit_rad)) is not None
+            and (lag := _shared_lag(members, lags_rad, spread_rad)) is not None
         }
         shared = [name for name in lags if left.issuperset(classes[name])]
         base, zero = "the others", 0.0
@@ -90,7 +94,7 @@ def groups_of_elements(
 
 
 def _shared_lag(
-    members: Sequence[int], lags_rad: Mapping[int, float], limit_rad: float
+    members: Sequence[int], lags_rad: Mapping[int, float], spread_rad: float
 ) -> float | None:
     """Return the lag that all *members* have; None: they differ."""
     lags = np.array([lags_rad[element] for element in members])
@@ -98,7 +102,7 @@ def _shared_lag(
     if not len(lags):
         return None
     middle = float(np.angle(np.exp(1j * lags).sum()))
-    near = np.abs(wrapped_phases(lags - middle)).max() <= 2.0 * limit_rad
+    near = np.abs(wrapped_phases(lags - middle)).max() <= spread_rad
     return middle if near else None
 
 

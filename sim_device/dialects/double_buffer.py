@@ -18,6 +18,8 @@ from ..board.events import Modulation, PulseLatch
 from .unit import LatchingUnit
 
 POWER_UP: Final = "power-up"
+_OUTPUTS: Final = 8  # of a shift register
+_LAST_OUTPUT: Final = 3  # the channel, modulo 8, whose bit is shifted last
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,8 @@ class Registers:
         Added to the code of each channel, modulo :attr:`FpgaByteRules.off`, if it is not off.
     modulation : callable or None
         From a :class:`ModulationStep` to the modulation that all channels have.
+    late : bool
+        Whether the last bit of each shift register comes one step late: channels n mod 8 = 3.
     """
 
     rules: FpgaByteRules
@@ -46,6 +50,7 @@ class Registers:
     at_power_up: int = 0
     correction: bytes = b""
     modulation: Callable[[int], Modulation] | None = None
+    late: bool = False
 
 
 class DoubleBuffer(LatchingUnit):
@@ -154,8 +159,10 @@ class DoubleBuffer(LatchingUnit):
         if not self._clocked:  # the shift registers stand still, and so do their outputs
             return PulseDrive.off(len(codes), registers.steps)
         off = registers.rules.off
+        late = (np.arange(len(codes)) % _OUTPUTS == _LAST_OUTPUT) & registers.late
+        rises = (codes * registers.steps // off + late) % registers.steps
         return PulseDrive(
-            _buffered_values_where_on(codes, codes * registers.steps // off, off),
+            _buffered_values_where_on(codes, rises, off),
             _buffered_values_where_on(codes, widths.astype(np.uint16), off),
             registers.steps,
         )

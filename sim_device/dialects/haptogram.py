@@ -51,6 +51,7 @@ class VirtualHaptogramDialect:
     """
 
     ahead: Final = None
+    announce: Final = None
 
     def __init__(
         self,

@@ -51,6 +51,15 @@ class HoldsBackUnit(Protocol):
 
 
 @runtime_checkable
+class HearsBytesUnit(Protocol):
+    """A unit whose output changes while bytes arrive."""
+
+    def hear(self, begin_us: float, end_us: float) -> None:
+        """Learn that bytes arrive from one device time to another."""
+        ...
+
+
+@runtime_checkable
 class RunsAheadUnit(Protocol):
     """A unit whose board takes the bytes of the line by itself, and runs ahead of what it tells."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from ..board.events import AnyLatch, Notice
@@ -27,6 +27,11 @@ class VirtualDialect(Protocol):
     @property
     def ahead(self) -> RunsAheadUnit | None:
         """The board, if it takes the bytes of the line by itself, and runs ahead."""
+
+    @property
+    def announce(self) -> Callable[[float, bytes], None] | None:
+        """Takes bytes that the line begins to carry at a device time; None: nobody hears them."""
+        ...
 
     @property
     def now_us(self) -> int:

@@ -27,10 +27,16 @@ from haptogram_protocol.dialects.ultraino.arduino.firmware import (
     NANO16_FIRMWARE,
 )
 
+from ...board.events import CarrierState
 from ..emulation import Emulation
+from ..unit import Unit
 from .slot_boards import Outputs, SlotBoards
+from .unsteady import UnsteadyUnit
 
 _USUAL, _ANIMATION = "usual", "animation"
+_AT_ONCE, _STAGGERED = "at-once", "staggered"
+_40_KHZ, _20_KHZ = "40kHz", "20kHz"
+_STEADY, _DRAWN_OUT = "steady", "drawn-out"
 _BOARDS_HELP: Final = "boards of the chain; the elements of each follow those of the one before"
 
 
@@ -51,6 +57,24 @@ class Mega64Chain(ArduinoChain):
         choices=(_USUAL, _ANIMATION),
         help="DriverMEGA, or DriverMEGAAnim, whose first duration chooses the pattern",
     )
+    ports: str = option(
+        _AT_ONCE,
+        unit="NAME",
+        choices=(_AT_ONCE, _STAGGERED),
+        help="written at once, or one after another: port J 30 cycles (27 degrees) after port A",
+    )
+    carrier: str = option(
+        _40_KHZ,
+        unit="NAME",
+        choices=(_40_KHZ, _20_KHZ),
+        help="that of the author's build, or of one that misses every second sync",
+    )
+    upload: str = option(
+        _STEADY,
+        unit="NAME",
+        choices=(_STEADY, _DRAWN_OUT),
+        help="the carrier while bytes arrive: as ever, or with periods that are drawn out (-6 dB)",
+    )
 
 
 def _arduino_emulation(
@@ -59,10 +83,17 @@ def _arduino_emulation(
     layout: BoardLayout,
     options: type[ArduinoChain] = ArduinoChain,
 ) -> Emulation:
-    def unit(options: ArduinoChain, now_us: int) -> SlotBoards:
-        animated = isinstance(options, Mega64Chain) and options.firmware == _ANIMATION
-        own = dataclasses.replace(outputs, shows_one=animated)
-        return SlotBoards(own, options.boards, now_us)
+    def unit(options: ArduinoChain, now_us: int) -> Unit:
+        if not isinstance(options, Mega64Chain):
+            return SlotBoards(outputs, options.boards, now_us)
+        animated, staggered = options.firmware == _ANIMATION, options.ports == _STAGGERED
+        own = dataclasses.replace(outputs, shows_one=animated, is_staggered=staggered)
+        boards = SlotBoards(own, options.boards, now_us)
+        usual = CarrierState.HALVED if options.carrier == _20_KHZ else CarrierState.STEADY
+        is_disturbed = options.upload == _DRAWN_OUT
+        if not is_disturbed and usual is CarrierState.STEADY:
+            return boards
+        return UnsteadyUnit(boards, usual, is_disturbed=is_disturbed)
 
     return Emulation(
         dialect=dialect,

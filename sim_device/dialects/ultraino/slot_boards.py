@@ -20,6 +20,8 @@ from ..unit import LatchingUnit
 from .playlist import PERIOD_US, ArduinoPlaylist
 
 POWER_UP: Final = "power-up"
+CYCLES: Final = 396  # of the processor, in a period of MEGA64
+_CYCLES_OF_A_PORT: Final = 30 / 9  # from the first of ten ports to the last
 
 
 @dataclass(frozen=True)
@@ -37,12 +39,15 @@ class Outputs:
     shows_one : bool
         True if a commit of durations chooses the pattern to show (the animation firmware), and
         not for how long patterns last.
+    is_staggered : bool
+        Whether ports are written one after another, the last one 30 cycles after the first.
     """
 
     firmware: ArduinoFirmware
     layout: ArduinoSlotLayout
     connected: bytes = b""
     shows_one: bool = False
+    is_staggered: bool = False
 
 
 class SlotBoards(LatchingUnit):
@@ -143,4 +148,10 @@ class SlotBoards(LatchingUnit):
         if self._outputs.connected:
             slots = slots & np.frombuffer(self._outputs.connected, np.uint8)
         outputs = np.unpackbits(slots, axis=2, bitorder="little").astype(np.bool_)
-        return np.concatenate(list(outputs[:, :, list(self._outputs.layout.pins)]), axis=1)
+        pins = np.array(self._outputs.layout.pins)
+        if self._outputs.is_staggered:
+            begins = np.rint(np.arange(len(outputs[0])) * (CYCLES / len(outputs[0])))
+            cycles = np.arange(CYCLES)[:, None] - np.rint(pins // 8 * _CYCLES_OF_A_PORT)
+            slots_of = np.searchsorted(begins, cycles % CYCLES, side="right") - 1
+            return np.concatenate([board[slots_of, pins] for board in outputs], axis=1)
+        return np.concatenate(list(outputs[:, :, pins]), axis=1)

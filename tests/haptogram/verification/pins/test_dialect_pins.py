@@ -56,7 +56,7 @@ def test_late_channels_are_one_line_and_lose_no_focus(tmp_path):
     offsets = found.pins[0].offsets
     assert np.degrees(offsets.phase_rad[3::8]) == pytest.approx(11.25, abs=0.3)
     assert np.degrees(np.delete(offsets.phase_rad, late)) == pytest.approx(0.0, abs=0.3)
-    assert "32 elements off by +1 LSB" in str(found)
+    assert "wrong drive; elements n mod 8 = 3 (32 of 256): one step of 32 late" in str(found)
 
 
 @pytest.mark.parametrize("named", [False, True])
