@@ -394,7 +394,7 @@ class VirtualBoard(ClosedByWith):
                 self.stop()
         finally:
             self._process.close_pipe()
-            self._records.read()
+            self._records.close()
             self._folder.remove()
 
     def __exit__(

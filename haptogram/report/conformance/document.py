@@ -10,7 +10,7 @@ from haptogram.conformance.causes import common_finding, failures_by_cause
 from haptogram.conformance.clauses import load_clauses
 from haptogram.conformance.verdict import MEANINGS, Behaviour, CaseResult, SuiteResult
 
-from ..formats.document import Check, Document, Finding, Level, Outcome, Section, Table
+from ..formats.document import TONES, Check, Document, Finding, Level, Outcome, Section, Table
 from ..formats.html import html_setting_rows
 from .text import marked_transcript
 from .wording import (
@@ -37,7 +37,6 @@ _TONES: Final = {
     Behaviour.FLAKY: "bad",
     Behaviour.FAILED: "bad",
 }
-_VERDICT_TONES: Final = {"PASS": "good", "FAIL": "bad", "INCONCLUSIVE": "doubt"}
 #: Outcomes by the elements of JUnit in the table of the verdicts.
 _OUTCOMES: Final = {
     None: Outcome.PASSED,
@@ -59,7 +58,7 @@ def suite_document(suite: SuiteResult) -> Document:
         command="conform",
         heading=f"{verdict}: {suite_counts(suite)}",
         title=f"conformance, {verdict.lower()}",
-        tone=_VERDICT_TONES[verdict],
+        tone=TONES[verdict.lower()],
         findings=list(_case_findings(suite)),
         lead=[
             f"board {suite_board(suite)}; exit status {suite.exit_status}",

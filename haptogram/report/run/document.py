@@ -9,10 +9,11 @@ from typing import Any, Final
 
 from haptogram.acoustics import AcousticModel
 from haptogram.records.frame import Observation
-from haptogram.verification import RunVerdict, Verdict
+from haptogram.verification import RunVerdict
 
 from ..figures.style import embed_picture
 from ..formats.document import (
+    TONES,
     Check,
     Document,
     Finding,
@@ -40,7 +41,6 @@ from .pins import (
 from .wording import NOTHING, run_figure_wording
 
 _BITS: Final = 8
-_TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
 _LEVELS: Final = {
     Outcome.FAILED: Level.ERROR,
     Outcome.INCONCLUSIVE: Level.ERROR,
@@ -97,7 +97,7 @@ def run_document(
         command="verify",
         heading=run_result_sentence(run, result),
         title=f"{result['verdict']}, {result['frames']['sent']} frames",
-        tone=_TONES[Verdict(result["verdict"])],
+        tone=TONES[result["verdict"]],
         findings=list(_run_findings(checks)),
         lead=[*wording.run_summary_sentences(result), *effect],
         sections=list(_run_sections(result)),

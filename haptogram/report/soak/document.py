@@ -22,6 +22,7 @@ from ..figures.style import (
     new_figure,
 )
 from ..formats.document import (
+    TONES,
     Block,
     Check,
     Document,
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_TONES: Final = {"PASS": "good", "FAIL": "bad", "INCONCLUSIVE": "doubt"}
 _FAULT_HEAD: Final = ("fault", "injected", "detected", "harmless", "found as")
 _COUNTER_HEAD: Final = ("counter", "board", "explained by")
 
@@ -76,7 +76,7 @@ def soak_document(campaign: SoakCampaign) -> Document:
         command="soak",
         heading=sentence,
         title=f"soak, {verdict.lower()}",
-        tone=_TONES[verdict],
+        tone=TONES[verdict.lower()],
         findings=list(_soak_findings(campaign)),
         lead=list(_soak_conditions(campaign)),
         sections=[
