@@ -7,11 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.evidence.backdoor import (
-    LATCHES,
-    is_observed_latch_of,
-    why_observations_incomplete,
-)
+from haptogram.evidence import backdoor
 from haptogram.evidence.backdoor_stream import BackdoorReader
 from haptogram.evidence.dialects.latches import has_dialect_latched_all
 from haptogram.records.frame import FrameKey, Intended
@@ -66,7 +62,7 @@ class BoardRecords:
     def wait_for_latches(self, count: int, timeout_s: float) -> bool:
         """Wait for *count* latches; return whether they came before the end and *timeout_s*."""
         end_s = self._now_s() + timeout_s
-        while sum(record["kind"] in LATCHES for record in self.read()) < count:
+        while sum(record["kind"] in backdoor.LATCHES for record in self.read()) < count:
             if self._now_s() > end_s or self._is_closed:
                 return False
             self._sleep(_POLL_S)
@@ -86,10 +82,10 @@ class BoardRecords:
             nonlocal looked_at
             new = self.records[looked_at:]
             looked_at += len(new)
-            return any(is_observed_latch_of(record, key) for record in new)
+            return any(backdoor.is_observed_latch_of(record, key) for record in new)
 
         self._read_until(is_there)
-        return why_observations_incomplete(self.records, key.session, key)
+        return backdoor.why_observations_incomplete(self.records, key.session, key)
 
     def wait_for_all(self, intended: Sequence[Intended]) -> str | None:
         """Wait for a latch of each frame of *intended* on a board that numbers none.
@@ -102,7 +98,7 @@ class BoardRecords:
         self._read_until(lambda: has_dialect_latched_all(intended, self.records))
         if has_dialect_latched_all(intended, self.records):
             return None
-        return why_observations_incomplete(self.records)
+        return backdoor.why_observations_incomplete(self.records)
 
     def read_to_the_end(self, progress: Callable[[int], None] | None = None) -> None:
         """Read until the end record, or until the board falls silent.

@@ -20,13 +20,8 @@ from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
 from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.machine.terminal import printable_on_terminal
+from haptogram.objects import run_frames
 from haptogram.objects.modulation import FocusFrames
-from haptogram.objects.run_frames import (
-    MOST_FRAMES,
-    frames_of_run,
-    host_model_of_run_frames,
-    targets_of_run,
-)
 from haptogram.records.frame import STREAM, Intended, Observation
 from haptogram.records.kept import only_kept_records
 from haptogram.records.losses import BoardLosses
@@ -153,8 +148,8 @@ def measure_run(
     sink : callable, optional
         Called with every frame as it is sent, as the one of :class:`Driver`.
     """
-    shown = frames_of_run(config.shape, config.pace, config.modulation)
-    model = host_model_of_run_frames(config.array)
+    shown = run_frames.frames_of_run(config.shape, config.pace, config.modulation)
+    model = run_frames.host_model_of_run_frames(config.array)
     own_array = config.link.port is not None and config.array.array is None
     elements = calibration_of_run(config)
     tap = None if writer is None else recorded_port_of_run(board, config.link.baud, writer)
@@ -165,7 +160,7 @@ def measure_run(
         model=None if own_array else model,
         medium=model.medium,
         calibration=elements if config.elements.compensate else None,
-        keep=MOST_FRAMES,
+        keep=run_frames.MOST_FRAMES,
         sink=sink,
     )
     known = board.model or driver.model
@@ -335,7 +330,7 @@ def _troubles_of_run(
 def _frames_of_run(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
     solver = cast("Method", config.solver_of_host)
     mode = cast("Mode", config.frame_kind)
-    return driver.frames(targets_of_run(config, shown), mode=mode, solver=solver)
+    return driver.frames(run_frames.targets_of_run(config, shown), mode=mode, solver=solver)
 
 
 def _display_run(
