@@ -186,6 +186,7 @@ class RawFrameClient:
         self.counters: m.Counters | None = None
         self._transport = transport
         self._board = processes_behind_terminal(transport.url) if limits.slack_us else []
+        self.held_up_us = self.trip_us = 0
         self._begin_delays()
         self._partial = b""
         self.ended_whole = True
