@@ -61,7 +61,7 @@ class Verdict(enum.StrEnum):
 
 
 class Judged:
-    """What has a verdict; it is true if it passed, and only then: ``assert board.verify(...)``."""
+    """Base of a result with a verdict: true if it passed, and only then (``assert result``)."""
 
     __slots__ = ()
     verdict: Verdict

@@ -209,7 +209,7 @@ def test_a_line_that_breaks_ends_the_run_and_not_its_results(capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--dialect", "sonicsurfaces"), "--dialect is 'sonicsurfaces'; known are sonicsurface, "),
+        (("--dialect", "sonicsurfaces"), "--dialect is 'sonicsurfaces'; known are autd3, "),
         (("--dialect", "sonicsurface", "--mode", "points"), "--mode acts only on Haptogram's own"),
         (("--dialect", "sonicsurface", "--lead-ms", "5"), "--lead-ms acts only on Haptogram's own"),
         (("--dialect-option", "boards=2"), "--dialect-option acts only with --dialect"),

@@ -427,7 +427,7 @@ def test_the_frames_of_a_client_are_judged_by_what_the_board_says_of_it(events, 
 
 
 def test_frames_of_bytes_that_look_like_no_wire_are_not_judged():
-    frames = FrameDefects(most=10)
+    frames = FrameDefects()
     array = LAYOUTS["sonicsurface"].array()
     (whole,) = latches(array, 32, targets_of(array)[:1])
     torn = dataclasses.replace(whole, counted={"frames_short": 1})
