@@ -1,6 +1,7 @@
 """``haptogram verify --dialect``: our objects on boards of other makers."""
 
 import json
+import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -84,6 +85,28 @@ def test_a_short_object_is_verified_on_every_board(name, capsys, tmp_path):
     assert found["frames"]["verified"] == found["frames"]["sent"] == 3
     assert found["board"]["dialect"] == name
     assert found["board"]["phase_steps"] == DIALECTS[name].display(1).steps
+
+
+FOUND = {  # in the firmware of boards: dialect, exit status, and what is told
+    "last_bit=late": (
+        "sonicsurface",
+        1,
+        r"elements n mod 8 = 3 \(32 of 256\): one step of 32 late, .* mm along; \d+ Pa at",
+    ),
+    "ports=staggered": ("ultraino-mega64", 1, r"off target; .* mm along; \d+ Pa at the target"),
+    "carrier=20kHz": ("ultraino-mega64", 1, r"by up to -127/255, at the output: .* \d+ Pa at"),
+    "upload=drawn-out": ("ultraino-mega64", 0, r"while bytes arrive: -6\.0 dB \(0\.50 of every"),
+}
+
+
+@pytest.mark.parametrize("option", FOUND)
+def test_what_was_found_in_firmware_is_told_with_what_it_costs(option, capsys):
+    name, expected, told = FOUND[option]
+    words = ("--dialect", name, "--virtual-time", "--dialect-option", option, *short_line(name))
+    status, out, _ = verify(capsys, *words)
+    assert status == expected
+    assert "3 latched, 3 verified, 0 lost" in out
+    assert re.search(told, out)
 
 
 @pytest.mark.sampled(1)
