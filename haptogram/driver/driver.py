@@ -19,11 +19,7 @@ from haptogram.driver.output import HostOutput
 from haptogram.driver.playback import MOST_PLAYED, PlaybackTiming, PlayReport, playback_period_us
 from haptogram.driver.session import DriverSession, Sink, choose_session_nonce
 from haptogram.driver.stream import StreamPacing, StreamReport
-from haptogram.driver.timing.limits import (
-    check_hold_duration,
-    check_stream_timing,
-    check_streamed_frames,
-)
+from haptogram.driver.timing import limits
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.driver.upload import upload_correction
 from haptogram.machine.closing import ClosedByWith
@@ -290,7 +286,7 @@ class Driver(ClosedByWith):
         ConfigurationError
             If nothing was focused on yet, or the board is not armed.
         """
-        check_hold_duration(seconds)
+        limits.check_hold_duration(seconds)
         self._output.hold(seconds)
 
     def frames(
@@ -362,11 +358,11 @@ class Driver(ClosedByWith):
             then.
         """
         schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=self.identity.queue_depth)
-        check_stream_timing(loops, spin_us, progress, realtime=realtime)
+        limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
         check_number("miss_share", miss_share, 0.0, 1.0)
         check_argument_kind("trim", trim, bool, "True or False")
         once = self._builder().frames_of(targets, mode, solver)
-        check_streamed_frames(loops * len(once))
+        limits.check_streamed_frames(loops * len(once))
         return self._output.stream(
             once,
             loops,

@@ -12,11 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.driver.line.budget import (
-    frame_bytes_on_line,
-    highest_line_rate_hz,
-    line_transmission_ns,
-)
+from haptogram.driver.line import budget
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.errors import ConfigurationError
 from haptogram.machine.posix import posix_module
@@ -102,7 +98,7 @@ def measure_frame_budget(name: str, message: messages.Message, *, baudrate: int)
     decode_ns = _median_budget_ns(lambda: _decode_budget_frame(decoder, wire))
     with _drained_budget_pty() as (fd, drain):
         write_ns = _median_budget_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
-    size = frame_bytes_on_line(
+    size = budget.frame_bytes_on_line(
         len(messages.build_body(message, flags=0, seq=0, time_us=0, session=1)) - 10
     )
     return FrameBudget(
@@ -110,9 +106,9 @@ def measure_frame_budget(name: str, message: messages.Message, *, baudrate: int)
         size=size,
         encode_ns=encode_ns,
         write_ns=write_ns,
-        wire_ns=line_transmission_ns(size, baudrate),
+        wire_ns=budget.line_transmission_ns(size, baudrate),
         decode_ns=decode_ns,
-        line_hz=highest_line_rate_hz(size, baudrate),
+        line_hz=budget.highest_line_rate_hz(size, baudrate),
         host_hz=1e9 / (encode_ns + write_ns),
     )
 

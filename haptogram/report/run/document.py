@@ -16,17 +16,10 @@ from ..formats import document
 from ..formats.html import html_setting_rows
 from ..viewer.frames import judged_viewer_frame
 from ..viewer.scene import ViewerScene
-from . import pictures, wording
+from . import pictures, pins, wording
 from .checks import run_checks_of_result
 from .fieldmap import RunFieldPicture, frame_field_picture, run_finite_amplitude
 from .frame_rows import run_frame_place_text, run_frame_table
-from .pins import (
-    PIN_COLUMNS,
-    run_capture_figures,
-    run_pin_elements,
-    run_pin_pictures,
-    run_result_sentence,
-)
 from .wording import NOTHING, run_figure_wording
 
 _BITS: Final = 8
@@ -84,7 +77,7 @@ def run_document(
     effect = [] if run.effect is None else [f"the focus was {run.effect}"]
     return document.Document(
         command="verify",
-        heading=run_result_sentence(run, result),
+        heading=pins.run_result_sentence(run, result),
         title=f"{result['verdict']}, {result['frames']['sent']} frames",
         tone=document.TONES[result["verdict"]],
         findings=list(_run_findings(checks)),
@@ -128,8 +121,8 @@ def _run_sections(result: Mapping[str, Any]) -> Iterator[document.Section]:
         ]
         table = document.Table(("counter (SPEC.md 9.2)", "board", "host"), counted, (1, 2))
         yield document.Section("Damage on the line", [table], folds=True)
-    if elements := run_pin_elements(result.get("captures")):
-        table = document.Table(tuple(PIN_COLUMNS), elements, (0, 2, 3, 4, 5, 6))
+    if elements := pins.run_pin_elements(result.get("captures")):
+        table = document.Table(tuple(pins.PIN_COLUMNS), elements, (0, 2, 3, 4, 5, 6))
         yield document.Section("Elements at their pins", [table], folds=True)
     if result["warnings"]:
         yield document.Section("Warnings", [document.Listing(result["warnings"])])
@@ -137,7 +130,7 @@ def _run_sections(result: Mapping[str, Any]) -> Iterator[document.Section]:
 
 def _run_key_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     if "captures" in result:
-        yield from run_capture_figures(result["captures"])
+        yield from pins.run_capture_figures(result["captures"])
     for text, name, figure, digits, unit in _KEY_FIGURES:
         value = result[name] if figure is None or result[name] is None else result[name][figure]
         if value is not None:
@@ -182,7 +175,10 @@ def _run_page_content(
         "tested": list(wording.run_tested_rows(result, model)),
         "scene": run_viewer_scene(run, model, seen).embedded() if run.frames else None,
         "focus": list(_run_focus_pictures(shown, model, result["board"].get("phase_steps"))),
-        "pictures": [*run_pin_pictures(result.get("captures")), *_run_page_pictures(run, model)],
+        "pictures": [
+            *pins.run_pin_pictures(result.get("captures")),
+            *_run_page_pictures(run, model),
+        ],
         "frames": run_frame_table(run),
         "judged": any(frame.criteria for frame in run.frames),
         "criteria": wording.CRITERIA,
