@@ -50,7 +50,6 @@ class MakeBoard(Protocol):
 
     def __call__(self, *, seed: int, baud: int, plan: FaultPlan, running_us: int) -> BoardUnderSoak:
         """Return it."""
-        ...
 
 
 class SoakComparison:

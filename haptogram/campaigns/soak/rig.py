@@ -11,8 +11,8 @@ from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram_protocol import HostConnection
 from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import events
-from haptogram_protocol.framing import fastest_cobs
 
 from .comparison import BoardUnderSoak, Hopeless, SoakComparison
 from .excerpts import SoakExcerpts

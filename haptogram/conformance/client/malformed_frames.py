@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.framing import cobs_encode, encode_frame
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.record import Record
 
 from .request_client import RequestClient

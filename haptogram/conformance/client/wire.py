@@ -5,6 +5,7 @@ Times are those of the transport's clock.  Nothing here knows a session or a seq
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -12,9 +13,11 @@ from typing import Final, NoReturn, Protocol, runtime_checkable
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
+from haptogram.machine.process import processes_behind_terminal, threads_waited_us
 from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import cobs_decode
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode, decode_frame
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
 
 from ..outcome import HeldUpError, check, fail, inconclusive, require
 from .recording import DialogueRecording, TransferDirection
@@ -36,7 +39,6 @@ class UnreadClientTime(Protocol):
 
     def skip_ns(self, duration_ns: int) -> None:
         """Let so much time pass; what the board sends meanwhile waits at the board."""
-        ...
 
 
 @runtime_checkable
@@ -168,7 +170,8 @@ class RawFrameClient:
         Time that the line needs for the bytes that were sent last.
     held_up_us : int
         The longest time since :meth:`begin_case` in which the host neither sent nor listened, and
-        did not compute either: others had the processor, which the board may have missed too.
+        did not compute either, as others had the processor; or in which the process of a board on
+        a pseudo-terminal of this machine waited for one.
     """
 
     def __init__(self, transport: Transport, limits: ClientWaitLimits, *, baudrate: int) -> None:
@@ -182,8 +185,9 @@ class RawFrameClient:
         self.heard = 0
         self.counters: m.Counters | None = None
         self._transport = transport
+        self._board = processes_behind_terminal(transport.url) if limits.slack_us else []
         self.held_up_us = self.trip_us = 0
-        self._leave(self.now_us())
+        self._begin_delays()
         self._partial = b""
         self.ended_whole = True
         self._zeros = 2  # delimiters since the last piece
@@ -194,8 +198,7 @@ class RawFrameClient:
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""
         self.forget_received()
-        self.held_up_us = self.trip_us = 0
-        self._leave(self.now_us())
+        self._begin_delays()
         self._deadline_us = self.now_us() + self.limits.case_us
 
     def forget_received(self) -> None:
@@ -381,13 +384,24 @@ class RawFrameClient:
             self._take(data)
 
     @property
-    def longest_delay_us(self) -> int:
+    def delay_us(self) -> int:
         """The longest time in which something was held up that is usually on time.
 
         An answer that has taken a whole trip of those that the lead has room for was.
         """
         late_us = self.trip_us if self.trip_us > self.limits.lead_us // _TRIPS_IN_LEAD else 0
         return max(self.held_up_us, late_us)
+
+    @property
+    def is_held_up_beyond_reckoning(self) -> bool:
+        """True if host or emulator lacked a processor for longer than cases reckon with.
+
+        The board answers once more before: one that still waits for a processor has not told so.
+        """
+        if not self.is_virtual and self.ask_time is not None:
+            with contextlib.suppress(LinkLostError):
+                self.ask_time()
+        return self.held_up_us > self.limits.slack_us
 
     def note_late(self) -> None:
         """Note that what follows may come behind its t_apply."""
@@ -397,12 +411,22 @@ class RawFrameClient:
         """Note that something between host and board was held up for so long."""
         self.held_up_us = max(self.held_up_us, duration_us)
 
+    def _begin_delays(self) -> None:
+        self.held_up_us = self.trip_us = 0
+        self._board_waited_us = threads_waited_us(self._board)
+        self._leave(self.now_us())
+
     def _come_back(self) -> None:
-        """Note how long the host neither sent, listened nor computed since its last wait."""
+        """Note how long the host neither sent, listened nor computed since its last wait.
+
+        And how long the process of the board waited for a processor meanwhile.
+        """
         if not self.limits.slack_us:  # no virtual time passes while the host computes
             return
         computed_us = (time.process_time_ns() - self._left_cpu_ns) // 1000
         self.note_held_up(self.now_us() - self._left_us - computed_us)
+        before_us, self._board_waited_us = self._board_waited_us, threads_waited_us(self._board)
+        self.note_held_up(self._board_waited_us - before_us)
 
     def _leave(self, t_us: int) -> None:
         """Note that the host listened, or sent, until now."""

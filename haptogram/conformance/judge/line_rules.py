@@ -13,14 +13,9 @@ from typing import Final, TypeAlias
 
 from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
+from haptogram_protocol.cobs import cobs_encode
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import (
-    DELIMITER,
-    HEADER_BYTES,
-    MAX_ENCODED_BYTES,
-    cobs_encode,
-    decode_frame,
-)
+from haptogram_protocol.framing import DELIMITER, HEADER_BYTES, MAX_ENCODED_BYTES, decode_frame
 
 from ..client.wire import ReceivedByClient
 from ..outcome import check

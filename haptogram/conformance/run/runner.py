@@ -28,7 +28,6 @@ from .connection import SuiteConnection
 #: Called before every case with its number from 0, the number of cases, and its id.
 CaseProgress: TypeAlias = Callable[[int, int, str], None]
 
-_HELD_UP_S: Final = 1.0  # a host held up for longer may have missed a timer of the board
 _DOUBTFUL: Final = (Behaviour.FAILED, Behaviour.INCONCLUSIVE)
 _TRIES: Final = 3
 _LEAST_BAUD: Final = 115_200  # of lines that every case reckons with
@@ -275,7 +274,7 @@ class SuiteRunner:
         except LinkError as error:
             return self._lost(_Outcome(Behaviour.FAILED, str(error)), board)
         board = self._connection.board  # the case may have restarted it
-        held_up_us = board.wire.longest_delay_us
+        held_up_us = board.wire.delay_us
         outcome = self._afterwards(case, board, outcome)
         return dataclasses.replace(outcome, held_up_us=held_up_us)
 
@@ -304,10 +303,9 @@ class SuiteRunner:
 
     def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
         clause = self._clauses[case.clause]
-        away_s = board.wire.held_up_us / 1e6
-        if ended.behaviour is Behaviour.FAILED and away_s > _HELD_UP_S:
-            text = f"the host was held up for {away_s:.1f} s, and then: {ended}"
-            return _Outcome(Behaviour.INCONCLUSIVE, text)
+        if ended.behaviour is Behaviour.FAILED and board.wire.is_held_up_beyond_reckoning:
+            ended = HeldUpError(f"for {board.wire.held_up_us / 1000:.0f} ms, and then: {ended}")
+            return _Outcome(ended.behaviour, str(ended))
         if ended.behaviour is Behaviour.FAILED and self._is_slow:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
         if ended.behaviour is Behaviour.FAILED:

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from typing import Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.framing import CRC_BYTES, MAX_ENCODED_BYTES, cobs_encode, encode_frame
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import CRC_BYTES, MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case

@@ -8,7 +8,8 @@ from typing import Final, TypeAlias
 
 from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.framing import MAX_ENCODED_BYTES, cobs_encode, encode_frame
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import MAX_ENCODED_BYTES, encode_frame
 
 from ...case import Depth, case
 from ...client import uploads

@@ -159,16 +159,16 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
     text = f"max_horizon_us is {board.identity.max_horizon_us}: no wait of 2^16 µs fits"
     require(bool(ahead_us), text)
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
-    now_us = board.clock.device_us() + board.wire.period_us(len(ahead_us) * size)
+    first_us = board.clock.ahead_us(ahead_us[0] + board.wire.period_us(len(ahead_us) * size))
+    times_us = [first_us - ahead_us[0] + us for us in ahead_us]
     with board.counting(latched=0, flushed=len(ahead_us)):
-        board.link.send(
-            *(board.link.stream_wire(board.flat_phases(), now_us + us) for us in ahead_us)
-        )
+        board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times_us))
+        board.clock.end_exchange()
         board.wire.idle(_LOOK_US)
         found = board.status()
-        board.clock.require_before(now_us + ahead_us[0], "a look at frames that wait")
-        check_fields(found, "frames wait: STATUS_REPLY", queued=len(ahead_us))
         board.mute()
+        board.clock.require_before(first_us, "a look at frames that wait")
+    check_fields(found, "frames wait: STATUS_REPLY", queued=len(ahead_us))
 
 
 # --- The time in a frame with IMMEDIATE ----------------------------------------------------------

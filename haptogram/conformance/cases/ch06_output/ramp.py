@@ -144,6 +144,7 @@ def output_ramps_end_muted(board: BoardClient) -> None:
         start_us = HOLD.start(board, hold_ms, ramp_ms=60)
         board.clock.require_horizon(2_000_000)
         board.link.stream(board.flat_phases(), start_us + 2_000_000)
+        board.clock.require_before(start_us + hold_ms * _MS, "a frame within the hold")
         HOLD.judge(board, since, start_us, hold_ms + ramp_ms, "the hold and its ramp")
 
 
