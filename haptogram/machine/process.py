@@ -13,34 +13,14 @@ from typing import Final
 
 from .posix import posix_module
 
-_PRESSURE: Final = Path("/proc/pressure/cpu")  # Linux
 _STATM: Final = Path("/proc/self/statm")
-_PROCESSES: Final = Path("/proc")
+_PROCESSES: Final = Path("/proc")  # Linux
 _TERMINALS: Final = "/dev/pts/"
 _PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
 _PR_GET_TIMERSLACK: Final = 30
 _MCL_CURRENT: Final = 1  # sys/mman.h
 _MCL_FUTURE: Final = 2
 _PRIORITY: Final = 50  # of SCHED_FIFO: above ordinary threads of the kernel, below its watchdogs
-
-
-def time_without_processor_us() -> int:
-    """Return for how long any process of this machine has waited for a processor since its start.
-
-    A program beside this one, such as an emulator, may have been held up while this one was not.
-    Microseconds; 0 where the system does not say.
-
-    Examples
-    --------
-    >>> before_us = time_without_processor_us()
-    >>> time_without_processor_us() - before_us >= 0
-    True
-    """
-    try:
-        _, _, total = _PRESSURE.read_text("ascii").splitlines()[0].partition("total=")
-        return int(total)
-    except (OSError, ValueError, IndexError):
-        return 0
 
 
 def processes_behind_terminal(path: str) -> list[Path]:

@@ -182,18 +182,16 @@ class RawFrameClient:
         self.on_sent: Callable[[bytes, int], None] | None = None
         self.ask_time: Callable[[], int | None] | None = None
         self.recording = DialogueRecording()
-        self.heard = 0
+        self.heard = self.held_up_us = self.trip_us = self._board_waited_us = 0
         self.counters: m.Counters | None = None
         self._transport = transport
         self._board = processes_behind_terminal(transport.url) if limits.slack_us else []
-        self.held_up_us = self.trip_us = 0
         self._begin_delays()
         self._partial = b""
         self.ended_whole = True
         self._zeros = 2  # delimiters since the last piece
         self._deadline_us = self.now_us() + limits.case_us
-        self._busy_until_us = 0
-        self.sent_for_us = 0
+        self._busy_until_us = self.sent_for_us = 0
 
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""

@@ -7,7 +7,6 @@ from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from haptogram.machine.process import time_without_processor_us
 from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
@@ -42,7 +41,6 @@ _AHEAD_US: Final = SLOT_US // 8  # a slot is planned so long before it begins
 _NEAR_US: Final = 200  # error of times that a host knows
 _NEAR_EXACT_US: Final = 10  # HG-6.9/2, where bytes take no time
 _SHARES: Final = {True: 6, False: 2}  # of a slot may pass while its frames are on the line
-_WAITING: Final = 20  # this part of the time a process may wait for a processor on an idle machine
 _AROUND: Final = 24  # bytes of the line that a body may add: checksum, stuffing, delimiters
 _TAIL: Final = 6  # slots after the last frame: timers end
 _END_US: Final = 2000  # before the end of a slot the board has said everything
@@ -148,7 +146,6 @@ class Lockstep:
             If bytes may have come so late that a healthy board says something else.
         """
         self._board.wire.begin_case()
-        self._begun_us, self._waited_us = self._board.wire.now_us(), time_without_processor_us()
         early: list[DialogueAction] = []
         if powers_up:
             host = self._opening.power_up()
@@ -223,7 +220,7 @@ class Lockstep:
                 if batch and not host.unsent:
                     end = "a request whose refusal shows that all was read"
                     sent.append((shown_us, end, arrivals[-1].wires[-1]))
-                return Played(text, sent, slot, self._held_up())
+                return Played(text, sent, slot, self._board.wire.held_up_us)
             host.slot_us = self._next_slot(host.slot_us + silent * SLOT_US, may_cut=not timed)
             slot += 1 + silent
             waited_us += sum(arrival.wait_us for arrival in arrivals)
@@ -233,7 +230,7 @@ class Lockstep:
         self._models.advance(host.slot_us + SLOT_US)
         behind = self._models.due(host, base[1], self._near_us, is_last=True)
         text = superfluous_in_dialogue(self._early[len(behind) :])
-        return Played(text, sent, slots, self._held_up())
+        return Played(text, sent, slots, self._board.wire.held_up_us)
 
     def _silent_slots(self, slot: int, slots: int, by_slot: Container[int]) -> int:
         """Return how many slots behind one pass together: nothing is sent in them.
@@ -244,15 +241,6 @@ class Lockstep:
             return 0
         behind = range(slot + 1, slots)
         return next((n for n, other in enumerate(behind) if other in by_slot), len(behind))
-
-    def _held_up(self) -> int:
-        """Return how long something was held up that is not the board: it explains a difference."""
-        if self._is_virtual:
-            return 0
-        wire = self._board.wire
-        waited_us = time_without_processor_us() - self._waited_us
-        usual_us = (wire.now_us() - self._begun_us) // _WAITING
-        return max(wire.held_up_us, waited_us - usual_us)
 
     # --- time ----------------------------------------------------------------------------------
 

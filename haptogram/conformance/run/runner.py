@@ -305,7 +305,6 @@ class SuiteRunner:
         clause = self._clauses[case.clause]
         if ended.behaviour is Behaviour.FAILED and board.wire.is_held_up_beyond_reckoning:
             ended = HeldUpError(f"for {board.wire.held_up_us / 1000:.0f} ms, and then: {ended}")
-            return _Outcome(ended.behaviour, str(ended))
         if ended.behaviour is Behaviour.FAILED and self._is_slow:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
         if ended.behaviour is Behaviour.FAILED:
