@@ -39,7 +39,7 @@ class CapturedBoard:
 
     dialect: str
     frames: list
-    gap_s: float = 12e-3  # from frame to frame
+    gap_s: float = 6e-3  # from frame to frame
     carrier_hz: float = 40_000.0
     late_step: tuple = ()  # channels that are one step late
     late_us: dict = field(default_factory=dict)  # by channel

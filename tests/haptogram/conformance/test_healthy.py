@@ -390,7 +390,7 @@ def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
     assert result.behaviour is Behaviour.OK, result.detail
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("limits", "cases"),
     [
