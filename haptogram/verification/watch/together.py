@@ -94,7 +94,10 @@ class CommonLosses:
         other, full = self._focus(right, near_m)
         moved_mm = 1e3 * float(np.linalg.norm(place - other))
         text = "; ".join(group.text for group in found)
-        detail = f"{text}; {moved_mm:.2f} mm, {pressure:.0f} Pa instead of {full:.0f} Pa"
+        detail = (
+            f"{text}; the focus moves by {moved_mm:.2f} mm and has {pressure:.0f} Pa instead of "
+            f"{full:.0f} Pa"
+        )
         return [Diagnosis(Defect.TOGETHER, detail, tuple(self._taken.values()))], members
 
     def levels(self) -> list[Diagnosis]:
