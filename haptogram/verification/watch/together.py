@@ -101,7 +101,7 @@ class CommonLosses:
         return [Diagnosis(Defect.TOGETHER, detail, tuple(self._taken.values()))], members
 
     def levels(self) -> list[Diagnosis]:
-        """Return what a carrier that is not steady costs."""
+        """Return the losses of a carrier that is not steady."""
         found = []
         if self._halved and self._usual is not None:
             pressure = self._usual.pressure_rms_pa
