@@ -72,7 +72,7 @@ class Modulation:
 
 
 class CarrierState(enum.Enum):
-    """How the periods of the carrier follow each other, and the level that is left at it."""
+    """State of the carrier, by its periods, and the level that is left at its frequency."""
 
     STEADY = "steady", 1.0
     DRAWN_OUT = "drawn out", 0.5

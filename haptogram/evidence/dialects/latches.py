@@ -53,7 +53,7 @@ def has_dialect_latched_all(
 
 
 def upload_loss_text(records: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return what a board radiates less while bytes arrive; None: nothing less, or nobody saw it.
+    """Return the loss of a board while bytes arrive; None: there is none, or nobody saw it.
 
     Frames are judged as they are latched, between the bytes.
     """

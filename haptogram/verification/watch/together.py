@@ -25,7 +25,7 @@ from .latch import HALVED, UPLOAD, SeenLatch
 _ROUNDING: Final = 0.32  # of a step, the root mean square: rounding and cutting off leave 0.29
 _SPREAD: Final = 1.2  # of half a step, within a group: rounding, and the fit of the place
 _SOUNDING: Final = 1e-6
-_LEAST_DB: Final = -0.5
+_LEAST: Final = 0.95  # of the amplitude, while bytes arrive: less is a loss
 _MOST: Final = 1000  # latches whose phases are looked at
 
 
@@ -46,15 +46,19 @@ class CommonLosses:
         self._last: tuple[ComplexArray, int, Vector] | None = None
         self._usual: Placed | None = None
         self._halved: list[int] = []
-        self._upload: tuple[float, float, float] | None = None  # dB, Pa, and Pa without
+        self._level, self._least = 0.0, 1.0  # of the last latch; share left while bytes arrive
+        self._is_low = self._usual_is_low = False
 
     def take(self, latch: SeenLatch, pattern: object) -> None:
         """Look at the drive of a latch, and its pattern."""
-        if latch.cause == UPLOAD and isinstance(pattern, Placed) and self._usual is not None:
-            self._take_level(pattern.pressure_rms_pa, self._usual.pressure_rms_pa)
+        level, before = latch.level, self._level
+        if latch.cause == UPLOAD and level > 0.0 < before:  # the drive of the latch before it
+            self._is_low = level < before
+            self._least = min(self._least, level / before, before / level)
+        self._level = level
         if not latch.is_of_client or latch.torn or not isinstance(pattern, Placed):
             return
-        self._usual = pattern
+        self._usual, self._usual_is_low = pattern, self._is_low
         if latch.counted.get(HALVED):
             self._halved.append(latch.number)
         drive = hash(latch.weights.tobytes())
@@ -90,11 +94,14 @@ class CommonLosses:
         other, full = self._focus(right, near_m)
         moved_mm = 1e3 * float(np.linalg.norm(place - other))
         text = "; ".join(group.text for group in found)
-        detail = f"{text}; {moved_mm:.2f} mm, {pressure:.0f} Pa instead of {full:.0f} Pa"
+        detail = (
+            f"{text}; the focus moves by {moved_mm:.2f} mm and has {pressure:.0f} Pa instead of "
+            f"{full:.0f} Pa"
+        )
         return [Diagnosis(Defect.TOGETHER, detail, tuple(self._taken.values()))], members
 
     def levels(self) -> list[Diagnosis]:
-        """Return what a carrier that is not steady costs."""
+        """Return the losses of a carrier that is not steady."""
         found = []
         if self._halved and self._usual is not None:
             pressure = self._usual.pressure_rms_pa
@@ -103,17 +110,14 @@ class CommonLosses:
                 f"{pressure:.0f} Pa instead of {2.0 * pressure:.0f} Pa"
             )
             found.append(Diagnosis(Defect.CARRIER, detail, tuple(self._halved)))
-        if self._upload is not None:
-            loss_db, pressure, full = self._upload
-            detail = f"{loss_db:.1f} dB, {pressure:.0f} Pa instead of {full:.0f} Pa"
+        if self._usual is not None and self._least < _LEAST:
+            pressure = self._usual.pressure_rms_pa / (self._least if self._usual_is_low else 1.0)
+            detail = (
+                f"{20.0 * math.log10(self._least):.1f} dB, {self._least * pressure:.0f} Pa instead "
+                f"of {pressure:.0f} Pa"
+            )
             found.append(Diagnosis(Defect.UPLOAD, detail, ()))
         return found
-
-    def _take_level(self, pressure: float, usual: float) -> None:
-        low, full = sorted((pressure, usual))
-        loss_db = 20.0 * math.log10(low / full) if low > 0.0 else 0.0
-        if loss_db < (_LEAST_DB if self._upload is None else self._upload[0]):
-            self._upload = loss_db, low, full
 
     def _focus(self, weights: ComplexArray, near_m: Vector) -> tuple[FloatArray, float]:
         """Return the place of the focus of *weights*, and its pressure."""

@@ -43,7 +43,7 @@ FOUND = {  # in the firmware of boards: dialect, defect, figures, and how much p
     "last_bit=late": (
         "sonicsurface",
         Defect.TOGETHER,
-        r"elements n mod 8 = 3 \(32 of 256\): one step of 32 late, \+\d+\.\d degrees; 0\.\d\d mm",
+        r"elements n mod 8 = 3 \(32 of 256\): one step of 32 late, .* by 0\.\d\d mm",
         0.997,
     ),
     "carrier=20kHz": ("ultraino-mega64", Defect.CARRIER, "a transducer hears -6.0 dB", 0.5),
