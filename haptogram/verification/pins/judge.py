@@ -426,7 +426,7 @@ class _PinJudge:
             return found
         centres, weights = fundamentals_of_run_drives(self.record.pins[reference])
         for frame, (start, end) in enumerate(zip(self.shown.starts, self.shown.ends, strict=True)):
-            held = weights[(centres > start + 1.0) & (centres < end - 0.5)]
+            held = weights[(centres > start + 1.0) & (centres < end)]
             usual = np.median(held.real) + 1j * np.median(held.imag) if len(held) else 0.0
             found[frame] = (np.abs(held - usual) > limit).any()
         return found
