@@ -7,11 +7,13 @@ import ctypes
 import gc
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 _PRESSURE: Final = Path("/proc/pressure/cpu")  # Linux
+_PROCESSES: Final = Path("/proc")
+_TERMINALS: Final = "/dev/pts/"
 _PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
 _PR_GET_TIMERSLACK: Final = 30
 _MCL_CURRENT: Final = 1  # sys/mman.h
@@ -36,6 +38,40 @@ def time_without_processor_us() -> int:
         return int(total)
     except (OSError, ValueError, IndexError):
         return 0
+
+
+def processes_behind_terminal(path: str) -> list[Path]:
+    """Return the folder of each thread of the processes that made a pseudo-terminal.
+
+    Empty if *path* is none, and where the system does not say (Linux does, of the same user).
+    """
+    number = os.path.realpath(path).removeprefix(_TERMINALS)
+    wanted, threads = f"tty-index:\t{number}\n", []
+    for process in _PROCESSES.glob("[0-9]*") if number.isdecimal() else ():
+        with contextlib.suppress(OSError):  # of another user, or at its end
+            masters = [fd for fd in (process / "fd").iterdir() if _is_terminal_master(fd)]
+            infos = [(process / "fdinfo" / fd.name).read_text("ascii") for fd in masters]
+            threads += list((process / "task").iterdir()) if wanted in "".join(infos) else []
+    return threads
+
+
+def _is_terminal_master(descriptor: Path) -> bool:
+    try:
+        return os.readlink(descriptor).endswith("ptmx")
+    except OSError:
+        return False
+
+
+def threads_waited_us(threads: Sequence[Path]) -> int:
+    """Return for how long these threads were ready, and waited for a processor, since their start.
+
+    Microseconds; without those that have ended.
+    """
+    waited_ns = 0
+    for thread in threads:
+        with contextlib.suppress(OSError, IndexError):
+            waited_ns += int((thread / "schedstat").read_bytes().split()[1])
+    return waited_ns // 1000
 
 
 @contextlib.contextmanager

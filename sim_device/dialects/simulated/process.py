@@ -181,7 +181,7 @@ class SimulatorProcess:
 
 
 def count_of_same(line: bytes) -> int:
-    """Return how many periods are like the last one; a ValueError has a line without a number."""
+    """Return the number of periods that are like the last one; raise ValueError for no number."""
     count = line.removeprefix(SAME)
     if not count.isdigit():
         raise ValueError(f"{line.decode(errors='replace')!r}; behind = stands a number of periods")
