@@ -41,7 +41,7 @@ class SimulatedCapture:
         self._codes = [_vcd_code(number) for number in range(len(names))]
         self._hold_ns = max(round(byte_ns), hello.period_ns)  # until all of a time is known
         self._high = self._periods = 0
-        self._changes: list[tuple[int, str]] = []  # since the period began
+        self._changes: list[tuple[int, int]] = []  # since the period began, and levels
         self._last = self._changes
         self._edges: list[tuple[int, str]] = []  # that are not written yet
         try:
@@ -81,21 +81,24 @@ class SimulatedCapture:
         for line in text.splitlines(keepends=True):
             if line == PERIOD:
                 self._last, self._changes = self._changes, []
-                self._end_period()
+                self._end_periods(1)
             elif line.startswith(SAME):
-                for _ in range(count_of_same(line.rstrip())):
-                    self._end_period()
+                self._end_periods(count_of_same(line.rstrip()))
             elif line.strip():
                 _, since, levels = line.split()
-                self._changes.append((int(since), self._shown(int(levels, 16))))
+                self._changes.append((int(since), int(levels, 16)))
 
-    def _end_period(self) -> None:
-        """Take down the changes of a period, which are those of the last one."""
-        begin_ns = self._periods * self._period_ns
-        self._periods += 1
-        self._edges.append((begin_ns, f"1{self._codes[0]}\n"))
-        self._edges.append((begin_ns + self._period_ns // 2, f"0{self._codes[0]}\n"))
-        self._edges += [(begin_ns + since_ns, text) for since_ns, text in self._last]
+    def _end_periods(self, count: int) -> None:
+        """Take down periods with the last changes; the first may begin with other levels."""
+        edges: list[tuple[int, str]] = []
+        for number in range(count):
+            if number < 2:
+                edges = [(since_ns, self._shown(levels)) for since_ns, levels in self._last]
+            begin_ns = self._periods * self._period_ns
+            self._periods += 1
+            self._edges.append((begin_ns, f"1{self._codes[0]}\n"))
+            self._edges.append((begin_ns + self._period_ns // 2, f"0{self._codes[0]}\n"))
+            self._edges += [(begin_ns + since_ns, text) for since_ns, text in edges]
 
     def _shown(self, high: int) -> str:
         """Return the edges from the levels that there were to these."""
@@ -121,8 +124,8 @@ class SimulatedCapture:
 
     def close(self, now_ns: int) -> None:
         """Write the rest: the pins of a board without power are low."""
-        self._last, self._changes = [*self._changes, (now_ns % self._period_ns, self._shown(0))], []
-        self._end_period()
+        self._last = [*self._changes, (now_ns - self._periods * self._period_ns, 0)]
+        self._end_periods(1)
         self.write(now_ns + self._hold_ns)
         self._file.write(f"#{now_ns + self._offset_ns}\n")
         self._file.close()

@@ -110,7 +110,8 @@ def test_one_that_hangs_is_given_up(monkeypatch):
 
 
 def test_one_that_says_what_is_the_same_once_is_as_good(tmp_path):
-    frames, files = [OFF_FRAME, RAMP], [tmp_path / "all.vcd", tmp_path / "same.vcd"]
+    turned = b"\xfe" + bytes((n + 16) % 32 for n in range(256)) + b"\xfd"
+    frames, files = [OFF_FRAME, RAMP, turned], [tmp_path / "all.vcd", tmp_path / "same.vcd"]
     found = [
         records(frames, command(PINS, *way), simulator_capture=file)
         for way, file in zip(((), ("same",)), files, strict=True)
