@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import pytest
 from boards import WindowWatch, run, virtual
-from identities import identity
+from identities import OwnDefaults, identity
 
 from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
@@ -379,14 +379,6 @@ LEAST = (
     NO_LIMITS | {"features": Feature.CONFIG},
     NO_LIMITS | CORRECTION | {"features": Feature.CONFIG | Feature.CORRECTION, "upload_window": 1},
 )
-
-
-class OwnDefaults(BoardOutput):
-    """Latches late frames and ramps for 2 s by default: that is left to the board."""
-
-    def __init__(self, *args, **kwargs):
-        super().__init__(*args, **kwargs)
-        self.config = dataclasses.replace(self.config, late_window_us=5000, ramp_ms=2000)
 
 
 @pytest.mark.nightly
