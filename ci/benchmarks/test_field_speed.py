@@ -58,6 +58,27 @@ def test_sources_against_numpy(shape, sources, compare, scattered):
     )
 
 
+@pytest.mark.row("field of 256 sources anywhere in a plane")
+def test_flat_array_against_a_plain_kernel(compare, board, drive, scattered):
+    """No lattice: the squares of no row are shared."""
+    off = np.random.default_rng(2).uniform(-5e-4, 5e-4, (256, 3)) * [1.0, 1.0, 0.0]
+    array = TransducerArray.from_positions(board.array.positions_m + off)
+    model = AcousticModel(array, board.medium, board.transducer)
+    engine, points = NumbaEngine(model), scattered(10_000)
+    plain = references.direct_kernel(model, drive)
+    exact = references.field(model, drive, points[::50])
+    for field in (plain, lambda points: engine.pressure(drive, points)):
+        assert np.abs(field(points[::50]) - exact).max() <= 1e-4 * np.abs(exact).max()
+    compare(
+        0.95,
+        lambda: engine.pressure(drive, points),
+        lambda: plain(points),
+        repeats=5,
+        reference_repeats=5,
+        pairs=256 * len(points),
+    )
+
+
 @pytest.mark.row("field at {count} points, beside sgemm")
 @pytest.mark.parametrize("count", [10_000, 100_000])
 def test_arbitrary_points_against_the_arithmetic_limit(count, compare, engine, drive, scattered):

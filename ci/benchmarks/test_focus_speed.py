@@ -15,6 +15,7 @@ from haptogram.acoustics import (
     focus_phases,
     quantise_phase,
     solve_foci,
+    superpose_foci,
 )
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.reference import propagators
@@ -159,6 +160,20 @@ def test_weighted_gerchberg_saxton_against_numpy(foci, compare, board):
         repeats=10,
         pairs=256 * foci * rounds,
         rounds_of_each_call=rounds,
+    )
+
+
+@pytest.mark.row("solve_foci, 16 foci, 50 rounds, everything included")
+def test_solver_from_foci_to_drive(compare, board):
+    foci = random_foci(np.random.default_rng(5), 16)
+
+    def plainly():
+        matrix = propagators(board, foci)
+        start = superpose_foci(board, foci, np.ones(16), np.zeros(16))
+        return weighted_gerchberg_saxton(matrix, np.ones(16), start, 50)
+
+    compare(
+        None, lambda: solve_foci(board, foci), plainly, repeats=20, reference_repeats=2, rounds=50
     )
 
 

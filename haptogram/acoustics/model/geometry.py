@@ -57,6 +57,8 @@ class TransducerArray:
         Spacing of a rectangular grid, in metres.
     bounds_m : (2, 3) numpy.ndarray
         Least and largest coordinates of the element centres, in metres; read-only.
+    centre_m : (3,) numpy.ndarray
+        Centroid of the element centres, in metres; read-only.
     fronts : (U, 4) numpy.ndarray
         The half-spaces that the elements face, one for each direction, the middle one first: a row
         (n, d) holds the points where n x + d >= 0, in metres and with a nanometre to spare;
@@ -88,6 +90,7 @@ class TransducerArray:
     grid_shape: tuple[int, int] | None = None
     pitch_m: float | None = None
     bounds_m: FloatArray = field(init=False, repr=False)
+    centre_m: FloatArray = field(init=False, repr=False)
     fronts: FloatArray = field(init=False, repr=False)
     axes: FloatArray = field(init=False, repr=False)
 
@@ -109,6 +112,7 @@ class TransducerArray:
             ("positions_m", positions),
             ("normals", normals),
             ("bounds_m", np.array([positions.min(axis=0), positions.max(axis=0)])),
+            ("centre_m", positions.mean(axis=0)),
             ("fronts", _element_fronts(positions, normals)),
             ("axes", array_axes(positions, normals, self.grid_shape)),
         ):
@@ -227,12 +231,6 @@ class TransducerArray:
     def count(self) -> int:
         """Number of transducers."""
         return len(self.positions_m)
-
-    @property
-    def centre_m(self) -> FloatArray:
-        """(3,) centroid of the element centres, in metres."""
-        centre: FloatArray = self.positions_m.mean(axis=0)
-        return centre
 
     @property
     def facing(self) -> FloatArray:

@@ -20,7 +20,7 @@ from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.acquisition import HOPELESS_RAD
 from haptogram.acoustics.reconstruct.cells import search_volume
 from haptogram.acoustics.solvers.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M
-from haptogram.errors import ConfigurationError, missing_extra
+from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
 
 _MAX_STEPS: Final = 16
@@ -95,7 +95,7 @@ class FocusTracker:
         check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
         kernels = load_kernels()
         if kernels is None:
-            raise missing_extra("numba is not installed", "fast")
+            raise ConfigurationError("numba is not installed: pip install numba")
         distance = np.linalg.norm(model.array.positions_m - model.array.centre_m, axis=1)
         self._order, lags_rad = _elements_heard_by_tracker(
             model, np.argsort(distance, kind="stable")

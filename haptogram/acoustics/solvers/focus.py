@@ -7,6 +7,7 @@ the element, 1 without a calibration.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -96,6 +97,7 @@ def _coordinate_names_of_focus(model: AcousticModel) -> list[str]:
     return [f"{name} along the array's ({axis})" for name, axis in zip(names, axes, strict=True)]
 
 
+@lru_cache(maxsize=8)
 def focus_target_heights_m(array: TransducerArray) -> tuple[float, float]:
     """Return the least and the largest height of a target above the array's centre, in metres.
 
@@ -126,7 +128,12 @@ def focus_target_heights_m(array: TransducerArray) -> tuple[float, float]:
 
 def focus_steering_reach_m(model: AcousticModel) -> tuple[float, float]:
     """Return the largest |x| and |y| of a target along the array's own axes, in metres."""
-    half = model.array.half_extent_m + (model.array.pitch_m or 0.0) / 2
+    return _steering_reach_m(model.array)
+
+
+@lru_cache(maxsize=8)
+def _steering_reach_m(array: TransducerArray) -> tuple[float, float]:
+    half = array.half_extent_m + (array.pitch_m or 0.0) / 2
     return float(half[0]) + _TARGET_MARGIN_M, float(half[1]) + _TARGET_MARGIN_M
 
 

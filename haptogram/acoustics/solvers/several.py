@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from types import ModuleType
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -15,10 +17,11 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_float_vector, as_point_array
 from haptogram.acoustics.field.engines.compiled import load_kernels
+from haptogram.acoustics.field.engines.parallel import ParallelPistons
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.model.drive import as_drive, saturated_weights
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.solvers.focus import check_focus_target, superpose_foci
+from haptogram.acoustics.solvers.focus import check_focus_targets, superpose_foci
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_whole
 
@@ -68,7 +71,7 @@ def solve_foci(
     Raises
     ------
     ConfigurationError
-        An unknown method; no focus or too many; out of reach (:func:`.focus.check_focus_target`);
+        An unknown method; no focus or too many; out of reach (:func:`.focus.check_focus_targets`);
         amplitudes or rounds out of range; a focus that no element reaches.
 
     Examples
@@ -84,11 +87,13 @@ def solve_foci(
     if not 1 <= len(points) <= _MAX_FOCI:
         raise ConfigurationError(f"{len(points)} foci, must be 1 to {_MAX_FOCI}")
     check_whole("rounds", rounds, 1, _MAX_ROUNDS)
-    for point in points:
-        check_focus_target(model, point)
+    check_focus_targets(model, points)
     wanted = np.ones(len(points)) if amplitudes is None else amplitudes
     levels = as_float_vector("amplitudes", wanted, len(points))
     _check_foci_levels(levels)
+    solved = _solved_for_pistons(model, points, levels, rounds) if method == "wgs" else None
+    if solved is not None:
+        return solved
     start = superpose_foci(model, points, levels, np.zeros(len(points)))
     start /= np.abs(start).max()
     matrix = _solver_propagators(model, points)
@@ -168,12 +173,35 @@ def _weighted_gerchberg_saxton(
         return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
     scaled = matrix / np.abs(matrix).max()
     unit = _solver_phasor(drive)
-    parts = [np.ascontiguousarray(part, dtype=np.float32) for part in (
-        scaled.real, scaled.imag, wanted, unit.real, unit.imag
-    )]  # fmt: skip
-    kernels.gerchberg_saxton_kernel(*parts[:3], rounds, *parts[3:])
-    result: ComplexArray = parts[3].astype(np.float64) + 1j * parts[4].astype(np.float64)
-    return _solver_phasor(result)
+    re, im, level, x, y = (
+        part.astype(np.float32) for part in (scaled.real, scaled.imag, wanted, unit.real, unit.imag)
+    )
+    kernels.gerchberg_saxton_kernel(re, im, level, rounds, x, y)
+    return _solver_phasor(x + 1j * y.astype(np.float64))
+
+
+def _solved_for_pistons(
+    model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
+) -> ComplexArray | None:
+    """Return the same drive, its propagators compiled, too; None for other arrays and points."""
+    pistons = None if model.calibration is not None else _kept_pistons(model, load_kernels())
+    if pistons is None:
+        return None
+    count = model.array.count
+    re, im = np.empty((2, len(points), count), np.float32)
+    x, y = np.empty((2, count), np.float32)
+    if not pistons.kernels.foci_waves_kernel(
+        points.copy(), wanted.copy(), pistons.places, pistons.medium, re, im, x, y
+    ):
+        return None
+    pistons.kernels.gerchberg_saxton_kernel(re, im, wanted.astype(np.float32), rounds, x, y)
+    return _solver_phasor(x + 1j * y.astype(np.float64))
+
+
+@lru_cache(maxsize=8)
+def _kept_pistons(model: AcousticModel, kernels: ModuleType | None) -> ParallelPistons | None:
+    serves = kernels is not None and ParallelPistons.why_not(model) is None
+    return ParallelPistons.of(model) if serves else None
 
 
 def weighted_gerchberg_saxton(

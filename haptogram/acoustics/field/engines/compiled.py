@@ -5,29 +5,46 @@ numba takes a quarter of a second to import, so it is imported by the first who 
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Final
 
 _KERNELS: Final = "haptogram.acoustics.field.engines.kernels"
+_SOURCES: Final = Path(__file__).with_name("kernels")
+#: Environment variable, which processes of this one see, too; "cached": nothing is compiled.
+_POLICY: Final = "HAPTOGRAM_KERNELS"
+_LAST: Final = "judged_frames_kernel"  # what a verification compiles last
+#: Where numba caches what lies in folders that it cannot write to.
+_USER_CACHES: Final = (
+    Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "numba",
+    Path("~/Library/Caches/numba").expanduser(),
+)
+_TOLD: Final = "compiling the field kernels, once on this machine: half a minute or more\n"
 
 
 def load_kernels() -> ModuleType | None:
-    """Return the module of compiled loops, or None where numba is not installed.
+    """Return the module of compiled loops; None: numba is not installed, or they cost too much.
 
     Machine code is cached next to the sources; numba itself takes the user's cache folder where
     that is read-only. Where there is no such folder either, the code goes to the temporary folder.
     """
+    if os.environ.get(_POLICY) == "cached" and not _are_cached(_LAST):
+        return None
     if _KERNELS in sys.modules:
         return sys.modules[_KERNELS]
     try:
         import numba
     except ImportError:
         return None
+    if sys.stderr.isatty() and not _are_cached("_kernel"):
+        sys.stderr.write(_TOLD)
     try:
         return import_module(_KERNELS)
     except RuntimeError as error:  # what numba raises if it can write to none of its folders
@@ -37,9 +54,45 @@ def load_kernels() -> ModuleType | None:
         return import_module(_KERNELS)
 
 
+@contextmanager
+def cached_kernels_alone(*, wanted: bool) -> Iterator[None]:
+    """If *wanted*, have nothing compiled meanwhile: what is not cached is done by numpy."""
+    before = os.environ.get(_POLICY)
+    if wanted and before is None:
+        os.environ[_POLICY] = "cached"
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(_POLICY, None)
+
+
+def why_no_kernels() -> str:
+    """Return the reason why :func:`load_kernels` has returned None."""
+    is_cached_alone = os.environ.get(_POLICY) == "cached"
+    return "no loops are compiled for few frames" if is_cached_alone else "numba is not installed"
+
+
+def kernel_digest() -> str:
+    """Return a name for the state of all sources of the loops."""
+    files = sorted(_SOURCES.glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+
+
+def _are_cached(name: str) -> bool:
+    """Return True if a loop whose name ends so has been compiled on this machine."""
+    own = os.environ.get("NUMBA_CACHE_DIR")
+    folders = [Path(own)] if own else [_SOURCES, *_USER_CACHES, _temporary_folder()]
+    return any(next(f.rglob(f"*{name}-{kernel_digest()}*.nbi"), None) for f in folders)
+
+
+def _temporary_folder() -> Path:
+    return Path(tempfile.gettempdir()) / f"haptogram-numba-{os.getuid()}"
+
+
 def _temporary_kernel_cache() -> Path:
     """Return a folder that only this user can write to: what lies in it will be executed."""
-    folder = Path(tempfile.gettempdir()) / f"haptogram-numba-{os.getuid()}"
+    folder = _temporary_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
     status = folder.lstat()
     if status.st_uid == os.getuid() and folder.is_dir() and not status.st_mode & 0o022:

@@ -14,6 +14,7 @@ from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import GRAZING
 
 _FAR: Final = 72.0  # wavelengths
+_FLAT: Final = 1e-9  # wavelengths out of the plane, and as much of a unit vector
 _FAR_ANYWHERE: Final = 16.0  # in a bowl or a ring, all may be at one distance and have one error
 
 SingleArray: TypeAlias = NDArray[np.float32]
@@ -26,7 +27,9 @@ class EngineLayout:
     Attributes
     ----------
     lattice : Lattice or None
-        If there is one, the frame's axes are its own; else those of the world.
+        If there is one, the frame's axes are its own; else those of a flat array, or of the world.
+    flat : bool
+        Whether all elements lie in the plane of the frame and look along its z.
     radius_m : float
         Largest distance of an element from the centroid, in metres.
     frame : (4, 3) numpy.ndarray
@@ -45,6 +48,7 @@ class EngineLayout:
     """
 
     lattice: Lattice | None
+    flat: bool
     radius_m: float
     frame: FloatArray
     constants: FloatArray
@@ -59,14 +63,19 @@ class EngineLayout:
         """Return the layout of *model*; every array is a writeable copy, C-contiguous."""
         wavelength, array = model.wavelength_m, model.array
         lattice = find_lattice(array)
-        axes = np.eye(3) if lattice is None else lattice.axes
         offsets = array.positions_m - array.centre_m
+        flat = np.abs(offsets @ array.axes[2]).max() < _FLAT * wavelength
+        flat = bool(flat and np.abs(array.normals - array.axes[2]).max() < _FLAT)
+        axes = lattice.axes if lattice else array.axes if flat else np.eye(3)
         radius_m = float(np.linalg.norm(offsets, axis=1).max())
         loss = model.medium.absorption_np_m * wavelength
-        far = _FAR_ANYWHERE if lattice is None else _FAR
+        radii = np.linalg.norm(offsets, axis=1) / wavelength
+        is_spread = len(np.unique(radii.round(3))) > array.count / 8  # unlike a ring or a few
+        far = _FAR if lattice or (flat and is_spread) else _FAR_ANYWHERE
         front = GRAZING if model.transducer.directivity.baffled else -2.0
         return cls(
             lattice=lattice,
+            flat=flat,
             radius_m=radius_m,
             frame=np.concatenate([axes / wavelength, array.centre_m[None, :]]),
             constants=np.array([radius_m / wavelength, loss, front, far]),

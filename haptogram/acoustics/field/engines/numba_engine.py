@@ -19,7 +19,7 @@ from haptogram.acoustics.field.engines.single_precision import (
 from haptogram.acoustics.field.reference import sounding_half_spaces
 from haptogram.acoustics.memory import memory_chunks
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.errors import missing_extra
+from haptogram.errors import ConfigurationError
 
 _T = TypeVar("_T", bound=np.generic)
 
@@ -49,7 +49,7 @@ class NumbaEngine(SingleEngine):
         super().__init__(model)
         kernels = load_kernels()
         if kernels is None:
-            raise missing_extra("numba is not installed", "fast")
+            raise ConfigurationError("numba is not installed: pip install numba")
         self._kernels: ModuleType = kernels
         self._layout = EngineLayout.of(model)
         half = np.ptp(model.array.bounds_m, axis=0) / 2
@@ -107,8 +107,8 @@ class NumbaEngine(SingleEngine):
         self._kernels.polar_form_kernel(_writeable_for_engine(drive), polar)
         if layout.lattice is None:
             self._kernels.free_pressure_kernel(
-                points, layout.frame, layout.constants, careful, self._gain, layout.elements, polar,
-                result,
+                points, layout.frame, layout.constants, careful, self._gain, layout.elements,
+                layout.flat, polar, result,
             )  # fmt: skip
         else:
             self._kernels.lattice_pressure_kernel(

@@ -18,6 +18,7 @@ from haptogram.acoustics import (
     saturated_weights,
     superpose_foci,
 )
+from haptogram.acoustics.solvers import several
 from haptogram.acoustics.solvers.several import (
     METHODS,
     solve_foci,
@@ -127,6 +128,26 @@ def test_the_compiled_solver_follows_the_reference(seed, count, rounds):
     reached = solver_quality(BOARD, solve_foci(BOARD, foci, rounds=rounds), foci, ones)
     assert reached.efficiency == pytest.approx(expected.efficiency, abs=0.02)
     assert reached.uniformity == pytest.approx(expected.uniformity, abs=0.03)
+
+
+@pytest.mark.parametrize("count", [1, 5, 16])
+def test_compiled_propagators_lead_to_the_same_drive(count, monkeypatch):
+    """Rounding to single precision apart, where a last bit may differ."""
+    foci, levels = spread_foci(3, count), np.linspace(0.5, 2.0, count)
+    fast = solve_foci(BOARD, foci, levels)
+    assert (solve_foci(BOARD, foci, levels) == fast).all()
+    monkeypatch.setattr(several, "_solved_for_pistons", lambda *_: None)
+    assert np.abs(solve_foci(BOARD, foci, levels) - fast).max() < 2e-5
+
+
+def test_foci_beside_the_highest_element_are_solved_without_compiled_propagators():
+    places = AcousticModel.default(4, 4).array.positions_m + np.eye(16, 3, -13)[:, [2, 1, 0]] * 0.1
+    model = AcousticModel(
+        TransducerArray.from_positions(places), Medium.air(), AcousticModel.default(2, 2).transducer
+    )
+    pair = [[-0.01, 0.0, 0.06], [0.02, 0.01, 0.07]]
+    assert model.array.positions_m[:, 2].max() > 0.07
+    assert solver_quality(model, solve_foci(model, pair), pair, np.ones(2)).uniformity > 0.9
 
 
 def test_quality_of_a_perfect_and_of_a_lopsided_drive():

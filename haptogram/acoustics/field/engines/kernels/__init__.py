@@ -18,7 +18,10 @@ from haptogram.acoustics.field.engines.kernels.focused import MEASURES as FOCUSE
 from haptogram.acoustics.field.engines.kernels.focused import focused_frames_kernel
 from haptogram.acoustics.field.engines.kernels.judged import MEASURES as JUDGED_MEASURES
 from haptogram.acoustics.field.engines.kernels.judged import judged_frames_kernel
-from haptogram.acoustics.field.engines.kernels.multifocus import gerchberg_saxton_kernel
+from haptogram.acoustics.field.engines.kernels.multifocus import (
+    foci_waves_kernel,
+    gerchberg_saxton_kernel,
+)
 from haptogram.acoustics.field.engines.kernels.pistons import MOST_GAIN_SQUARE, MOST_LOSS
 from haptogram.acoustics.field.engines.kernels.search import best_cell_kernel, cell_scores_kernel
 from haptogram.acoustics.field.engines.kernels.waves import ARCTANGENT, COSINE, SINE
@@ -34,6 +37,7 @@ __all__ = [
     "best_cell_kernel",
     "cell_scores_kernel",
     "fit_phases_kernel",
+    "foci_waves_kernel",
     "focus_codes_kernel",
     "focused_frames_kernel",
     "free_pressure_kernel",

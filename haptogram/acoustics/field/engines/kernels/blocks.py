@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.field.engines.kernels.jit import jit, jit_checked
+from haptogram.acoustics.field.engines.kernels.jit import jit, jit_checked, jit_checked_entry
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -18,7 +18,7 @@ BLOCK: Final = 256  # points; the buffers of a 16 x 16 array then fill 30 kB, ab
 _GENTLE_LOSS: Final = 0.08  # nepers across a block; a quadratic is then off by at most 3e-6
 
 
-@jit_checked
+@jit_checked_entry
 def usable_points_kernel(
     points: F8, positions: F8, fronts: F8, bounds: F8, reach: float, clearance: float,
     usable: NDArray[np.bool_],

@@ -14,7 +14,7 @@ from haptogram.acoustics.field.engines.kernels.blocks import (
     block_kernel,
     padded_block_length,
 )
-from haptogram.acoustics.field.engines.kernels.jit import jit, jit_inline
+from haptogram.acoustics.field.engines.kernels.jit import jit, jit_entry, jit_inline
 from haptogram.acoustics.field.engines.kernels.waves import (
     ONE,
     WAVES,
@@ -29,7 +29,7 @@ from haptogram.acoustics.field.engines.kernels.waves import (
 _ROUNDING = np.float32(1e-5)
 
 
-@jit
+@jit_entry
 def polar_form_kernel(drive: NDArray[np.complex128], polar: F4) -> None:
     """Set the magnitudes and the phases, in half turns, of a drive."""
     for n in range(drive.size):
@@ -42,7 +42,7 @@ def polar_form_kernel(drive: NDArray[np.complex128], polar: F4) -> None:
         polar[1, n] = -half if y < 0.0 else half
 
 
-@jit
+@jit_entry
 def lattice_pressure_kernel(
     points: F8, frame: F8, constants: F8, careful: bool, gain: F4, gx: F8, gy: F8,
     nodes: NDArray[np.int64], drive: F4, result: NDArray[np.complex128],
@@ -139,7 +139,7 @@ def _squares_kernel(x: Any, s: Any, rest: Any, careful: Any, high: Any, low: Any
             low[p] = (x[p] - s) * (x[p] - s) + rest[p] - np.float64(high[p])
 
 
-@jit
+@jit_entry
 def lattice_waves_kernel(
     points: F8, frame: F8, constants: F8, gain: F4, gx: F8, gy: F8, nodes: NDArray[np.int64],
     waves: F4,
@@ -167,14 +167,15 @@ def lattice_waves_kernel(
                 set_waves_kernel(t, m, waves[0, n], waves[1, n])
 
 
-@jit
+@jit_entry
 def free_pressure_kernel(
-    points: F8, frame: F8, constants: F8, careful: bool, gain: F4, elements: F8, drive: F4,
-    result: NDArray[np.complex128],
+    points: F8, frame: F8, constants: F8, careful: bool, gain: F4, elements: F8, flat: bool,
+    drive: F4, result: NDArray[np.complex128],
 ) -> None:  # fmt: skip
     """Set the pressure of elements at any place with any normal.
 
-    *elements* (N, 6): positions over the wavelength and normals, in the frame; *drive* (2, N).
+    *elements* (N, 6): positions over the wavelength and normals, in the frame; *flat*: all lie in
+    its plane and look along its z, and every point is in front of them. *drive* (2, N).
     """
     size = padded_block_length(len(points))
     places, pairs = np.empty((3, size)), np.empty((6, size), np.float32)
@@ -187,13 +188,20 @@ def free_pressure_kernel(
         _split_kernel(places, pairs)
         if slow:
             _free_block_kernel(
-                places, pairs, True, constants, gain, loss, elements, drive, offset, scratch, t, m,
-                sums,
+                places, pairs, True, False, constants, gain, loss, elements, drive, offset,
+                scratch, t, m, sums,
+            )  # fmt: skip
+        elif flat:
+            for p in range(size):
+                offset[2, p] = places[2, p] * places[2, p]
+            _free_block_kernel(
+                places, pairs, False, True, constants, gain, loss, elements, drive, offset,
+                scratch, t, m, sums,
             )  # fmt: skip
         else:
             _free_block_kernel(
-                places, pairs, False, constants, gain, loss, elements, drive, offset, scratch, t,
-                m, sums,
+                places, pairs, False, False, constants, gain, loss, elements, drive, offset,
+                scratch, t, m, sums,
             )  # fmt: skip
         for p in range(len(part)):
             result[start + p] = complex(sums[0, p], sums[1, p])
@@ -201,8 +209,8 @@ def free_pressure_kernel(
 
 @jit_inline
 def _free_block_kernel(
-    places: Any, pairs: Any, careful: Any, constants: Any, gain: Any, loss: Any, elements: Any,
-    drive: Any, offset: Any, scratch: Any, t: Any, m: Any, sums: Any,
+    places: Any, pairs: Any, careful: Any, flat: Any, constants: Any, gain: Any, loss: Any,
+    elements: Any, drive: Any, offset: Any, scratch: Any, t: Any, m: Any, sums: Any,
 ) -> Any:  # fmt: skip
     """Set the sums of all waves at a block of points; what comes after *drive* is scratch."""
     re, im = sums[0], sums[1]
@@ -211,8 +219,8 @@ def _free_block_kernel(
     for n in range(len(elements)):
         if drive[0, n] != ZERO:
             _free_wave_kernel(
-                places, pairs, elements[n], drive[0, n], drive[1, n], careful, constants, gain,
-                loss, offset, scratch, t[held], m[held],
+                places, pairs, elements[n], drive[0, n], drive[1, n], careful, flat, constants,
+                gain, loss, offset, scratch, t[held], m[held],
             )  # fmt: skip
             held = _held_kernel(held, t, m, re, im)
     _add_held_kernel(held, t, m, re, im)
@@ -229,11 +237,20 @@ def _split_kernel(places: F8, pairs: F4) -> None:
 
 @jit_inline
 def _free_wave_kernel(
-    places: Any, pairs: Any, s: Any, amplitude: Any, phase: Any, careful: Any, constants: Any,
-    gain: Any, loss: Any, offset: Any, scratch: Any, t: Any, m: Any,
+    places: Any, pairs: Any, s: Any, amplitude: Any, phase: Any, careful: Any, flat: Any,
+    constants: Any, gain: Any, loss: Any, offset: Any, scratch: Any, t: Any, m: Any,
 ) -> Any:  # fmt: skip
-    """Fill phase *t* and magnitude *m* of the element with position and normal *s*."""
+    """Fill phase *t* and magnitude *m* of the element with position and normal *s*.
+
+    *careful* and *flat* are constants where it is inlined; *flat* finds the heights in *offset*.
+    """
     square, low, height, ahead, none = offset[0], offset[1], offset[2], offset[3], offset[4]
+    if flat:
+        _flat_offsets_kernel(pairs, s, square)
+        rays_kernel(
+            square, height, none, none, height, amplitude, phase, False, gain, loss, scratch, t, m
+        )  # fmt: skip
+        return
     if careful:
         _exact_offsets_kernel(places, s, square, low, height, ahead)
     else:
@@ -244,6 +261,16 @@ def _free_wave_kernel(
     front, rounding, r = np.float32(constants[2]), ZERO if careful else _ROUNDING, scratch[0]
     for p in range(r.size):
         m[p] = m[p] if ahead[p] >= front * r[p] - rounding else ZERO
+
+
+@jit_inline
+def _flat_offsets_kernel(pairs: Any, s: Any, square: Any) -> Any:
+    """Set the square of the offset along the plane of the elements."""
+    x, y, x_low, y_low = pairs[0], pairs[1], pairs[3], pairs[4]
+    sx, sy = np.float32(s[0]), np.float32(s[1])
+    for p in range(x.size):
+        dx, dy = (x[p] - sx) + x_low[p], (y[p] - sy) + y_low[p]
+        square[p] = dx * dx + dy * dy
 
 
 @jit_inline
@@ -274,7 +301,7 @@ def _exact_offsets_kernel(
         height[p] = ahead[p] * ahead[p]
 
 
-@jit
+@jit_entry
 def free_waves_kernel(
     points: F8, frame: F8, constants: F8, gain: F4, elements: F8, waves: F4
 ) -> None:  # fmt: skip
@@ -287,7 +314,7 @@ def free_waves_kernel(
     _split_kernel(places, pairs)
     for n in range(len(elements)):
         _free_wave_kernel(
-            places, pairs, elements[n], ONE, ZERO, True, constants, gain, loss, offset, scratch, t,
-            m,
+            places, pairs, elements[n], ONE, ZERO, True, False, constants, gain, loss, offset,
+            scratch, t, m,
         )  # fmt: skip
         set_waves_kernel(t, m, waves[0, n], waves[1, n])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.field.engines.kernels.blocks import F4, F8
-from haptogram.acoustics.field.engines.kernels.jit import jit, jit_inline, jit_sums
+from haptogram.acoustics.field.engines.kernels.jit import jit, jit_entry, jit_inline, jit_sums
 from haptogram.acoustics.field.engines.kernels.waves import (
     ONE,
     ZERO,
@@ -24,7 +24,7 @@ _WHOLE: Final = np.float32(1.5 * 2**23)
 Fitted: TypeAlias = tuple[tuple[float, float, float], float, float, int, bool, float]
 
 
-@jit
+@jit_entry
 def focus_codes_kernel(
     targets: F8, frame: F8, places: F4, code_steps: int, codes: NDArray[np.uint8]
 ) -> None:
@@ -60,7 +60,7 @@ def _codes_kernel(
         codes[n] = np.uint8(np.float32(r * scale + _WHOLE).view(np.int32) & mask)
 
 
-@jit
+@jit_entry
 def fit_phases_kernel(
     codes: NDArray[np.uint8], order: NDArray[np.int64], places: F4, lags: F4, frame: F8,
     start: tuple[float, float, float], code_steps: int, count: int, max_steps: int,

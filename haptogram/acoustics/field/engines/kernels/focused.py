@@ -17,7 +17,7 @@ from haptogram.acoustics.field.engines.kernels.fields import (
     polar_form_kernel,
 )
 from haptogram.acoustics.field.engines.kernels.foci import fit_phases_kernel
-from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_sums
+from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_checked_entry, jit_sums
 from haptogram.acoustics.field.engines.kernels.pistons import (
     arrivals_at_kernel,
     cos_sin_turns_kernel,
@@ -149,7 +149,7 @@ def _force_kernel(
     return force
 
 
-@jit_checked
+@jit_checked_entry
 def focused_frames_kernel(
     codes: NDArray[np.uint8], phasors: NDArray[np.complex128], steps_rad: F8, limits: F8,
     quick_limits: F8, start: F8, tracker: Any, bounds: F8, places: F8, medium: F8, disc: Any,

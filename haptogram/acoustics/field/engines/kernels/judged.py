@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_sums
+from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_checked_entry, jit_sums
 from haptogram.acoustics.field.engines.kernels.peaks import (
     climb_kernel,
     expected_peak_kernel,
@@ -126,7 +126,7 @@ def _peak_error_kernel(
     return length_kernel(offset[0], offset[1], metric)
 
 
-@jit_checked
+@jit_checked_entry
 def judged_frames_kernel(
     codes: NDArray[np.uint8], turn: float, targets: F8, axes: F8, distances: F8, offsets: F8,
     limits: F8, coherences: F8, latched: F8, medium: F8, observed: F8, settings: F8, found: F8,

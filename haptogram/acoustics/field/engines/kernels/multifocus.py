@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from haptogram.acoustics.field.engines.kernels.blocks import F4
-from haptogram.acoustics.field.engines.kernels.jit import jit, jit_inline, jit_sums
+from haptogram.acoustics.field.engines.kernels.blocks import F4, F8
+from haptogram.acoustics.field.engines.kernels.jit import (
+    jit_checked_entry,
+    jit_entry,
+    jit_inline,
+    jit_sums,
+)
+from haptogram.acoustics.field.engines.kernels.pistons import arrivals_at_kernel, height_kernel
 from haptogram.acoustics.field.engines.kernels.waves import ONE, ZERO
 
 # A point that cannot be served as it wants gains weight in every round: before it overflows, all
@@ -15,7 +22,41 @@ from haptogram.acoustics.field.engines.kernels.waves import ONE, ZERO
 _LARGEST_WEIGHT = np.float32(2.0**40)
 
 
-@jit
+@jit_checked_entry
+def foci_waves_kernel(
+    points: F8, levels: F8, places: F8, medium: F8, re: F4, im: F4, drive_re: F4, drive_im: F4
+) -> bool:
+    """Set the propagators of parallel pistons over the largest, and the drive to start from.
+
+    That is the phases of the naive superposition. *places* (4, N), all phases 0, and *medium* are
+    those of :mod:`.pistons`. Returns whether every element is below each point, and heard there.
+    """
+    waves, exact = np.empty((6, re.shape[1])), np.empty((2, *re.shape))
+    start, largest = np.zeros((2, re.shape[1])), 0.0
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if not height_kernel(x, y, z, medium) > 0.0:
+            return False
+        arrivals_at_kernel(places, x, y, z, medium, waves)
+        for n in range(waves.shape[1]):
+            size = waves[2, n]
+            if size == 0.0:
+                return False
+            start[0, n] += levels[i] * waves[0, n] / size
+            start[1, n] -= levels[i] * waves[1, n] / size
+            exact[0, i, n], exact[1, i, n] = waves[0, n], waves[1, n]
+            largest = max(largest, abs(size))
+    for i in range(len(points)):
+        for n in range(waves.shape[1]):
+            re[i, n], im[i, n] = exact[0, i, n] / largest, exact[1, i, n] / largest
+    for n in range(waves.shape[1]):
+        size = math.sqrt(start[0, n] ** 2 + start[1, n] ** 2)
+        size = size if size > 0.0 else 1.0
+        drive_re[n], drive_im[n] = start[0, n] / size, start[1, n] / size
+    return True
+
+
+@jit_entry
 def gerchberg_saxton_kernel(
     re: F4, im: F4, wanted: F4, rounds: int, drive_re: F4, drive_im: F4
 ) -> None:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.field.engines.kernels.blocks import F4, F8
-from haptogram.acoustics.field.engines.kernels.jit import jit, jit_inline
+from haptogram.acoustics.field.engines.kernels.jit import jit_entry, jit_inline
 from haptogram.acoustics.field.engines.kernels.waves import ONE
 
 
-@jit
+@jit_entry
 def cell_scores_kernel(
     codes: NDArray[np.uint8], order: NDArray[np.int64], phasors: F4, code_steps: int
 ) -> F4:
@@ -37,7 +37,7 @@ def _turn_and_add_kernel(pr: Any, pi: Any, cosine: Any, sine: Any, re: Any, im: 
         im[c] = im[c] + pr[c] * sine + pi[c] * cosine
 
 
-@jit
+@jit_entry
 def best_cell_kernel(score: F4, cells: F8, apart: F8) -> int:
     """Return the cell of the highest score; take it and those nearer than *apart* out."""
     best = 0
