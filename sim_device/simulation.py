@@ -36,11 +36,9 @@ class SimulationRecorder(Protocol):
 
     def latch(self, latch: AnyLatch) -> None:
         """Take down a latch."""
-        ...
 
     def notice(self, notice: Notice) -> None:
         """Take down a change of the output."""
-        ...
 
 
 class LineProbe(Protocol):
@@ -48,11 +46,9 @@ class LineProbe(Protocol):
 
     def carried(self, name: str, begin_us: float, data: bytes) -> None:
         """Take down bytes on the line *name*, back to back from this device time on."""
-        ...
 
     def lines_cut(self, t_us: float) -> None:
         """Take down that no byte arrives any more that has not arrived by this device time."""
-        ...
 
 
 class Simulation:

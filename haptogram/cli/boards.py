@@ -40,12 +40,12 @@ def prepare_simulator(config: VerifyConfig) -> BoardConfig:
     ConfigurationError
         For a URL or a fault that is refused, or a plan that cannot be read.
     """
+    import sim_device
+
     from ..settings.board_url import SCHEME, read_board_url
 
+    sim_device.register_url_handler()
     if config.link.port is not None and config.link.port.startswith(SCHEME):
-        import sim_device
-
-        sim_device.register_url_handler()
         board = read_board_url(config.link.port).board
         if config.link.dialect is None and board.dialect is not None:
             raise ConfigurationError(

@@ -1,4 +1,4 @@
-"""Settings of process and kernel for a real-time loop, and how they are restored."""
+"""Settings of process and kernel for a real-time loop, how they are restored; memory."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ import ctypes
 import gc
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-_PRESSURE: Final = Path("/proc/pressure/cpu")  # Linux
+from .posix import posix_module
+
+_STATM: Final = Path("/proc/self/statm")
+_PROCESSES: Final = Path("/proc")  # Linux
+_TERMINALS: Final = "/dev/pts/"
 _PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
 _PR_GET_TIMERSLACK: Final = 30
 _MCL_CURRENT: Final = 1  # sys/mman.h
@@ -19,23 +23,48 @@ _MCL_FUTURE: Final = 2
 _PRIORITY: Final = 50  # of SCHED_FIFO: above ordinary threads of the kernel, below its watchdogs
 
 
-def time_without_processor_us() -> int:
-    """Return for how long any process of this machine has waited for a processor since its start.
+def processes_behind_terminal(path: str) -> list[Path]:
+    """Return the folder of each thread of the processes that made a pseudo-terminal.
 
-    A program beside this one, such as an emulator, may have been held up while this one was not.
-    Microseconds; 0 where the system does not say.
-
-    Examples
-    --------
-    >>> before_us = time_without_processor_us()
-    >>> time_without_processor_us() - before_us >= 0
-    True
+    Empty if *path* is none, and where the system does not say (Linux does, of the same user).
     """
+    number = os.path.realpath(path).removeprefix(_TERMINALS)
+    wanted, threads = f"tty-index:\t{number}\n", []
+    for process in _PROCESSES.glob("[0-9]*") if number.isdecimal() else ():
+        with contextlib.suppress(OSError):  # of another user, or at its end
+            masters = [fd for fd in (process / "fd").iterdir() if _is_terminal_master(fd)]
+            infos = [(process / "fdinfo" / fd.name).read_text("ascii") for fd in masters]
+            threads += list((process / "task").iterdir()) if wanted in "".join(infos) else []
+    return threads
+
+
+def _is_terminal_master(descriptor: Path) -> bool:
     try:
-        _, _, total = _PRESSURE.read_text("ascii").splitlines()[0].partition("total=")
-        return int(total)
-    except (OSError, ValueError, IndexError):
-        return 0
+        return os.readlink(descriptor).endswith("ptmx")
+    except OSError:
+        return False
+
+
+def threads_waited_us(threads: Sequence[Path]) -> int:
+    """Return for how long these threads were ready, and waited for a processor, since their start.
+
+    Microseconds; without those that have ended.
+    """
+    waited_ns = 0
+    for thread in threads:
+        with contextlib.suppress(OSError, IndexError):
+            waited_ns += int((thread / "schedstat").read_bytes().split()[1])
+    return waited_ns // 1000
+
+
+def resident_bytes() -> int:
+    """Return the resident memory of this process; where the system does not tell, its largest."""
+    try:
+        return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        resource = posix_module("resource", "the memory of a soak", "a POSIX system for it")
+        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return int(most) if sys.platform == "darwin" else int(most) * 1024
 
 
 @contextlib.contextmanager

@@ -14,17 +14,8 @@ from haptogram.errors import unwritable_file
 from haptogram.settings.board import PinCaptureConfig
 from haptogram_protocol.state import OutputState
 
-from ..board.events import (
-    AnyLatch,
-    CarrierState,
-    Latch,
-    Notice,
-    PulseLatch,
-    RadiatedAnew,
-    RampBegan,
-    RampEnded,
-    StateChange,
-)
+from ..board import events
+from ..board.events import CarrierState
 from ..board.settings import BoardSettings
 from .pin_waveforms import (
     Edges,
@@ -93,11 +84,11 @@ class BackdoorPinCapture:
             byte_us = _BITS_OF_A_BYTE * 1e6 / settings.line.baud
             self._lines = {name: UartWaveform(byte_us) for name in (TO_BOARD, TO_HOST)}
 
-    def latch(self, latch: AnyLatch) -> None:
+    def latch(self, latch: events.AnyLatch) -> None:
         """Keep what is radiated from now on."""
-        carrier = latch.carrier if isinstance(latch, PulseLatch) else CarrierState.STEADY
+        carrier = latch.carrier if isinstance(latch, events.PulseLatch) else CarrierState.STEADY
         weights = _pin_weights_of(latch)[self._elements] / carrier.level
-        if isinstance(latch, PulseLatch) and not self._acts and not weights.any():
+        if isinstance(latch, events.PulseLatch) and not self._acts and not weights.any():
             return  # power-up: the capture begins with the first sound
         if self._ramp is not None:
             begin_us, end_us, *_ = self._ramp
@@ -106,24 +97,24 @@ class BackdoorPinCapture:
             self._ramp = begin_us, end_us, weights / left if left > 0.0 else weights, 1.0
         self._act(latch.t_latch_us, weights, carrier=carrier)
 
-    def notice(self, notice: Notice) -> None:
+    def notice(self, notice: events.Notice) -> None:
         """Keep when the output fades, and when it falls silent."""
-        if isinstance(notice, RampBegan) and self._acts and not self._is_silent:
+        if isinstance(notice, events.RampBegan) and self._acts and not self._is_silent:
             drive = self._acts[-1][1]
             self._ramp = None if drive is None else (notice.t_us, notice.end_us, drive, 1.0)
-        if isinstance(notice, RadiatedAnew) and self._acts and not self._is_silent:
+        if isinstance(notice, events.RadiatedAnew) and self._acts and not self._is_silent:
             self._radiate_anew(notice)
-        is_off = isinstance(notice, StateChange) and notice.state is not OutputState.ARMED
-        if self._ramp is not None and (is_off or isinstance(notice, RampEnded)):
+        is_off = isinstance(notice, events.StateChange) and notice.state is not OutputState.ARMED
+        if self._ramp is not None and (is_off or isinstance(notice, events.RampEnded)):
             self._follow_ramp(notice.t_us)
             _, _, full, _ = self._ramp
             self._ramp = None
-            if isinstance(notice, RampEnded) and notice.restored:
+            if isinstance(notice, events.RampEnded) and notice.restored:
                 self._act(notice.t_us, full)
-        if is_off or (isinstance(notice, RampEnded) and not notice.restored):
+        if is_off or (isinstance(notice, events.RampEnded) and not notice.restored):
             self._act(notice.t_us, None)
 
-    def _radiate_anew(self, notice: RadiatedAnew) -> None:
+    def _radiate_anew(self, notice: events.RadiatedAnew) -> None:
         """Keep what is radiated under other settings; faults of the plan show from a latch on."""
         if self._ramp is not None:
             self._follow_ramp(notice.t_us)
@@ -309,8 +300,8 @@ class BackdoorPinCapture:
             passed = late / self._period_us
 
 
-def _pin_weights_of(latch: AnyLatch) -> ComplexArray:
-    if isinstance(latch, Latch):
+def _pin_weights_of(latch: events.AnyLatch) -> ComplexArray:
+    if isinstance(latch, events.Latch):
         return latch.radiated.weights()
     if latch.radiated is None:
         raise TypeError("a unit's own latch; only a dialect knows which emitters its pulses drive")

@@ -11,14 +11,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
-from haptogram_protocol.dialects.fpga_bytes.operations import (
-    Begin,
-    Clocks,
-    ModulationStep,
-    SetAmplitudes,
-    SetPhases,
-    Swap,
-)
+from haptogram_protocol.dialects.fpga_bytes import operations
 from haptogram_protocol.dialects.fpga_bytes.rules import FpgaByteRules
 
 from ..board.events import Modulation, PulseLatch
@@ -99,12 +92,12 @@ class DoubleBuffer(LatchingUnit):
         self._clocked = True
         self._step = modulation_step
         self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
-            Begin: self._begin,
-            SetPhases: self._set_phases,
-            SetAmplitudes: self._set_amplitudes,
-            Swap: self._swap,
-            Clocks: self._set_clocks,
-            ModulationStep: self._set_modulation,
+            operations.Begin: self._begin,
+            operations.SetPhases: self._set_phases,
+            operations.SetAmplitudes: self._set_amplitudes,
+            operations.Swap: self._swap,
+            operations.Clocks: self._set_clocks,
+            operations.ModulationStep: self._set_modulation,
         }
         self._latch(POWER_UP, now_us)
 
@@ -114,11 +107,11 @@ class DoubleBuffer(LatchingUnit):
             handler(operation, t_us)
         return []
 
-    def _begin(self, _: Begin, __: int) -> None:
+    def _begin(self, _: operations.Begin, __: int) -> None:
         """Give all channels of the next frame the full amplitude, until they get another one."""
         self._next_widths[:] = self._registers.width
 
-    def _set_phases(self, operation: SetPhases, _: int) -> None:
+    def _set_phases(self, operation: operations.SetPhases, _: int) -> None:
         codes = np.frombuffer(operation.codes, np.uint8).astype(np.uint16)
         place = slice(operation.first, operation.first + len(codes))
         if self._registers.correction:
@@ -129,14 +122,14 @@ class DoubleBuffer(LatchingUnit):
             self._next[board, place] = codes
         self._written = True
 
-    def _set_amplitudes(self, operation: SetAmplitudes, _: int) -> None:
+    def _set_amplitudes(self, operation: operations.SetAmplitudes, _: int) -> None:
         widths = np.frombuffer(operation.codes, np.uint8)
         place = slice(operation.first, operation.first + len(widths))
         for board in operation.boards:
             self._next_widths[board, place] = np.minimum(widths, self._registers.steps)
         self._written = True
 
-    def _swap(self, _: Swap, t_us: int) -> None:
+    def _swap(self, _: operations.Swap, t_us: int) -> None:
         if not self._written:
             self.counters["commits_of_old_codes"] += 1
         self._shown, self._next = self._next, self._shown
@@ -144,12 +137,12 @@ class DoubleBuffer(LatchingUnit):
         self._written = False
         self._latch("swap", t_us)
 
-    def _set_clocks(self, operation: Clocks, t_us: int) -> None:
+    def _set_clocks(self, operation: operations.Clocks, t_us: int) -> None:
         if operation.on != self._clocked:
             self._clocked = operation.on
             self._latch("clocks on" if operation.on else "clocks off", t_us)
 
-    def _set_modulation(self, operation: ModulationStep, t_us: int) -> None:
+    def _set_modulation(self, operation: operations.ModulationStep, t_us: int) -> None:
         if operation.step != self._step:
             self._step = operation.step
             self._latch("modulation", t_us)

@@ -102,3 +102,4 @@ TACTILE: Final = Emulation(
     options=ShiftRegisters,
     mounting=sonicsurface_dialect_mounting,
 )
+EMULATIONS: Final = (SONICSURFACE, TACTILE)

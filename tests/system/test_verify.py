@@ -24,7 +24,8 @@ from haptogram_protocol.messages import Feature
 from sim_device.board.settings import ALL_FEATURES
 from virtual_ports import BAUD, BoardPort
 
-_CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "2", "--quiet"]
+_CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "4", "--quiet"]
+_FRAMES = 32
 
 
 def _verify(tmp_path: Path, *words: str) -> tuple[int, dict[str, Any]]:
@@ -40,7 +41,7 @@ def test_over_a_pty_every_frame_that_is_latched_is_verified(tmp_path: Path) -> N
     status, result = _verify(tmp_path, *_CIRCLE, *pace, "--min-verified", "0.5")
     assert (status, result["verdict"]) == (0, "pass")
     frames = result["frames"]
-    assert frames["sent"] == 63
+    assert frames["sent"] == _FRAMES
     assert frames["latched"] == frames["verified"] == frames["on_target"]
     assert frames["latched"] + frames["lost"] == frames["sent"]
     assert result["evidence"] == "external"
@@ -57,7 +58,7 @@ def test_over_a_pty_every_frame_that_is_latched_is_verified(tmp_path: Path) -> N
 def test_in_virtual_time_every_frame_is_on_target(tmp_path: Path, words: list[str]) -> None:
     status, result = _verify(tmp_path, *_CIRCLE, "--virtual-time", "--mode", *words)
     assert (status, result["verdict"]) == (0, "pass")
-    assert result["frames"]["verified"] == result["frames"]["sent"] == 63
+    assert result["frames"]["verified"] == result["frames"]["sent"] == _FRAMES
     assert result["lateness_us"]["max"] < 25.0
     assert result["troubles"] == {}
 
@@ -70,7 +71,7 @@ def test_every_one_of_several_foci_is_verified(tmp_path: Path, foci: int, words:
     more = ["--virtual-time", "--foci", str(foci), *words]
     status, result = _verify(tmp_path, *_CIRCLE, *more)
     assert (status, result["verdict"]) == (0, "pass")
-    assert result["frames"]["on_target"] == result["frames"]["sent"] == 63
+    assert result["frames"]["on_target"] == result["frames"]["sent"] == _FRAMES
     assert result["balance"]["min"] > 0.9
     assert result["efficiency"]["min"] > 0.4
 
@@ -88,7 +89,7 @@ def test_in_virtual_time_the_result_repeats_byte_for_byte(tmp_path: Path) -> Non
 def test_air_that_the_host_does_not_know_puts_the_focus_off_target(tmp_path: Path) -> None:
     status, result = _verify(tmp_path, *_CIRCLE, "--virtual-time", "--board-temperature-c", "21")
     assert (status, result["verdict"]) == (1, "fail")
-    assert result["frames"]["off_target"] == 63
+    assert result["frames"]["off_target"] == _FRAMES
     # In faster air the same phases curve the waves more: they meet nearer to the array.
     assert all(frame["axial_error_mm"] < -0.2 for frame in result["not_on_target"])
 
@@ -121,7 +122,7 @@ def test_an_interrupted_run_keeps_what_it_measured_and_leaves_nothing_behind(
     assert result["verdict"] == "inconclusive"
     frames = result["frames"]
     assert frames["verified"] >= 20
-    assert frames["sent"] + frames["not_sent"] == 63_000
+    assert frames["sent"] + frames["not_sent"] == 1000 * _FRAMES
     assert frames["cancelled"] == len(result["cancelled"])
     assert [entry.name for entry in tmp_path.iterdir()] == ["result.json"]
 
@@ -167,16 +168,16 @@ def test_a_board_at_a_port_is_judged_by_its_own_word(tmp_path: Path, mode: str) 
 
 def test_a_board_without_trace_is_read_back_and_the_rest_is_not_verified() -> None:
     traces = Feature.TRACE | Feature.TRACE_DRIVE | Feature.TRACE_RING
-    config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=2, seed=3)
+    config = VerifyConfig.of(object="circle", radius_mm=20, resolution_mm=4, seed=3)
     board = PortBoardUnderTest("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
     board.port = BoardPort(features=ALL_FEATURES & ~traces)
     found = measure_run(config, board, None)
     run = found.verdict()
     assert run.verdict is Verdict.INCONCLUSIVE
-    assert run.counts["sent"] == 63
+    assert run.counts["sent"] == _FRAMES
     assert run.counts["verified"] == run.counts["on_target"] == 1
     assert run.frames[-1].status is FrameStatus.ON_TARGET
-    assert run.counts["not_verified"] == 62
+    assert run.counts["not_verified"] == _FRAMES - 1
     assert run.counts["lost"] == 0
     assert "no trace" in run.frames[0].note
 

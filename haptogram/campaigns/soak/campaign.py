@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import functools
-import multiprocessing
 import os
-import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from haptogram.errors import ConfigurationError, HaptogramError
 from haptogram.machine.files import write_json_file
-from haptogram.machine.posix import posix_module
+from haptogram.machine.process import resident_bytes
 from haptogram.settings.text_file import read_json_file
 
+from ..sweep.workers import process_workers
 from .comparison import MakeBoard
 from .segment import Progress, run_soak_segment
 from .setup import SoakSetup
@@ -29,23 +27,12 @@ if TYPE_CHECKING:
 
 VERSION: Final = 3
 GROWTH_LIMIT_BYTES: Final = 32 << 20  # a byte lost per frame would be 82 MiB a day
-_STATM: Final = Path("/proc/self/statm")
 
 _Done: TypeAlias = tuple[SoakTally, int, int]  # with process id and memory
 
 
 class Interrupted(HaptogramError):
     """The soak was interrupted between two segments; what is done is kept."""
-
-
-def resident_soak_bytes() -> int:
-    """Return the resident memory of this process; where the system does not tell, its largest."""
-    try:
-        return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        resource = posix_module("resource", "the memory of a soak", "a POSIX system for it")
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return int(most) if sys.platform == "darwin" else int(most) * 1024
 
 
 @dataclass(slots=True)
@@ -67,9 +54,8 @@ class SoakMemory:
 
     def add(self, process: int, resident: int) -> None:
         """Take a sample, after a segment."""
-        own = self.processes.setdefault(
-            f"{self._sitting}/{process}", {"segments": 0, "first": resident, "most": 0}
-        )
+        new = {"segments": 0, "first": resident, "most": 0}
+        own = self.processes.setdefault(f"{self._sitting}/{process}", new)
         own["segments"] += 1
         own["last"] = resident
         own["most"] = max(own["most"], resident)
@@ -122,13 +108,8 @@ class SoakCampaign:
             if state["setup"].get(name) != value:
                 before = state["setup"].get(name)
                 raise ConfigurationError(f"{path} is of another soak: {name} {before}, not {value}")
-        return cls(
-            setup,
-            state["done"],
-            SoakTally.from_dict(state["tally"]),
-            SoakMemory(state["memory"]),
-            state["spent_s"],
-        )
+        tally, memory = SoakTally.from_dict(state["tally"]), SoakMemory(state["memory"])
+        return cls(setup, state["done"], tally, memory, state["spent_s"])
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON can hold it."""
@@ -198,15 +179,13 @@ class SoakCampaign:
             At a KeyboardInterrupt; the segments under way are lost, those before are kept.
         """
         self.memory.begin_sitting()
-        run = functools.partial(
-            _run_soak_worker,
-            make_board,
-            self.setup,
-            progress if jobs == 1 else None,
-            writer is not None,
-        )
+        told = progress if jobs == 1 else None
+        run = functools.partial(_run_soak_worker, make_board, self.setup, told, writer is not None)
+        mapping: Callable[..., Iterator[_Done]] = map
         try:
-            with _soak_mapping(jobs) as mapping:
+            with ExitStack() as stack:
+                if jobs > 1:
+                    mapping = stack.enter_context(process_workers(jobs)).executor.map
                 since_s = time.monotonic()
                 for tally, process, resident in mapping(run, range(self.done, self.setup.segments)):
                     if writer is not None:
@@ -225,28 +204,8 @@ class SoakCampaign:
             raise Interrupted from interrupt
 
 
-@contextmanager
-def _soak_mapping(jobs: int) -> Iterator[Callable[..., Iterator[_Done]]]:
-    """Give the function that runs segments in order, in this process or in *jobs* of them."""
-    if jobs == 1:
-        yield map
-        return
-    # Spawned, not forked: no process inherits threads or memory of this one.
-    with multiprocessing.get_context("spawn").Pool(jobs, _leave_interrupts_to_soak) as pool:
-        yield pool.imap
-
-
 def _run_soak_worker(
-    make_board: MakeBoard,
-    setup: SoakSetup,
-    progress: Progress | None,
-    recorded: bool,
-    number: int,
+    make_board: MakeBoard, setup: SoakSetup, progress: Progress | None, recorded: bool, number: int
 ) -> _Done:
     tally = run_soak_segment(make_board, setup, number, progress, recorded=recorded)
-    return tally, os.getpid(), resident_soak_bytes()
-
-
-def _leave_interrupts_to_soak() -> None:
-    """Leave Ctrl-C to the process that owns the pool."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return tally, os.getpid(), resident_bytes()

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 from haptogram.records.latch import LatchRecord
 
-from .tally import SoakTally
+from .tally import MOST_KEPT, SoakTally
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 BEFORE_NS: Final = 2_000_000_000
 AFTER_NS: Final = 1_000_000_000
-MOST_KEPT: Final = 20  # excerpts of a segment; later violations are counted all the same
 
 #: Bytes for the board or for the host, or a latch.
 Entry: TypeAlias = tuple[int, bool | None, bytes | LatchRecord]

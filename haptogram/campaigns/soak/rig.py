@@ -9,24 +9,10 @@ from haptogram.driver.line.handshake import open_line_session
 from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
-from haptogram_protocol import NEED_DATA, HostConnection
-from haptogram_protocol.connection import (
-    EventReceived,
-    FrameDropped,
-    HostEvent,
-    ReplyReceived,
-    RequestTimedOut,
-)
-from haptogram_protocol.connection.events import NeedData
-from haptogram_protocol.framing import fastest_cobs
-from haptogram_protocol.messages import (
-    Arm,
-    ArmReply,
-    Drives,
-    MuteReply,
-    Phases,
-    Status,
-)
+from haptogram_protocol import HostConnection
+from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import fastest_cobs
+from haptogram_protocol.connection import events
 
 from .comparison import BoardUnderSoak, Hopeless, SoakComparison
 from .excerpts import SoakExcerpts
@@ -61,16 +47,16 @@ class SoakHost(HostConnection):
         self._line, self._tally = line, tally
         self._free_bytes = 0
 
-    def next_event(self) -> HostEvent | NeedData:
+    def next_event(self) -> events.HostEvent | events.NeedData:
         """Return the next event, after it was compared."""
         event = super().next_event()
-        if event is not NEED_DATA and not isinstance(event, RequestTimedOut):
-            verdict = event.reason if isinstance(event, FrameDropped) else type(event).__name__
-            sent = self._line.next_sent(verdict)
-            if sent is not None and isinstance(event, EventReceived):
+        if event is not events.NEED_DATA and not isinstance(event, events.RequestTimedOut):
+            dropped = event if isinstance(event, events.FrameDropped) else None
+            sent = self._line.next_sent(dropped.reason if dropped else type(event).__name__)
+            if sent is not None and isinstance(event, events.EventReceived):
                 self._compare_event(event, sent)
-            elif sent is not None and isinstance(event, FrameDropped):
-                self._explain_drop(sent, event.reason)
+            elif sent is not None and dropped:
+                self._explain_drop(sent, dropped.reason)
         return event
 
     def _explain_drop(self, sent: Sent, reason: str) -> None:
@@ -84,12 +70,12 @@ class SoakHost(HostConnection):
             text = f"type {sent.type:#04x} at the host, as {reason}"
             self._tally.violate("undamaged frame dropped", text)
 
-    def _compare_event(self, event: EventReceived, sent: Sent) -> None:
+    def _compare_event(self, event: events.EventReceived, sent: Sent) -> None:
         lost = self._line.explain_gap(sent)
         if event.gap != lost:
             text = f"the host misses {event.gap} events, and {lost} were lost"
             self._tally.violate(UNEXPLAINED, text)
-        if isinstance(event.message, Status):
+        if isinstance(event.message, m.Status):
             if event.message.free_bytes < self._free_bytes:
                 self._tally.violate("memory leak", "the board has fewer free bytes than before")
             self._free_bytes = event.message.free_bytes
@@ -120,6 +106,8 @@ class SoakRig:
         The board beside its model.
     link, pinger : Link, Pinger
         Of the session.
+    source : random.Random
+        Of all chance.
     """
 
     url: Final = "the line of the soak"
@@ -140,7 +128,7 @@ class SoakRig:
         self.link: Link
         self.pinger: Pinger
         self._now_ns = self._due_us = 0
-        self._board, self._source = board, source
+        self._board, self.source = board, source
         self._excerpts = excerpts
         self._interval_ns, self._first_interval = setup.interval_s * _NS_PER_S, tally.interval
         self._drives = _soak_drives(board.transducers)
@@ -150,9 +138,9 @@ class SoakRig:
 
     def new_session(self) -> None:
         """Open another session: the host forgets everything but the clock."""
-        nonce = self._source.randint(1, 0xFFFF)
+        nonce = self.source.randint(1, 0xFFFF)
         while nonce == self._board.session:
-            nonce = self._source.randint(1, 0xFFFF)
+            nonce = self.source.randint(1, 0xFFFF)
         host = SoakHost(nonce, self.up, self.tally)
         self.link = Link(self, host, baudrate=BAUD, timeout_s=_TIMEOUT_S, keep=0)
         self.link.handler = self._take
@@ -162,17 +150,17 @@ class SoakRig:
         open_line_session(self.link)
         self.tally.totals["sessions"] += 1
 
-    def _take(self, event: EventReceived | ReplyReceived | FrameDropped) -> None:
-        if isinstance(event, ReplyReceived):
+    def _take(self, event: object) -> None:
+        if isinstance(event, events.ReplyReceived):
             self.pinger.take(event)
 
     def arm(self) -> None:
         """Let the board sound."""
-        self.link.request(Arm(), ArmReply)
+        self.link.request(m.Arm(), m.ArmReply)
 
     def silence(self) -> None:
         """Mute the board."""
-        self.link.mute(MuteReply, self.link.timeout_ns)
+        self.link.mute(m.MuteReply, self.link.timeout_ns)
 
     def stream_frame(self, due_us: int) -> None:
         """Send the next frame now; it is due at *due_us* of the board's clock."""
@@ -257,12 +245,12 @@ class SoakRig:
             self.up.send(sent, self._now_ns, spared=is_old)
 
 
-def _soak_drives(count: int) -> list[Phases | Drives]:
+def _soak_drives(count: int) -> list[m.Phases | m.Drives]:
     """Return frames of random codes, some with amplitudes: no half of one is a half of another."""
     source = random.Random(_DRIVES)
     return [
-        Phases(source.randbytes(count))
+        m.Phases(source.randbytes(count))
         if number % _AMPLITUDES_EVERY
-        else Drives(source.randbytes(2 * count))
+        else m.Drives(source.randbytes(2 * count))
         for number in range(_DRIVES)
     ]

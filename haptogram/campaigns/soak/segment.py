@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 
 from haptogram.errors import DeviceError, NoAnswerError
 from haptogram.settings.faults.plan import Fault, FaultPlan
-from haptogram_protocol.messages import Config, SetConfig, SetConfigReply
+from haptogram_protocol import messages as m
 
 from .comparison import Hopeless, MakeBoard
 from .excerpts import SoakExcerpts
@@ -71,9 +71,8 @@ def run_soak_segment(
     excerpts = SoakExcerpts(tally) if recorded else None
     tally.interval = start_s / setup.interval_s
     rig = SoakRig(board, setup, source, tally, excerpts)
-    segment = _SoakSegment(rig, source, round(setup.length_s(number) * _S), plan)
-    # What is kept for a recording comes and goes: no leak.
-    segment.watches_memory = not recorded
+    segment = _SoakSegment(rig, plan, round(setup.length_s(number) * _S))
+    segment.watches_memory = not recorded  # whose excerpts come and go: no leak
     try:
         segment.run(progress and (lambda done_s: progress(start_s + done_s)))
     except (DeviceError, Hopeless, NoAnswerError) as error:
@@ -98,17 +97,16 @@ def _soak_clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ..
 
 
 class _SoakSegment:
-    def __init__(
-        self, rig: SoakRig, source: random.Random, length_ns: int, plan: FaultPlan
-    ) -> None:
-        self.watches_memory = True
-        self._rig, self._source, self._length_ns = rig, source, length_ns
+    watches_memory = True
+
+    def __init__(self, rig: SoakRig, plan: FaultPlan, length_ns: int) -> None:
+        self._rig, self._source, self._length_ns = rig, rig.source, length_ns
         self._tally = rig.tally
         self._stepped = any(plan.named(_STEP))
         self._timers_ms = self._ramp_ms = 0
         self._due_us = 0
         self._jumps = 0
-        self._blocks: int | None = None
+        self._blocks = 0
 
     def run(self, progress: Progress | None) -> None:
         rig = self._rig
@@ -139,7 +137,7 @@ class _SoakSegment:
         rig, source = self._rig, self._source
         rig.new_session()
         self._calm(False)
-        config = Config(
+        config = m.Config(
             hold_ms=source.choice((100, 200, 400)),
             ramp_ms=source.choice((0, 20, 50)),
             host_timeout_ms=source.choice((100, 200, 500)),
@@ -148,7 +146,7 @@ class _SoakSegment:
         )
         self._timers_ms = min(config.hold_ms, config.host_timeout_ms)
         self._ramp_ms = config.ramp_ms
-        rig.link.request(SetConfig(config), SetConfigReply)
+        rig.link.request(m.SetConfig(config), m.SetConfigReply)
         rig.pinger.synchronise()
         rig.arm()
 
@@ -234,10 +232,9 @@ class _SoakSegment:
     def _watch_memory(self) -> None:
         """Compare the blocks of memory in use at moments of equal state."""
         blocks = sys.getallocatedblocks()
-        if self._blocks is None:
-            self._blocks = blocks
-        elif blocks > self._blocks + _BLOCKS:
-            grown = blocks - self._blocks
+        self._blocks = self._blocks or blocks
+        grown = blocks - self._blocks
+        if grown > _BLOCKS:
             self._tally.violate("memory leak", f"{grown} blocks more than after the first burst")
             self._blocks = blocks
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 if TYPE_CHECKING:
     from .excerpts import SoakExcerpt
 
-MOST_KEPT: Final = 20  # violations that are kept word for word; all are counted
+MOST_KEPT: Final = 20  # violations that are kept word for word, and excerpts; all are counted
 
 UNEXPLAINED: Final = "unexplained"
 MEMORY_GREW: Final = "memory grew"

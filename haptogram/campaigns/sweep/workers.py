@@ -1,4 +1,4 @@
-"""Workers of a sweep: processes of this machine, or those of a Dask cluster."""
+"""Workers of a sweep: processes of this machine, as a soak has, or those of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def process_workers(jobs: int) -> Iterator[Workers]:
 
 
 def _begin_worker() -> None:
-    """Leave Ctrl-C to the process of the sweep, and end with it."""
+    """Leave Ctrl-C to the process of the campaign, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: os._exit(1))  # while it has no point
     threading.Thread(target=_end_with_parent, daemon=True).start()

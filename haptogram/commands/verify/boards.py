@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 from haptogram.errors import LinkError
-from haptogram.settings.board_url import SCHEME, read_board_url
+from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url, write_board_url
 from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
 from haptogram.settings.run.verify import VerifyConfig
@@ -41,19 +41,15 @@ class ProgramBoards(Protocol):
 
     def prepare_simulator(self, config: VerifyConfig) -> BoardConfig:
         """Return the settings of the virtual board, checked before anything starts."""
-        ...
 
     def board_in_virtual_time(self, config: BoardConfig) -> AbstractContextManager[BoardUnderTest]:
         """Make a virtual board in this program."""
-        ...
 
     def board_behind_url(self, url: str) -> AbstractContextManager[BoardUnderTest]:
         """Make the board in this program that a ``haptogram://`` URL describes."""
-        ...
 
     def boards_of_dialect(self, config: VerifyConfig) -> DialectBoardsUnderTest:
         """Return the boards of the dialect that the settings name."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -124,6 +120,13 @@ class RunBoards:
             )
         return virtual
 
+    @property
+    def _simulated_url(self) -> str | None:
+        """URL of a simulator of our own wire, whose word is its trace as at a port; else None."""
+        if self.config.link.simulator is None or self.dialect is not None:
+            return None
+        return write_board_url(PortConfig(board=self.virtual, clock="virtual"))
+
     @contextlib.contextmanager
     def open(self, show: Show) -> Iterator[BoardUnderTest]:
         """Give the board at a port, else the virtual one, and clean up after it."""
@@ -131,7 +134,7 @@ class RunBoards:
         from haptogram.evidence.shown_port import ShownPortBoardUnderTest
         from haptogram.evidence.virtual_board import VirtualBoard
 
-        config, port = self.config, self.config.link.port
+        config, port = self.config, self.config.link.port or self._simulated_url
         if port is not None and port.startswith(SCHEME) and self.dialect is not None:
             with self._made.board_behind_url(port) as board:
                 yield board

@@ -85,8 +85,8 @@ _ACTING_ON_A_RUN: Final = {
         ),
     ),
     "simulator": Acting(
-        "with --dialect and --virtual-time (on a pty: haptogram board)",
-        lambda s: s.port is None and s.dialect is not None and s.virtual_time,
+        "with --virtual-time (on a pty: haptogram board)",
+        lambda s: s.port is None and s.virtual_time,
     ),
     "seed": Acting("on the virtual board that is started here", lambda s: s.port is None),
     "view": Acting(

@@ -5,6 +5,7 @@ Times are those of the transport's clock.  Nothing here knows a session or a seq
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -12,18 +13,11 @@ from typing import Final, NoReturn, Protocol, runtime_checkable
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
+from haptogram.machine.process import processes_behind_terminal, threads_waited_us
+from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import cobs_decode
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode, decode_frame
-from haptogram_protocol.messages import (
-    EVENT_RANGE,
-    RESPONSE_RANGE,
-    Counters,
-    Header,
-    Message,
-    Status,
-    StatusReply,
-    parse_payload,
-)
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
 
 from ..outcome import HeldUpError, check, fail, inconclusive, require
 from .recording import DialogueRecording, TransferDirection
@@ -35,7 +29,7 @@ _FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be 
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 _TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
-_STATUS: Final = (Status, StatusReply)
+_STATUS: Final = (m.Status, m.StatusReply)
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 
@@ -45,7 +39,6 @@ class UnreadClientTime(Protocol):
 
     def skip_ns(self, duration_ns: int) -> None:
         """Let so much time pass; what the board sends meanwhile waits at the board."""
-        ...
 
 
 @runtime_checkable
@@ -118,14 +111,14 @@ class ReceivedByClient:
     t_us: int
     piece: bytes
     shared: bool
-    header: Header | None = None
-    message: Message | None = None
+    header: m.Header | None = None
+    message: m.Message | None = None
     body: bytes = b""
     fault: str = ""
     reason: str = ""
 
     @property
-    def frame_header(self) -> Header:
+    def frame_header(self) -> m.Header:
         """The header of a piece that is a frame."""
         assert self.header is not None
         return self.header
@@ -133,12 +126,12 @@ class ReceivedByClient:
     @property
     def is_response(self) -> bool:
         """True for a response."""
-        return self.header is not None and self.header.type in RESPONSE_RANGE
+        return self.header is not None and self.header.type in m.RESPONSE_RANGE
 
     @property
     def is_event(self) -> bool:
         """True for an event."""
-        return self.header is not None and self.header.type in EVENT_RANGE
+        return self.header is not None and self.header.type in m.EVENT_RANGE
 
     @property
     def unstuffed(self) -> bytes:
@@ -177,7 +170,8 @@ class RawFrameClient:
         Time that the line needs for the bytes that were sent last.
     held_up_us : int
         The longest time since :meth:`begin_case` in which the host neither sent nor listened, and
-        did not compute either: others had the processor, which the board may have missed too.
+        did not compute either, as others had the processor; or in which the process of a board on
+        a pseudo-terminal of this machine waited for one.
     """
 
     def __init__(self, transport: Transport, limits: ClientWaitLimits, *, baudrate: int) -> None:
@@ -188,23 +182,21 @@ class RawFrameClient:
         self.on_sent: Callable[[bytes, int], None] | None = None
         self.ask_time: Callable[[], int | None] | None = None
         self.recording = DialogueRecording()
-        self.heard = 0
-        self.counters: Counters | None = None
+        self.heard = self.held_up_us = self.trip_us = self._board_waited_us = 0
+        self.counters: m.Counters | None = None
         self._transport = transport
-        self.held_up_us = self.trip_us = 0
-        self._leave(self.now_us())
+        self._board = processes_behind_terminal(transport.url) if limits.slack_us else []
+        self._begin_delays()
         self._partial = b""
         self.ended_whole = True
         self._zeros = 2  # delimiters since the last piece
         self._deadline_us = self.now_us() + limits.case_us
-        self._busy_until_us = 0
-        self.sent_for_us = 0
+        self._busy_until_us = self.sent_for_us = 0
 
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""
         self.forget_received()
-        self.held_up_us = self.trip_us = 0
-        self._leave(self.now_us())
+        self._begin_delays()
         self._deadline_us = self.now_us() + self.limits.case_us
 
     def forget_received(self) -> None:
@@ -390,13 +382,24 @@ class RawFrameClient:
             self._take(data)
 
     @property
-    def longest_delay_us(self) -> int:
+    def delay_us(self) -> int:
         """The longest time in which something was held up that is usually on time.
 
         An answer that has taken a whole trip of those that the lead has room for was.
         """
         late_us = self.trip_us if self.trip_us > self.limits.lead_us // _TRIPS_IN_LEAD else 0
         return max(self.held_up_us, late_us)
+
+    @property
+    def is_held_up_beyond_reckoning(self) -> bool:
+        """True if host or emulator lacked a processor for longer than cases reckon with.
+
+        The board answers once more before: one that still waits for a processor has not told so.
+        """
+        if not self.is_virtual and self.ask_time is not None:
+            with contextlib.suppress(LinkLostError):
+                self.ask_time()
+        return self.held_up_us > self.limits.slack_us
 
     def note_late(self) -> None:
         """Note that what follows may come behind its t_apply."""
@@ -406,12 +409,22 @@ class RawFrameClient:
         """Note that something between host and board was held up for so long."""
         self.held_up_us = max(self.held_up_us, duration_us)
 
+    def _begin_delays(self) -> None:
+        self.held_up_us = self.trip_us = 0
+        self._board_waited_us = threads_waited_us(self._board)
+        self._leave(self.now_us())
+
     def _come_back(self) -> None:
-        """Note how long the host neither sent, listened nor computed since its last wait."""
+        """Note how long the host neither sent, listened nor computed since its last wait.
+
+        And how long the process of the board waited for a processor meanwhile.
+        """
         if not self.limits.slack_us:  # no virtual time passes while the host computes
             return
         computed_us = (time.process_time_ns() - self._left_cpu_ns) // 1000
         self.note_held_up(self.now_us() - self._left_us - computed_us)
+        before_us, self._board_waited_us = self._board_waited_us, threads_waited_us(self._board)
+        self.note_held_up(self._board_waited_us - before_us)
 
     def _leave(self, t_us: int) -> None:
         """Note that the host listened, or sent, until now."""
@@ -456,9 +469,9 @@ def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> ReceivedByC
         body = decode_frame(piece)
     except RemoteProtocolError as error:
         return ReceivedByClient(t_us, piece, shared, fault=str(error), reason=error.reason)
-    header = Header.of_body(body)
+    header = m.Header.of_body(body)
     try:
-        message = parse_payload(header, body)
+        message = m.parse_payload(header, body)
     except RemoteProtocolError as error:
         return ReceivedByClient(
             t_us, piece, shared, header, None, body, fault=str(error), reason=error.reason

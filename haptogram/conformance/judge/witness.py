@@ -6,17 +6,10 @@ import zlib
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import DriveKind, Feature, LatchKey, TraceMode
+from haptogram_protocol import messages as m
 
+from ..client import latching
 from ..client.board_client import BoardClient
-from ..client.latching import (
-    FULL,
-    ClientDrive,
-    ask_for_board_latches,
-    latches_received_from_board,
-    read_back,
-    read_drive,
-)
 from ..outcome import check, check_equal, fail, unimplemented
 
 _SHOWN: Final = 4  # transducers named in a message
@@ -35,24 +28,26 @@ class JudgeWitness:
     """
 
     board: BoardClient
-    mode: TraceMode | None
+    mode: m.TraceMode | None
 
     @classmethod
     def of(cls, board: BoardClient) -> JudgeWitness:
         """Return the best source of *board*; UNIMPLEMENTED if there is none."""
-        if board.has(Feature.READ_LATCHED):
+        if board.has(m.Feature.READ_LATCHED):
             return cls(board, None)
-        if not board.has(Feature.CONFIG):
+        if not board.has(m.Feature.CONFIG):
             unimplemented("the board shows no drive: neither READ_LATCHED nor a trace")
-        return cls(board, ask_for_board_latches(board))
+        return cls(board, latching.ask_for_board_latches(board))
 
     def expect(self, registers: bytes, amplitudes: bytes | None = None, *, since: int = 0) -> None:
         """FAILED unless the last latch put this drive into the registers."""
-        amplitudes = bytes([FULL]) * len(registers) if amplitudes is None else amplitudes
+        amplitudes = bytes([latching.FULL]) * len(registers) if amplitudes is None else amplitudes
         if self.mode is None:
-            expect_witnessed_drive(self.board, read_back(self.board), registers, amplitudes)
+            expect_witnessed_drive(
+                self.board, latching.read_back(self.board), registers, amplitudes
+            )
             return
-        seen = latches_received_from_board(self.board, since, self.mode)
+        seen = latching.latches_received_from_board(self.board, since, self.mode)
         check(bool(seen), "no latch is traced")
         due = zlib.crc32(registers + amplitudes)
         check(
@@ -62,7 +57,7 @@ class JudgeWitness:
 
 
 def expect_witnessed_drive(
-    board: BoardClient, shown: ClientDrive, registers: bytes, amplitudes: bytes
+    board: BoardClient, shown: latching.ClientDrive, registers: bytes, amplitudes: bytes
 ) -> None:
     """FAILED, with the name of the fault, unless *shown* is the drive that was sent."""
     if (shown.phases, shown.amplitudes) == (registers, amplitudes):
@@ -85,19 +80,19 @@ def expect_witnessed_drive(
     )
 
 
-def judge_nothing_read_back(board: BoardClient, kind: DriveKind, text: str) -> None:
+def judge_nothing_read_back(board: BoardClient, kind: m.DriveKind, text: str) -> None:
     """FAILED unless codes, key and time of the whole and of its last transducer are 0."""
     for first in (0, board.identity.transducers - 1):
-        reply = read_drive(board, kind, first)
+        reply = latching.read_drive(board, kind, first)
         name = f"{text}: READ_DRIVE({kind.name}) from {first}"
         due = bytes(2 * (board.identity.transducers - first))
         check_equal(reply.data, due, f"{name}, of which all codes are to be 0")
         found = reply.key, reply.t_latch_us
-        check_equal(found, (LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")
+        check_equal(found, (m.LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")
 
 
 def _drive_faults_of_witness(
-    board: BoardClient, shown: ClientDrive, registers: bytes, amplitudes: bytes
+    board: BoardClient, shown: latching.ClientDrive, registers: bytes, amplitudes: bytes
 ) -> tuple[str, ...]:
     """Return the names of the faults of a drive, judged by the array's geometry."""
     # Imported here: only a wrong drive pays for the acoustics.

@@ -12,7 +12,7 @@ from typing import Final, Self, TypeAlias
 
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
 from haptogram.records.frame import Evidence
-from haptogram_protocol.messages import Feature, StateChanged
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason
 
 from ..case import Case, Depth
@@ -28,7 +28,6 @@ from .connection import SuiteConnection
 #: Called before every case with its number from 0, the number of cases, and its id.
 CaseProgress: TypeAlias = Callable[[int, int, str], None]
 
-_HELD_UP_S: Final = 1.0  # a host held up for longer may have missed a timer of the board
 _DOUBTFUL: Final = (Behaviour.FAILED, Behaviour.INCONCLUSIVE)
 _TRIES: Final = 3
 _LEAST_BAUD: Final = 115_200  # of lines that every case reckons with
@@ -275,7 +274,7 @@ class SuiteRunner:
         except LinkError as error:
             return self._lost(_Outcome(Behaviour.FAILED, str(error)), board)
         board = self._connection.board  # the case may have restarted it
-        held_up_us = board.wire.longest_delay_us
+        held_up_us = board.wire.delay_us
         outcome = self._afterwards(case, board, outcome)
         return dataclasses.replace(outcome, held_up_us=held_up_us)
 
@@ -304,10 +303,8 @@ class SuiteRunner:
 
     def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
         clause = self._clauses[case.clause]
-        away_s = board.wire.held_up_us / 1e6
-        if ended.behaviour is Behaviour.FAILED and away_s > _HELD_UP_S:
-            text = f"the host was held up for {away_s:.1f} s, and then: {ended}"
-            return _Outcome(Behaviour.INCONCLUSIVE, text)
+        if ended.behaviour is Behaviour.FAILED and board.wire.is_held_up_beyond_reckoning:
+            ended = HeldUpError(f"for {board.wire.held_up_us / 1000:.0f} ms, and then: {ended}")
         if ended.behaviour is Behaviour.FAILED and self._is_slow:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
         if ended.behaviour is Behaviour.FAILED:
@@ -324,14 +321,14 @@ class SuiteRunner:
 
         Empty: none did.  A lease does so only at a wall clock, as every frame renews it.
         """
-        reasons = {event.reason for _, event in board.link.events(StateChanged, 0)}
+        reasons = {event.reason for _, event in board.link.events(m.StateChanged, 0)}
         timers = {MuteReason.HOLD_EXPIRED: "hold"}
         if not self._access.virtual:
             timers[MuteReason.HOST_SILENT] = "lease"
         told = str(ended).partition(" (meanwhile")[0]
         ends = (timers[one] for one in timers if one in reasons and one.name not in told)
         timer = next(ends, "")
-        return "" if not timer or board.has(Feature.CONFIG) else timer
+        return "" if not timer or board.has(m.Feature.CONFIG) else timer
 
     def _ended_by_timer(
         self, board: BoardClient, timer: str, ended: CaseEndedError
@@ -347,7 +344,7 @@ class SuiteRunner:
 
     def _found_meanwhile(self, board: BoardClient, ended: CaseEndedError) -> str:
         """Return in words what the frames of a case show that its own finding does not tell."""
-        events = [event for _, event in board.link.events(StateChanged, 0)]
+        events = [event for _, event in board.link.events(m.StateChanged, 0)]
         told = {event.reason.name: f"{event.state.name}, {event.reason.name}" for event in events}
         told.pop(MuteReason.MUTE.name, None)  # which the host asked for
         new = [text for name, text in told.items() if name not in str(ended)]

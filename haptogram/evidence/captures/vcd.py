@@ -20,6 +20,8 @@ from .vcd_header import LONGEST_ID, VcdBit, VcdHeader, read_vcd_header
 
 _CHUNK: Final = 4 << 20  # bytes
 _MOST_DIGITS: Final = 18
+_FEW_CODES: Final = 1 << 16  # identifiers of one sign or two
+_NARROW: Final = 1 << 15  # channels that 16 bits count
 _HASH, _DOLLAR, _ZERO, _ONE = (ord(c) for c in "#$01")
 _SCALARS: Final = np.frombuffer(b"01xXzZ", np.uint8)
 _VECTORS: Final = np.frombuffer(b"bB", np.uint8)
@@ -115,7 +117,7 @@ class _VcdBody:
             found.append((vectors[ours], channels[ours]))
             written.append(_vcd_bits(data, starts[vectors[ours]], ends[vectors[ours]], bit))
         places, channels = (np.concatenate(part) for part in zip(*found, strict=True))
-        order = np.argsort(places, kind="stable")
+        order = np.argsort(places, kind="stable") if len(vectors) else slice(None)
         self._change(times[places[order]], channels[order], np.concatenate(written)[order])
 
     def _channels(self, data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Numbers:
@@ -125,6 +127,10 @@ class _VcdBody:
         if not len(known):
             return np.full(len(starts), -1)
         codes = _packed_vcd_tokens(data, starts, ends)
+        if (few := int(known[-1]) + 2) <= _FEW_CODES:
+            table = np.full(few, -1)
+            table[known] = ours
+            return table[np.minimum(codes, few - 1)]  # the last is none, that of -1 as well
         nearest = np.minimum(np.searchsorted(known, codes), len(known) - 1)
         return np.where(known[nearest] == codes, np.array(ours)[nearest], -1)
 
@@ -185,7 +191,8 @@ class _VcdBody:
         """Take changes of value in the order of the file."""
         ours = channels >= 0
         channels, times, values = channels[ours], times[ours], values[ours]
-        order = np.argsort(channels, kind="stable")
+        narrow = channels.astype(np.int16 if len(self.bits) <= _NARROW else np.int64)
+        order = np.argsort(narrow, kind="stable")  # numbers of 16 bits need no comparison
         counts = np.bincount(channels, minlength=len(self.bits))
         times, values = times[order], values[order]
         for channel, end in enumerate(np.cumsum(counts).tolist()):
@@ -265,8 +272,8 @@ def _vcd_bits(data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Byte
 def _packed_vcd_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
     """Return the tokens as numbers of base 256; -1 for one that is too long to be known."""
     lengths = ends - starts
-    packed: _Numbers = np.zeros(len(starts), np.int64)
-    for place in range(min(int(lengths.max(initial=0)), LONGEST_ID)):
+    packed: _Numbers = data[starts].astype(np.int64)  # a token has a sign at least
+    for place in range(1, min(int(lengths.max(initial=0)), LONGEST_ID)):
         has = lengths > place
         packed[has] = packed[has] * 256 + data[starts[has] + place]
     packed[lengths > LONGEST_ID] = -1

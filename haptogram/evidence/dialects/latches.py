@@ -17,9 +17,9 @@ from haptogram.acoustics.model.drive import saturated_weights
 from haptogram.evidence.backdoor import observations_of_backdoor, observations_on_clock_of
 from haptogram.evidence.dialects.pulse_records import pulse_observation_of
 from haptogram.records.frame import Evidence, Intended, Observation
-from haptogram.settings.dialects import OWN_DIALECT
 from haptogram.verification.unnumbered import UnnumberedLatch, observations_of_unnumbered
 from haptogram.verification.watch.latch import OWN_CAUSES, UPLOAD
+from haptogram_protocol.dialects.looks_like import HAPTOGRAM
 
 _PULSES: Final = "pulses"
 _LEAST_LOSS: Final = 0.01
@@ -36,7 +36,7 @@ def dialect_run_observations(
 
 def are_records_of_another_dialect(records: Sequence[Mapping[str, Any]]) -> bool:
     """Return True if the records of a back door are those of another board than Haptogram's."""
-    return bool(records) and records[0].get("dialect", OWN_DIALECT) != OWN_DIALECT
+    return bool(records) and records[0].get("dialect", HAPTOGRAM) != HAPTOGRAM
 
 
 def evidence_of_records(records: Sequence[Mapping[str, Any]]) -> Evidence:

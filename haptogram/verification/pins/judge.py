@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -34,7 +35,7 @@ from .held.drives import held_pin_drives
 from .held.frame_times import frames_at_held_drives
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase
-from .run_drives import Bools, PinRunDrives
+from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 from .shared_phase import shared_turns_of_pins
 from .shown_frames import (
     FIT_SHARE,
@@ -49,6 +50,7 @@ from .silence import EndOfSound, end_of_sound_on_pins
 _HALF: Final = 0.5
 _EDGE: Final = 2  # frames at the end of the capture, beside which samples may be missing
 _NAMED: Final = 4
+_BREAK_SAMPLES: Final = 2.5  # by which two edges may be off
 _WITH_THE_CLOCK: Final = "capture the clock of the carrier, and longer than the run, to know"
 _BY_DRIVE: Final = (
     "the frames carry no times: each is found by its drive, and a delay does not show"
@@ -341,7 +343,7 @@ class _PinJudge:
             silent = (np.abs(drives.weights[frame]) == 0.0).all()
             what = "silent" if silent else f"{wrong} of {count} pins show another drive"
             self._find("frames", f"frame {frame}: {what}")
-        alone: Bools = np.asarray(judged & ~mixed)
+        alone: Bools = np.asarray(judged & ~mixed & ~doubtful)
         faults: dict[str, list[tuple[int, str, str]]] = {"phases": [], "amplitudes": []}
         others = []
         unlike: list[int] = []
@@ -399,22 +401,41 @@ class _PinJudge:
         """Return the (F,) frames whose wrong drive the capture itself may explain.
 
         Those are the last ones, the first one of a capture that begins with it, and all of them
-        where an element is the reference: samples may be missing beside them.
+        where an element is the reference: samples may be missing beside them. Those that it shows
+        to be missing in a frame may make any of its pins wrong.
         """
         doubtful = np.zeros_like(mixed)
         if self.record.reference_element is None:
             doubtful[judged[-_EDGE:]] = True
             doubtful |= self.shown.starts < self.run.gap  # what was there before is not known
         else:
-            doubtful[:] = True
+            doubtful[judged] = True
+            mixed = mixed | (self._frames_with_a_break() & ~self.shown.right.all(axis=1))
         doubtful &= mixed
         if doubtful.any():
             names = ", ".join(map(str, np.flatnonzero(doubtful)[:_NAMED]))
             self.missing.append(
-                f"frames {names}: most pins show another drive, or samples are missing there: "
+                f"frames {names}: pins show another drive, or samples are missing there: "
                 f"{_WITH_THE_CLOCK}"
             )
         return doubtful
+
+    def _frames_with_a_break(self) -> Bools:
+        """Return the (F,) frames within which the element that is the reference changes its drive.
+
+        It latches with the others, at their ends: within a frame samples are missing.
+        """
+        found = np.zeros(self.run.count, np.bool_)
+        limit = _BREAK_SAMPLES * math.tau * self.record.carrier_hz / self.record.sample_rate_hz
+        reference = self.record.reference_element
+        if reference is None:
+            return found
+        centres, weights = fundamentals_of_run_drives(self.record.pins[reference])
+        for frame, (start, end) in enumerate(zip(self.shown.starts, self.shown.ends, strict=True)):
+            held = weights[(centres > start + 1.0) & (centres < end)]
+            usual = np.median(held.real) + 1j * np.median(held.imag) if len(held) else 0.0
+            found[frame] = (np.abs(held - usual) > limit).any()
+        return found
 
     @cached_property
     def _turns_rad(self) -> FloatArray | None:

@@ -138,8 +138,11 @@ def fundamentals_of_run_drives(pulses: PinPulses) -> tuple[FloatArray, ComplexAr
     centres = (pulses.rises + pulses.falls) / 2.0
     found = _FUNDAMENTALS.get(pulses)
     if found is None:
-        sizes = np.sin(np.pi * np.minimum(pulses.falls - pulses.rises, 1.0))
-        turns = np.exp(2j * np.pi * np.remainder(centres, 1.0))
-        found = (sizes * turns / pulses.response).astype(np.complex64)
+        widths = np.minimum(pulses.falls - pulses.rises, 1.0).astype(np.float32)
+        angles = (2.0 * np.pi * np.remainder(centres, 1.0)).astype(np.float32)
+        found = np.empty(len(angles), np.complex64)
+        sizes = np.sin(np.float32(np.pi) * widths)
+        found.real, found.imag = sizes * np.cos(angles), sizes * np.sin(angles)
+        found /= np.complex64(pulses.response)
         _FUNDAMENTALS[pulses] = found
     return centres, found

@@ -18,19 +18,13 @@ from haptogram.acoustics.model.boards.grids import (
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.codec import Dialect
-from haptogram_protocol.dialects.ultraino.arduino import dialects
+from haptogram_protocol.dialects.ultraino.arduino import dialects, slots
 from haptogram_protocol.dialects.ultraino.arduino.board_end import ArduinoBoardEnd
 from haptogram_protocol.dialects.ultraino.arduino.firmware import (
     MAX_BOARDS,
     MEGA64_FIRMWARE,
     NANO8_FIRMWARE,
     NANO16_FIRMWARE,
-)
-from haptogram_protocol.dialects.ultraino.arduino.slots import (
-    MEGA64_LAYOUT,
-    NANO8_LAYOUT,
-    NANO16_CONNECTED,
-    NANO16_LAYOUT,
 )
 
 from ...board.events import CarrierState
@@ -113,13 +107,14 @@ def _arduino_emulation(
 
 
 MEGA64: Final = _arduino_emulation(
-    dialects.MEGA64, Outputs(MEGA64_FIRMWARE, MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
+    dialects.MEGA64, Outputs(MEGA64_FIRMWARE, slots.MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
 )
 NANO16: Final = _arduino_emulation(
     dialects.NANO16,
-    Outputs(NANO16_FIRMWARE, NANO16_LAYOUT, NANO16_CONNECTED),
+    Outputs(NANO16_FIRMWARE, slots.NANO16_LAYOUT, slots.NANO16_CONNECTED),
     ULTRAINO_NANO16,
 )
 NANO8: Final = _arduino_emulation(
-    dialects.NANO8, Outputs(NANO8_FIRMWARE, NANO8_LAYOUT), ULTRAINO_NANO8
+    dialects.NANO8, Outputs(NANO8_FIRMWARE, slots.NANO8_LAYOUT), ULTRAINO_NANO8
 )
+EMULATIONS: Final = (MEGA64, NANO8, NANO16)

@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
+from haptogram_protocol.dialects.ultraino.arduino import operations
 from haptogram_protocol.dialects.ultraino.arduino.firmware import ArduinoFirmware
-from haptogram_protocol.dialects.ultraino.arduino.operations import (
-    CommitDurations,
-    Forward,
-    SetDurations,
-    SetPattern,
-    Swap,
-)
 from haptogram_protocol.dialects.ultraino.arduino.slots import ArduinoSlotLayout
 
 from ...board.events import PulseLatch
@@ -92,16 +86,16 @@ class SlotBoards(LatchingUnit):
         self._playlist = ArduinoPlaylist(firmware.patterns, counts=not outputs.shows_one)
         self._durations = bytearray(self._playlist.durations)  # for the next commit
         self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
-            SetPattern: self._set_pattern,
-            SetDurations: self._set_durations,
-            CommitDurations: self._commit_durations,
-            Swap: self._swap,
+            operations.SetPattern: self._set_pattern,
+            operations.SetDurations: self._set_durations,
+            operations.CommitDurations: self._commit_durations,
+            operations.Swap: self._swap,
         }
         self._latch(POWER_UP, now_us)
 
     def take(self, operation: Operation, t_us: int) -> list[Reply]:
         """Do *operation*; return what the last board sends on."""
-        if isinstance(operation, Forward):
+        if isinstance(operation, operations.Forward):
             return [operation]
         if (handler := self._handlers.get(type(operation))) is not None:
             handler(operation, t_us)
@@ -121,14 +115,14 @@ class SlotBoards(LatchingUnit):
     def _period(self, t_us: int) -> int:
         return (t_us - self._boot_us) // PERIOD_US
 
-    def _set_pattern(self, operation: SetPattern, _: int) -> None:
+    def _set_pattern(self, operation: operations.SetPattern, _: int) -> None:
         pattern = self._next[operation.board, operation.pattern].reshape(-1)
         pattern[: len(operation.slots)] = np.frombuffer(operation.slots, np.uint8)
 
-    def _set_durations(self, operation: SetDurations, _: int) -> None:
+    def _set_durations(self, operation: operations.SetDurations, _: int) -> None:
         self._durations[: len(operation.periods)] = operation.periods
 
-    def _commit_durations(self, _: CommitDurations, t_us: int) -> None:
+    def _commit_durations(self, _: operations.CommitDurations, t_us: int) -> None:
         self._playlist.skip_to(self._period(t_us))
         if not self._outputs.shows_one:
             self._playlist.commit(bytes(self._durations))
@@ -138,7 +132,7 @@ class SlotBoards(LatchingUnit):
             self._playlist.show(self._durations[0])
             self._latch("shown", t_us)
 
-    def _swap(self, _: Swap, t_us: int) -> None:
+    def _swap(self, _: operations.Swap, t_us: int) -> None:
         self._playlist.skip_to(self._period(t_us))
         self._playlist.restart()
         self._shown, self._next = self._next, self._shown

@@ -53,7 +53,7 @@ run = "soak"
 hours = 2e-5
 [axes]
 mutant = [[], "sweep_boards:Raises", "sweep_boards:EndsItsProcess"]
-seed = [1, 2]
+seed = {seeds}
 """
 
 
@@ -188,8 +188,12 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
     return rows_of(planned(POINTS, tmp_path_factory.mktemp("one")), jobs(1))
 
 
-def test_three_workers_give_the_rows_of_one(expected: list[Row], tmp_path: Path) -> None:
-    assert rows_of(planned(POINTS, tmp_path), jobs(3)) == expected
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("count", [2, 3])
+def test_several_workers_give_the_rows_of_one(
+    count: int, expected: list[Row], tmp_path: Path
+) -> None:
+    assert rows_of(planned(POINTS, tmp_path), jobs(count)) == expected
     assert [row["point"] for row in expected] == list(range(8))
     assert {row["verdict"] for row in expected[:4]} == {"pass"}
     assert "fail" in {row["verdict"] for row in expected[4:]}
@@ -214,7 +218,7 @@ def test_a_conformance_run_is_a_point(tmp_path: Path) -> None:
     text = '[sweep]\nrun = "conform"\n[options]\nclause = ["HG-2.1", "HG-2.3"]\n'
     mutants = "[axes]\nport = ['haptogram://?clock=virtual', "
     mutants += "'haptogram://?clock=virtual&mutant=mutants.framing:SharedDelimiterRefused']\n"
-    healthy, wrong = rows_of(planned(text + mutants, tmp_path), jobs(2))
+    healthy, wrong = rows_of(planned(text + mutants, tmp_path), jobs(1))
     assert healthy["verdict"] == "pass"
     assert healthy["failed"] == 0
     assert healthy["counts.OK"] > 2
@@ -223,27 +227,34 @@ def test_a_conformance_run_is_a_point(tmp_path: Path) -> None:
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("count", [1, 2])
-def test_a_point_that_crashes_is_a_row_and_the_others_go_on(count: int, tmp_path: Path) -> None:
-    rows = rows_of(planned(FATAL, tmp_path), jobs(count))
-    assert [row["verdict"] for row in rows] == ["pass"] * 2 + ["error"] * 4
-    assert [row["reason"] for row in rows[2:]] == (
-        ["LocalError: no such luck"] * 2 + ["its worker died, 3 times"] * 2
+@pytest.mark.parametrize(("count", "seeds"), [(1, [1]), (1, [1, 2]), (2, [1, 2])])
+def test_a_point_that_crashes_is_a_row_and_the_others_go_on(
+    count: int, seeds: list[int], tmp_path: Path
+) -> None:
+    rows = rows_of(planned(FATAL.format(seeds=seeds), tmp_path), jobs(count))
+    each = len(seeds)
+    assert [row["verdict"] for row in rows] == ["pass"] * each + ["error"] * 2 * each
+    assert [row["reason"] for row in rows[each:]] == (
+        ["LocalError: no such luck"] * each + ["its worker died, 3 times"] * each
     )
     assert rows[0]["tally.totals.frames"] > 0
 
 
-def test_a_worker_that_is_killed_costs_no_row(expected: list[Row], tmp_path: Path) -> None:
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("times", [1, 3])
+def test_a_worker_that_is_killed_costs_no_row(
+    times: int, expected: list[Row], tmp_path: Path
+) -> None:
     killed: list[int] = []
 
     def kill() -> None:
         worker = multiprocessing.active_children()[0]
-        if len(killed) < 3 and worker.pid is not None and worker.pid not in killed:
+        if len(killed) < times and worker.pid is not None and worker.pid not in killed:
             killed.append(worker.pid)
             os.kill(worker.pid, signal.SIGKILL)
 
     assert rows_of(planned(POINTS, tmp_path), jobs(2), kill) == expected
-    assert len(killed) == 3
+    assert len(killed) == times
     assert not multiprocessing.active_children()
 
 

@@ -121,7 +121,9 @@ def test_a_capture_alone_tells_the_carrier(capsys):
     assert main(["capture", "half.sr", "--map", "map.toml", "--quiet"]) == 1
     (line,) = (text for text in capsys.readouterr().out.splitlines() if "wrong" in text)
     assert line.endswith("p7): 20000 Hz: a pulse in every 2 periods of the carrier of 40000 Hz")
-    board = CapturedBoard("ultraino-mega64", frames_of("ultraino-mega64", 2), busy_s=4e-3)
+    board = CapturedBoard(
+        "ultraino-mega64", frames_of("ultraino-mega64", 2), busy_s=4e-3, gap_s=12e-3
+    )
     board.capture(Path("busy.sr"), range(8))
     assert main(["capture", "busy.sr", "--map", "map.toml", "--json", "busy.json"]) == 0
     said = capsys.readouterr().out

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptogram import DialectDriver
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.cli import main
 from haptogram.evidence.dialects.latches import dialect_run_observations
 from haptogram.evidence.virtual_board import VirtualBoard
@@ -25,7 +25,7 @@ HIGHEST_M, LOWEST_M, ABOVE_A_CAVITY_M = 0.15, 0.03, 0.022
 
 def short_line(name):
     """Return the options of a line of three points that suits the boards' own array."""
-    array = LAYOUT_OF_DIALECT[name].array()
+    array = LAYOUTS[DIALECTS[name].layout].array()
     width, depth, height = np.ptp(array.positions_m, axis=0)
     up = (
         ABOVE_A_CAVITY_M if height > 0.01 else np.clip(0.9 * max(width, depth), LOWEST_M, HIGHEST_M)
@@ -177,7 +177,7 @@ def test_the_rate_is_that_of_the_budget(name, capsys, tmp_path):
     words = ("--dialect", name, "--virtual-time", *short_line(name))
     assert verify(capsys, *words, f"--json={result}")[0] == 0
     rate_hz = json.loads(result.read_text())["configuration"]["rate_hz"]
-    boards = -(-LAYOUT_OF_DIALECT[name].array().count // DIALECTS[name].channels)
+    boards = -(-LAYOUTS[DIALECTS[name].layout].array().count // DIALECTS[name].channels)
     budget = ["budget", "--dialect", name, "--boards", str(boards), "--rate-hz"]
     assert main([*budget, str(rate_hz)]) == 0
     if rate_hz < 1000.0:
@@ -232,7 +232,7 @@ def test_a_line_that_breaks_ends_the_run_and_not_its_results(capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--dialect", "sonicsurfaces"), "--dialect is 'sonicsurfaces'; known are sonicsurface, "),
+        (("--dialect", "sonicsurfaces"), "--dialect is 'sonicsurfaces'; known are autd3, "),
         (("--dialect", "sonicsurface", "--mode", "points"), "--mode acts only on Haptogram's own"),
         (("--dialect", "sonicsurface", "--lead-ms", "5"), "--lead-ms acts only on Haptogram's own"),
         (("--dialect-option", "boards=2"), "--dialect-option acts only with --dialect"),

@@ -102,12 +102,12 @@ from sim_device.driven.stepped_board import run_stepped_board
 CASE = "HG-1.2/1-dialogues"
 ROOT = Path(__file__).resolve().parents[3]
 #: Of dialogues, with every commit and every night.
-NUMBERS = pytest.mark.parametrize("number", [12, pytest.param(60, marks=pytest.mark.nightly)])
+NUMBERS = pytest.mark.parametrize("number", [6, pytest.param(60, marks=pytest.mark.nightly)])
 
 
 @pytest.fixture(autouse=True)
 def few_dialogues(monkeypatch):
-    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 12)
+    monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 6)
 
 
 @NUMBERS

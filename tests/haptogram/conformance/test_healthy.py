@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import pytest
 from boards import WindowWatch, run, virtual
-from identities import identity
+from identities import OwnDefaults, identity
 
 from haptogram.conformance.case import Depth
 from haptogram.conformance.cases import all_cases
@@ -381,14 +381,6 @@ LEAST = (
 )
 
 
-class OwnDefaults(BoardOutput):
-    """Latches late frames and ramps for 2 s by default: that is left to the board."""
-
-    def __init__(self, *args, **kwargs):
-        super().__init__(*args, **kwargs)
-        self.config = dataclasses.replace(self.config, late_window_us=5000, ramp_ms=2000)
-
-
 @pytest.mark.nightly
 def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
     features = ALL_FEATURES & ~Feature.SEQUENCE_PHASES
@@ -398,7 +390,7 @@ def test_dialogues_with_a_board_that_plays_points_alone_find_nothing():
     assert result.behaviour is Behaviour.OK, result.detail
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("limits", "cases"),
     [

@@ -2,11 +2,18 @@ import contextlib
 import ctypes
 import gc
 import os
+import pty
 import sys
+import threading
+from pathlib import Path
 
 import pytest
 
-from haptogram.machine.process import real_time_process
+from haptogram.machine.process import (
+    processes_behind_terminal,
+    real_time_process,
+    threads_waited_us,
+)
 
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux itself")
 
@@ -85,3 +92,22 @@ def test_what_is_not_permitted_is_named_and_the_loop_runs_all_the_same(monkeypat
     assert "SCHED_FIFO 50) is not permitted" in refused[0]
     assert "memory lock is not permitted (Operation not permitted)" in refused[1]
     assert gc.isenabled()
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="not told by this system")
+def test_the_process_behind_a_pseudo_terminal_is_known_and_how_long_it_waited():
+    held, other = pty.openpty(), pty.openpty()
+    name = os.ttyname(held[1])
+    try:
+        threads = processes_behind_terminal(name)
+        waited_us = threads_waited_us(threads)
+        os.close(held[0])
+        left = processes_behind_terminal(name)
+    finally:
+        for descriptor in (held[1], *other):
+            os.close(descriptor)
+    assert Path(f"/proc/{os.getpid()}/task/{threading.main_thread().native_id}") in threads
+    assert {thread.parts[2] for thread in threads} == {str(os.getpid())}
+    assert 0 <= waited_us <= threads_waited_us(threads)
+    assert left == processes_behind_terminal("/dev/null") == []
+    assert threads_waited_us([Path("/proc/0/task/0")]) == 0

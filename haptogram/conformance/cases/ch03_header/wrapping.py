@@ -4,34 +4,19 @@ from __future__ import annotations
 
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    DriveKind,
-    Feature,
-    Phases,
-    Status,
-    TraceMode,
-    TracePlayback,
-)
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
 from ...client.dialogue import full_client_dialogue
-from ...client.latching import (
-    ask_for_board_latches_if_supported,
-    latch_now,
-    latch_random,
-    latches_received_from_board,
-    read_drive,
-)
-from ...client.playback import play_now, send_phases_to_store, shortest_period_to_play_us
 from ...judge.events import judge_event_numbers
 from ...outcome import SELF_REPORTED, check, check_equal, require
 from ..ch05_stream.queue import judge_gaps
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
-_PLAYED_TRACE: Final = Feature.TRACE | Feature.SEQUENCE_PHASES | Feature.CONFIG
+_PLAYED_TRACE: Final = m.Feature.TRACE | m.Feature.SEQUENCE_PHASES | m.Feature.CONFIG
 _EVENTS: Final = 66_000
 _LONGEST_US: Final = 3_600_000_000  # of a playback that tells so many
 _PART: Final = 8_000  # events between two readings
@@ -48,7 +33,7 @@ def stream_sequence_numbers_wrap(board: BoardClient) -> None:
     """40 stream frames across 0xFFFF are latched: no gap, no duplicate"""
     board.arm()
     with board.counting(latched=_ACROSS):
-        latch_random(board, _ACROSS)
+        latching.latch_random(board, _ACROSS)
 
 
 @case("HG-3.6/1-requests")
@@ -101,23 +86,23 @@ def event_sequence_numbers_wrap(board: BoardClient) -> None:
     535
     """
     traced_us = board.wire.period_us(2 * _TRACE_BYTES)
-    period_us = board.clock.on_carrier(shortest_period_to_play_us(board, traced_us))
+    period_us = board.clock.on_carrier(playback.shortest_period_to_play_us(board, traced_us))
     is_long = board.wire.is_virtual and period_us < traced_us + board.clock.carrier_us
     require(not is_long, "a simulated line takes long for so many events")
     text = f"{_EVENTS} frames of playback, one every {period_us} µs, take too long"
     require(_EVENTS * period_us <= _LONGEST_US, text)
-    send_phases_to_store(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store(board, _SEQUENCE, frames=1)
     board.hello()
-    board.arm(trace_mode=TraceMode.CRC)
+    board.arm(trace_mode=m.TraceMode.CRC)
     alone_ms = min(10_000, board.identity.max_unattended_ms)
     part_us = min(_PART * period_us, alone_ms * 500)
     last, count = -1, 0
-    play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
+    playback.play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
     while count < _EVENTS:
         since = board.link.mark()
         board.wire.idle(part_us)
         board.link.barrier()
-        for header, event in board.link.events(TracePlayback, since):
+        for header, event in board.link.events(m.TracePlayback, since):
             count += 1
             loop = event.key.loop
             text = f"behind event {last & 0xFFFF} comes event {header.seq}, of loop {loop}"
@@ -134,10 +119,10 @@ def first_number_of_stream(board: BoardClient) -> None:
         board.link.stream(board.flat_phases())
     board.hello()
     with board.counting(dropped_state=1, gap=3):
-        board.link.stream(board.flat_phases(), seq=FIRST_STREAM_SEQ + 3)
+        board.link.stream(board.flat_phases(), seq=m.FIRST_STREAM_SEQ + 3)
 
 
-@case("HG-3.6/4", needs=Feature.CONFIG)
+@case("HG-3.6/4", needs=m.Feature.CONFIG)
 def first_number_of_events(board: BoardClient) -> None:
     """the first event of each of 3 sessions has the number 0"""
     period_ms = board.quick_status_ms
@@ -145,7 +130,7 @@ def first_number_of_events(board: BoardClient) -> None:
     for _ in range(3):
         since = board.link.mark()
         board.hello()
-        board.due_event(Status, since, 3000 * period_ms)
+        board.due_event(m.Status, since, 3000 * period_ms)
         events = (piece for piece in board.wire.received[since:] if piece.is_event)
         first = next(e for e in events if e.frame_header.session == board.link.session)
         text = f"first event of the session: {annotated_frame_text(first.piece)}"
@@ -165,35 +150,35 @@ def _advance_to_number(board: BoardClient, number: int) -> None:
         wires: list[bytes] = []
         while link.stream_next < number and len(wires) < _BATCH:
             link.stream_next = min(link.stream_next + _JUMP, number - 1)
-            wires.append(link.stream_raw(Phases.TYPE, b""))
+            wires.append(link.stream_raw(m.Phases.TYPE, b""))
         link.send(*wires)
 
 
 def _wrong_latch_numbers(
-    board: BoardClient, since: int, mode: TraceMode, index: int
+    board: BoardClient, since: int, mode: m.TraceMode, index: int
 ) -> dict[str, int]:
     """Return the number of the last latch by every report of it."""
     told = {"last_seq": board.status().last_seq}
-    if board.has(Feature.READ_LATCHED):
-        told["DRIVE_REPLY"] = read_drive(board, DriveKind.LATCHED, 0, 1).key.index
-    if mode is not TraceMode.OFF:
-        latches = latches_received_from_board(board, since, mode)
+    if board.has(m.Feature.READ_LATCHED):
+        told["DRIVE_REPLY"] = latching.read_drive(board, m.DriveKind.LATCHED, 0, 1).key.index
+    if mode is not m.TraceMode.OFF:
+        latches = latching.latches_received_from_board(board, since, mode)
         told[f"trace {mode.name}"] = latches[-1].index if latches else -1
     return {name: number for name, number in told.items() if number != index % _WRAP}
 
 
 def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -> None:
     """FAILED unless numbers on both sides of each power of two are told whole."""
-    mode = ask_for_board_latches_if_supported(board)
+    mode = latching.ask_for_board_latches_if_supported(board)
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
     first, before, sent = board.link.stream_next, board.status().counters, 0
     for bits in range(least_bits, most_bits + 1):
         _advance_to_number(board, (1 << bits) - 1)
         board.arm_anew()  # or a hold that nothing extends may end before the next latch
         for index in range((1 << bits) - 1, (1 << bits) + 2):
             since = board.link.mark()
-            latch_now(board)
+            latching.latch_now(board)
             wrong = _wrong_latch_numbers(board, since, mode, index)
             check(not wrong, f"the unwrapped number is {index % _WRAP}, told is {wrong}")
         board.wire.forget_received()

@@ -8,17 +8,12 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
-from haptogram_protocol.messages import Feature, Flag, Points
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Case, Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
-from ...client.latching import (
-    ask_for_board_latches_if_supported,
-    latch_now,
-    latches_received_from_board,
-)
-from ...client.playback import play_later, play_now, send_phases_to_store_if_supported
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...judge.refused_requests import STORED
 from ...judge.timers import judge_status_period
@@ -88,7 +83,7 @@ def _old_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
 
 
 def _flagged_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    for flags in (0x20, 0x40, 0x80, 0xE0 | Flag.IMMEDIATE):
+    for flags in (0x20, 0x40, 0x80, 0xE0 | m.Flag.IMMEDIATE):
         yield board.link.stream_wire(kind.make(), flags=flags)
 
 
@@ -97,7 +92,7 @@ def _wrong_length_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable
     payload = message.serialize()
     wrong = [payload + b"\x00", payload[:-1], payload[:1], b""]
     wrong = [one for one in wrong if one != payload]  # of one transducer one byte is right
-    if not isinstance(message, Points) and len(payload) + 256 < _LONGEST:
+    if not isinstance(message, m.Points) and len(payload) + 256 < _LONGEST:
         wrong.append(payload + bytes(256))  # the same low byte of the length
     for one in wrong:
         yield board.link.stream_raw(message.TYPE, one)
@@ -206,7 +201,7 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
     """
     board.arm()
     lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
-    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
+    mode = latching.ask_for_board_latches_if_supported(board, m.Feature.TRACE)
     since = board.link.mark()
     for kind in stream_kinds(board):
         timed = lows[-board.identity.queue_depth :]
@@ -221,15 +216,15 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
                 board.link.stream(kind.make(), t_us, flags=low)
             board.clock.wait_until(start_us + 1000 * len(timed))
             for low in lows:
-                past_us, flags = start_us - 1_000_000, Flag.IMMEDIATE | low
+                past_us, flags = start_us - 1_000_000, m.Flag.IMMEDIATE | low
                 board.link.stream(kind.make(), past_us, flags=flags)
                 board.clock.wait_latched()
-    late = sum(latch.late for latch in latches_received_from_board(board, since, mode))
+    late = sum(latch.late for latch in latching.latches_received_from_board(board, since, mode))
     check(late == 0, f"{late} traces say LATE; no frame was late, some had flags or a time past")
 
 
 def _play_slowly(board: BoardClient) -> None:
-    play_now(board, STORED, loops=0, period_us=9_000_000, unattended_ms=9_999)
+    playback.play_now(board, STORED, loops=0, period_us=9_000_000, unattended_ms=9_999)
     board.clock.wait_latched()
 
 
@@ -238,10 +233,10 @@ OUTPUT_STATES: Final[dict[str, Callable[[BoardClient], Any]]] = {
     OFF: lambda board: board.bring_to(OutputState.DISARMED),
     MUTED: lambda board: board.bring_to(OutputState.MUTED),
     SILENT: BoardClient.arm_anew,
-    SOUNDS: latch_now,
-    PLAYING: lambda board: play_now(board, STORED, loops=0, unattended_ms=9_999),
+    SOUNDS: latching.latch_now,
+    PLAYING: lambda board: playback.play_now(board, STORED, loops=0, unattended_ms=9_999),
     PLAYING_SLOWLY: _play_slowly,
-    WAITS: lambda board: play_later(board, STORED, _FAR_US, unattended_ms=9_999),
+    WAITS: lambda board: playback.play_later(board, STORED, _FAR_US, unattended_ms=9_999),
     QUEUES: lambda board: fill_queue(board, QUEUED_FRAMES, _FAR_US),
 }
 
@@ -254,9 +249,9 @@ def output_states(
     What plays has the usual period, which no hold ends; a long one if nothing *queues*: no frame
     of it is latched soon.
     """
-    send_phases_to_store_if_supported(board, STORED, frames=1)
+    playback.send_phases_to_store_if_supported(board, STORED, frames=1)
     names, reached = [OFF, MUTED, SILENT, SOUNDS], board.clock.horizon_us > _FAR_US
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         names += [PLAYING if queues else PLAYING_SLOWLY, *[WAITS] * reached]
     for name in names + [QUEUES] * (queues and reached):
         yield name, OUTPUT_STATES[name]
@@ -290,7 +285,7 @@ def every_state_checks_stream_frames_alike(board: BoardClient) -> None:
     for name, bring in output_states(board, queues=False):
         board.hello()
         board.arm()
-        latch_now(board)  # a number is used
+        latching.latch_now(board)  # a number is used
         for kind in stream_kinds(board):
             for drop in DROPS:
                 if drop.counter not in BEFORE_STATE:
@@ -322,7 +317,7 @@ def every_state_counts_gaps_of_the_stream(board: BoardClient) -> None:
         board.mute()
 
 
-@case("HG-9.1/1-states", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-9.1/1-states", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def every_state_of_the_stream_sends_status(board: BoardClient) -> None:
     """STATUS comes at its time off, on, playing and waiting"""
     period_ms = board.quick_status_ms

@@ -6,30 +6,12 @@ import itertools
 import zlib
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Feature,
-    Flag,
-    Message,
-    PlayReply,
-    TraceMode,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
 from ...client.drive_paths import registers_asked_for
-from ...client.latching import (
-    ask_for_board_latches,
-    latch_now,
-    latches_received_from_board,
-    time_for_frames,
-)
-from ...client.playback import (
-    await_playback_end,
-    period_to_play,
-    play_request,
-    require_time_to_play,
-    send_phases_to_store,
-)
 from ...client.stream_kinds import StreamKind, stream_kinds
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 from .every_drop import fill_queue
@@ -65,7 +47,7 @@ def every_format_is_streamed_at_once(board: BoardClient) -> None:
         for past_us in (0, 1, 2**30, -(2**30)):
             waiting = board.status().queued
             with board.counting(flushed=waiting, latched=1, late=0):
-                board.link.stream(kind.make(), t_us - past_us, flags=Flag.IMMEDIATE)
+                board.link.stream(kind.make(), t_us - past_us, flags=m.Flag.IMMEDIATE)
                 board.clock.wait_latched()
         board.check_status(f"{kind.name}, IMMEDIATE", queued=0)
 
@@ -81,7 +63,7 @@ def every_format_flushes_a_full_queue(board: BoardClient) -> None:
         board.clock.end_exchange()
         check_fields(found, f"{depth} frames wait: STATUS_REPLY", queued=depth)
         with board.counting(flushed=depth, latched=1):
-            index = latch_now(board, kind.make())
+            index = latching.latch_now(board, kind.make())
         board.check_status(kind.name, queued=0, last_seq=index)
 
 
@@ -102,12 +84,12 @@ def _queued_codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
     return [kind for each in full for kind in (*graded, each)]
 
 
-@case("HG-5.2/6-slots", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.2/6-slots", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_queue_slot_is_written_whole(board: BoardClient) -> None:
     """through every slot of the queue DRIVES, then PHASES of every format: each as it was sent"""
     depth = board.depth_to_fill()
-    mode = ask_for_board_latches(board)
-    room = board.identity.trace_ring if mode is TraceMode.RING else depth
+    mode = latching.ask_for_board_latches(board)
+    room = board.identity.trace_ring if mode is m.TraceMode.RING else depth
     board.arm()
     for kind in _queued_codes_in_turn(stream_kinds(board)):
         sent: dict[int, int] = {}
@@ -115,7 +97,7 @@ def every_queue_slot_is_written_whole(board: BoardClient) -> None:
         while len(sent) < depth:
             since = board.link.mark()
             _queue_some_stream_frames(board, kind, min(room, depth - len(sent)), sent)
-            latches = latches_received_from_board(board, since, mode)
+            latches = latching.latches_received_from_board(board, since, mode)
             seen |= {latch.index: latch.crc for latch in latches}
         lost = sent.keys() - seen.keys()
         check(not lost, f"{kind.name}: {len(lost)} of {len(sent)} queued frames are not latched")
@@ -127,12 +109,12 @@ def _queue_some_stream_frames(
     board: BoardClient, kind: StreamKind, most: int, sent: dict[int, int]
 ) -> None:
     """Queue up to *most* frames, wait until they are latched; add the CRC of each by its number."""
-    messages: list[Message] = []
+    messages: list[m.Message] = []
     for _ in range(most):
         messages.append(kind.make())
         if not board.wire.carries(len(messages) * len(messages[0].serialize()), _BATCH_US):
             break
-    start_us, step_us = time_for_frames(board, messages), board.clock.on_carrier(_STEP_US)
+    start_us, step_us = latching.time_for_frames(board, messages), board.clock.on_carrier(_STEP_US)
     wires = []
     within = (board.clock.device_us() + board.identity.max_horizon_us - start_us) // step_us
     messages = messages[: max(1, within)]
@@ -177,16 +159,16 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
     text = f"max_horizon_us is {board.identity.max_horizon_us}: no wait of 2^16 µs fits"
     require(bool(ahead_us), text)
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
-    now_us = board.clock.device_us() + board.wire.period_us(len(ahead_us) * size)
+    first_us = board.clock.ahead_us(ahead_us[0] + board.wire.period_us(len(ahead_us) * size))
+    times_us = [first_us - ahead_us[0] + us for us in ahead_us]
     with board.counting(latched=0, flushed=len(ahead_us)):
-        board.link.send(
-            *(board.link.stream_wire(board.flat_phases(), now_us + us) for us in ahead_us)
-        )
+        board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times_us))
+        board.clock.end_exchange()
         board.wire.idle(_LOOK_US)
         found = board.status()
-        board.clock.require_before(now_us + ahead_us[0], "a look at frames that wait")
-        check_fields(found, "frames wait: STATUS_REPLY", queued=len(ahead_us))
         board.mute()
+        board.clock.require_before(first_us, "a look at frames that wait")
+    check_fields(found, "frames wait: STATUS_REPLY", queued=len(ahead_us))
 
 
 # --- The time in a frame with IMMEDIATE ----------------------------------------------------------
@@ -204,12 +186,12 @@ def _times_of_immediate_frames(board: BoardClient) -> dict[str, int]:
     }
 
 
-@case("HG-5.9/1-behind", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.9/1-behind", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
     """frames behind one with IMMEDIATE, whatever its time: for the past dropped, for later
     latched
     """
-    mode = ask_for_board_latches(board)
+    mode = latching.ask_for_board_latches(board)
     board.arm()
     kinds = stream_kinds(board)
     names = list(_times_of_immediate_frames(board))
@@ -224,7 +206,7 @@ def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
         before = board.status().counters
         frames = kind.make(), other.make()
         due_us, rx_us = _send_behind_immediate(board, *frames, name, is_past=is_past)
-        seen = {x.index: x.t_us for x in latches_received_from_board(board, since, mode)}
+        seen = {x.index: x.t_us for x in latching.latches_received_from_board(board, since, mode)}
         text = f"{kind.name} with IMMEDIATE and the time {name}, and {other.name} for "
         text += f"{_PAST_US} µs ago" if is_past else f"{due_us} µs"
         latch_us, got_us = seen.get(index), seen.get(index + 1)
@@ -241,7 +223,7 @@ def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
 
 
 def _send_behind_immediate(
-    board: BoardClient, first: Message, second: Message, name: str, *, is_past: bool
+    board: BoardClient, first: m.Message, second: m.Message, name: str, *, is_past: bool
 ) -> tuple[int, int]:
     """Send a frame with IMMEDIATE and one behind it.
 
@@ -252,11 +234,11 @@ def _send_behind_immediate(
     """
     later_us = 10 * board.clock.carrier_us
     others = board.flat_phases(), board.flat_phases()  # what is asked meanwhile takes less
-    due_us = time_for_frames(board, (first, second, *others), ahead_us=later_us)
+    due_us = latching.time_for_frames(board, (first, second, *others), ahead_us=later_us)
     time_us = _times_of_immediate_frames(board)[name]
     at_us = board.clock.device_us() - _PAST_US if is_past else due_us
     board.link.send(
-        board.link.stream_wire(first, time_us, flags=Flag.IMMEDIATE),
+        board.link.stream_wire(first, time_us, flags=m.Flag.IMMEDIATE),
         board.link.stream_wire(second, at_us),
     )
     rx_us = board.clock.unwrap(board.link.ping(0).t_rx_us)
@@ -265,24 +247,26 @@ def _send_behind_immediate(
     return due_us, rx_us
 
 
-@case("HG-3.5/2-play", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
+@case("HG-3.5/2-play", needs=m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
 def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None:
     """PLAY with IMMEDIATE, whatever its time, begins at once, and its frames keep to that start"""
-    mode = ask_for_board_latches(board)
-    send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
+    mode = latching.ask_for_board_latches(board)
+    playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     board.arm()
-    period_us = board.clock.on_carrier(period_to_play(board))
-    require_time_to_play(board, _FRAMES * period_us)
-    play = play_request(board, _SEQUENCE, loops=1, period_us=period_us)
+    period_us = board.clock.on_carrier(playback.period_to_play(board))
+    playback.require_time_to_play(board, _FRAMES * period_us)
+    play = playback.play_request(board, _SEQUENCE, loops=1, period_us=period_us)
     for number, name in enumerate(_times_of_immediate_frames(board)):
         board.wire.idle(1 + 7 * number % board.clock.carrier_us)
         since, start_us = board.link.mark(), board.clock.device_us()
         time_us = _times_of_immediate_frames(board)[name]
-        board.link.call(play, PlayReply, flags=Flag.IMMEDIATE, time_us=time_us)
+        board.link.call(play, m.PlayReply, flags=m.Flag.IMMEDIATE, time_us=time_us)
         most_us = board.clock.on_carrier(board.clock.ready_us(board.clock.device_us()))
-        ended = await_playback_end(board, since, _FRAMES * period_us)
+        ended = playback.await_playback_end(board, since, _FRAMES * period_us)
         check_fields(ended, f"PLAY with the time {name}", frames=_FRAMES)
-        times = [x.t_us for x in latches_received_from_board(board, since, mode)][-_FRAMES:]
+        times = [x.t_us for x in latching.latches_received_from_board(board, since, mode)][
+            -_FRAMES:
+        ]
         least_us = board.clock.on_carrier(board.clock.ready_us(start_us))
         text = f"PLAY with IMMEDIATE and the time {name}, first due from {least_us} to {most_us} µs"
         check(least_us <= times[0] <= most_us, f"{text}: latches at {times} µs")

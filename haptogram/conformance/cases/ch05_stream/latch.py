@@ -8,44 +8,11 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    Arm,
-    Disarm,
-    DriveKind,
-    DriveReply,
-    Feature,
-    Flag,
-    Message,
-    Mute,
-    ReadDrive,
-    Stop,
-    TraceMode,
-    drive_codes,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
-from ...client.latching import (
-    ask_for_board_latches,
-    ask_for_board_latches_if_supported,
-    client_drive_of_reply,
-    drive_crc,
-    latch_now,
-    latch_timed,
-    latches_received_from_board,
-    queue_frames,
-    send_to_arrive_at,
-    time_for_frames,
-)
-from ...client.playback import (
-    play_at,
-    play_out,
-    play_request,
-    send_phases_that_fit,
-    send_phases_to_store,
-    send_phases_to_store_if_supported,
-)
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...judge.witness import JudgeWitness
 from ...outcome import SELF_REPORTED, check, check_equal, fail, require
@@ -60,10 +27,10 @@ _TRIES: Final = 3
 _LONGEST: Final = 4096
 _HELLO: Final = "HELLO of a new session"
 #: Requests that switch the output off, beside HELLO of a new session.
-_OFFS_OF_BURST: Final[dict[str, Message]] = {
-    "MUTE": Mute(),
-    "MUTE without a session": Mute(),
-    "DISARM": Disarm(),
+_OFFS_OF_BURST: Final[dict[str, m.Message]] = {
+    "MUTE": m.Mute(),
+    "MUTE without a session": m.Mute(),
+    "DISARM": m.Disarm(),
 }
 #: By how much a moment is missed at most: the host's estimate and the line are rounded.
 _ROUNDED_US: Final = range(4)
@@ -71,7 +38,7 @@ _ROUNDED_US: Final = range(4)
 _at_the_microsecond: Final = partial(
     case,
     "HG-5.8/3",
-    needs=Feature.CONFIG,
+    needs=m.Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
@@ -103,26 +70,26 @@ def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
     """frames latched as soon as complete lie on multiples of the carrier period"""
     board.arm()
     for _ in range(12):
-        t_us = latch_timed(board)
+        t_us = latching.latch_timed(board)
         off_us = t_us % board.clock.carrier_us
         check_equal(off_us, 0, f"latched at {t_us} µs, {off_us} µs past a carrier period")
 
 
-@case("HG-5.8/2", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.8/2", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def latches_all_elements_at_once(board: BoardClient) -> None:
     """two drives that alternate on every carrier period are never mixed in a read-back or a
     trace
     """
     count = board.identity.transducers
-    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
+    mode = latching.ask_for_board_latches_if_supported(board, m.Feature.TRACE)
     drives = (bytes([0x08]) * count, bytes([0xF0]) * count)
     since = board.link.mark()
     board.arm()
     for _ in range(3):
         _check_burst(board, drives)
-    if mode is not TraceMode.OFF:
-        seen = {latch.crc for latch in latches_received_from_board(board, since, mode)}
-        mixed = seen - set(map(drive_crc, drives))
+    if mode is not m.TraceMode.OFF:
+        seen = {latch.crc for latch in latching.latches_received_from_board(board, since, mode)}
+        mixed = seen - set(map(latching.drive_crc, drives))
         check(not mixed, f"traced drives are neither of the two: CRC-32 {mixed}")
 
 
@@ -140,16 +107,18 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
     board.wire.idle(max(0, start_us - board.clock.device_estimate_us()))
     since = board.link.mark()
     reads = [
-        board.link.request_wire(ReadDrive(DriveKind.LATCHED, 0, len(drives[0])))
+        board.link.request_wire(m.ReadDrive(m.DriveKind.LATCHED, 0, len(drives[0])))
         for _ in range(_READS)
     ]
     board.link.send(*(wire for wire, _ in reads))
-    board.link.answer_to(ReadDrive.TYPE, reads[0][1], since)
+    board.link.answer_to(m.ReadDrive.TYPE, reads[0][1], since)
     for _, seq in reads:
         answer = board.link.try_answer(seq, since)
         if answer is None:
             continue  # it found no room on the uplink: HG-9.6/1
-        shown = client_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        shown = latching.client_drive_of_reply(
+            board.link.reply_in(answer, m.DriveReply, m.ReadDrive.TYPE)
+        )
         if len(set(shown.phases)) > 1:
             share = shown.phases.count(drives[0][0]), shown.phases.count(drives[1][0])
             fail(f"non-atomic latch: one read-back shows two drives mixed, {share} transducers")
@@ -159,9 +128,9 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
 @case("HG-5.8/3", evidence=SELF_REPORTED)
 def latches_once_a_period(board: BoardClient) -> None:
     """of two frames for the same carrier period the later is latched, the other flushed"""
-    replace_in_period(board, [2 * (stream_kinds(board)[0],)], TraceMode.OFF)
+    replace_in_period(board, [2 * (stream_kinds(board)[0],)], m.TraceMode.OFF)
     with board.counting(latched=1):
-        latch_now(board)
+        latching.latch_now(board)
 
 
 @case("HG-5.8/4", evidence=SELF_REPORTED)
@@ -170,7 +139,7 @@ def counts_latches(board: BoardClient) -> None:
     board.arm()
     with board.counting(latched=25):
         for _ in range(25):
-            latch_now(board)
+            latching.latch_now(board)
 
 
 @case("HG-5.8/5", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -179,7 +148,7 @@ def holds_the_last_latched_drive(board: BoardClient) -> None:
     witness = JudgeWitness.of(board)
     board.arm()
     before = board.random_registers()
-    latch_now(board, board.phases(before))
+    latching.latch_now(board, board.phases(before))
     for _ in range(8):
         registers = board.random_registers()
         ahead_us = 10_000 + board.wire.limits.lead_us
@@ -203,8 +172,8 @@ def immediate_frames_flush_the_queue(board: BoardClient) -> None:
     t_us = board.clock.soon_us(board.bytes_of_frames(4), ahead_us=50_000)
     board.require_hold(t_us + 5000 - board.clock.device_us(), "a slow line")
     with board.counting(flushed=3, latched=1):
-        queue_frames(board, t_us, 3)
-        index = latch_now(board)
+        latching.queue_frames(board, t_us, 3)
+        index = latching.latch_now(board)
         board.check_status("a frame as soon as complete", last_seq=index, queued=0)
         board.clock.wait_until(t_us + 5000)
 
@@ -214,7 +183,7 @@ def _off_in_a_burst(board: BoardClient, name: str) -> bytes:
     if name == _HELLO:
         nonce = board.new_nonce()
         request, _ = board.link.request_wire(board.hello_message(nonce), session=0)
-        board.link.session, board.link.stream_next = nonce, FIRST_STREAM_SEQ
+        board.link.session, board.link.stream_next = nonce, m.FIRST_STREAM_SEQ
         return request
     session = 0 if name == "MUTE without a session" else board.link.session
     return board.link.request_wire(_OFFS_OF_BURST[name], session=session)[0]
@@ -225,7 +194,7 @@ def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
     if name == "IMMEDIATE":
         return board.link.stream_wire(board.flat_phases())
     if name == "PLAY":
-        play = play_request(board, _SEQUENCE, loops=1, unattended_ms=500)
+        play = playback.play_request(board, _SEQUENCE, loops=1, unattended_ms=500)
         return board.link.request_wire(play, time_us=_time_behind_burst_us(board))[0]
     return _off_in_a_burst(board, name)
 
@@ -234,12 +203,12 @@ def _time_behind_burst_us(board: BoardClient) -> int:
     return board.clock.device_estimate_us() + _AHEAD_US
 
 
-@case("HG-5.7/6-flushed", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-5.7/6-flushed", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def every_flushed_frame_is_not_late(board: BoardClient) -> None:
     """a late frame that is flushed before its latch counts in flushed alone, whatever flushes it"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.configure(late_window_us=_WINDOW_US)
-    plays = ["PLAY"] if board.has(Feature.SEQUENCE_PHASES) else []
+    plays = ["PLAY"] if board.has(m.Feature.SEQUENCE_PHASES) else []
     names = ["IMMEDIATE", *_OFFS_OF_BURST, *plays, _HELLO]
     for name, _ in itertools.product(names, range(_TRIES)):
         board.arm()
@@ -259,12 +228,12 @@ def every_flushed_frame_is_not_late(board: BoardClient) -> None:
         board.stop()
 
 
-@case("HG-5.7/6-first", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-5.7/6-first", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def every_lateness_is_of_one_frame(board: BoardClient) -> None:
     """of a late frame and two for later, sent at once, the late one alone is told and counted
     late
     """
-    mode = ask_for_board_latches(board)
+    mode = latching.ask_for_board_latches(board)
     board.arm(late_window_us=_WINDOW_US, trace_mode=mode)
     kinds = stream_kinds(board)
     for kind in kinds if board.thorough else kinds[:1]:
@@ -272,11 +241,15 @@ def every_lateness_is_of_one_frame(board: BoardClient) -> None:
         with board.counting(late=1, latched=3):
             frames = [kind.make() for _ in range(3)]
             late_us = board.late_time_us(1000, points_of_stream_kind(frames[0]))
-            soon_us = time_for_frames(board, frames)
+            soon_us = latching.time_for_frames(board, frames)
             times = (late_us, soon_us, soon_us + 1000)
             board.link.send(*map(board.link.stream_wire, frames, times))
             board.clock.wait_until(soon_us + 2000)
-        late = [x.late for x in latches_received_from_board(board, since, mode) if x.index >= first]
+        late = [
+            x.late
+            for x in latching.latches_received_from_board(board, since, mode)
+            if x.index >= first
+        ]
         text = f"{kind.name}, late, and two for later: LATE {late}"
         check_equal(late, [True, False, False], text)
 
@@ -287,32 +260,32 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
     flushed
     """
     kinds = stream_kinds(board)
-    mode = ask_for_board_latches_if_supported(board)
+    mode = latching.ask_for_board_latches_if_supported(board)
     board.arm()
     room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
     for turn in range(len(kinds)) if board.thorough else range(1):
         pairs = list(zip(kinds, kinds[turn:] + kinds[:turn], strict=True))
         for first in range(0, len(pairs), room):
             replace_in_period(board, pairs[first : first + room], mode)
-    if mode is not TraceMode.OFF and board.has(Feature.SEQUENCE_PHASES):
+    if mode is not m.TraceMode.OFF and board.has(m.Feature.SEQUENCE_PHASES):
         for kind in kinds:
             _replace_by_playback(board, kind, mode)
 
 
-def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: TraceMode) -> None:
+def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: m.TraceMode) -> None:
     """FAILED unless the frames of a playback that flushes a queued frame are those stored."""
-    stored = send_phases_to_store(board, _SEQUENCE, frames=2)
+    stored = playback.send_phases_to_store(board, _SEQUENCE, frames=2)
     board.link.stream(kind.make(), _time_behind_burst_us(board))
     since = board.link.mark()
-    play_out(board, _SEQUENCE, 2)
-    seen = latches_received_from_board(board, since, mode)
+    playback.play_out(board, _SEQUENCE, 2)
+    seen = latching.latches_received_from_board(board, since, mode)
     got = [latch.crc for latch in seen if latch.sequence == _SEQUENCE][-2:]
     text = f"PHASES, played, flush {kind.name}: CRC-32 of the drives stored"
-    check_equal(got, list(map(drive_crc, stored)), text)
+    check_equal(got, list(map(latching.drive_crc, stored)), text)
 
 
 def replace_in_period(
-    board: BoardClient, pairs: list[tuple[StreamKind, StreamKind]], mode: TraceMode
+    board: BoardClient, pairs: list[tuple[StreamKind, StreamKind]], mode: m.TraceMode
 ) -> None:
     """FAILED unless the later frame of each pair for one carrier period is latched, as sent."""
     board.clock.require_times_in_carrier()
@@ -321,33 +294,33 @@ def replace_in_period(
     messages = [one for pair in frames for one in pair]
     board.arm_anew()
     with board.counting(latched=len(frames), flushed=len(frames), late=0):
-        start_us = time_for_frames(board, messages)
+        start_us = latching.time_for_frames(board, messages)
         for place, message in enumerate(messages):
             board.link.stream(message, start_us + 1000 * (place // 2) - (2, 1)[place % 2])
         board.clock.wait_until(start_us + 1000 * len(frames))
     board.check_status(f"{pairs[-1][1].name}, in one period", last_seq=board.link.stream_next - 1)
-    if mode is TraceMode.OFF:
+    if mode is m.TraceMode.OFF:
         return
     alone = {  # points, whose drive is that of the same points alone
-        place: latch_now(board, message)
+        place: latching.latch_now(board, message)
         for place, (_, message) in enumerate(frames)
         if points_of_stream_kind(message)
     }
-    seen = {x.index: x.crc for x in latches_received_from_board(board, since, mode)}
+    seen = {x.index: x.crc for x in latching.latches_received_from_board(board, since, mode)}
     for place, (_, message) in enumerate(frames):
         got = seen.get(number + 2 * place + 1)
-        registers = drive_codes(message, board.identity.transducers)
+        registers = m.drive_codes(message, board.identity.transducers)
         due_crc = seen.get(alone[place]) if registers is None else zlib.crc32(b"".join(registers))
         text = f"CRC-32 of {pairs[place][1].name} that replaces {pairs[place][0].name}"
         check_equal(got, due_crc, text)
 
 
-@case("HG-5.8/3-pairs", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.8/3-pairs", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     """frames of every two kinds that come at once, on a latch, with PLAY or STOP: one in a
     period
     """
-    mode = ask_for_board_latches(board)
+    mode = latching.ask_for_board_latches(board)
     kinds = stream_kinds(board)
     since = board.arm()
     for first, second in itertools.product(kinds, repeat=2):
@@ -355,28 +328,28 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
             wires = board.link.stream_wire(first.make()) + board.link.stream_wire(second.make())
             is_exact = board.wire.is_virtual
             boundary_us = board.clock.soon_us() if is_exact else board.clock.device_us()
-            send_to_arrive_at(board, boundary_us + off_us, wires)
+            latching.send_to_arrive_at(board, boundary_us + off_us, wires)
             board.clock.wait_latched()
     for kind in kinds:
         for off_us in board.sample(_ROUNDED_US):
             t_us = board.clock.soon_us(bytes(4000))
             board.link.stream(kind.make(), t_us)
-            send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
+            latching.send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
             board.clock.wait_latched()
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         _play_and_stop_in_a_burst(board)
     _check_one_latch_a_period(board, since, mode, "pairs of frames on latches")
 
 
-def _check_one_latch_a_period(board: BoardClient, since: int, mode: TraceMode, text: str) -> None:
+def _check_one_latch_a_period(board: BoardClient, since: int, mode: m.TraceMode, text: str) -> None:
     """FAILED if two latches from piece *since* on are in one carrier period."""
-    times = sorted(latch.t_us for latch in latches_received_from_board(board, since, mode))
+    times = sorted(latch.t_us for latch in latching.latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     told = f"of {len(times)} latches {len(near)} are in the carrier period of another"
     check(not near, f"{text}: {told}, at {near[:1]} µs")
 
 
-@case("HG-5.7/2-immediate", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/2-immediate", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_frame_behind_an_immediate_one(board: BoardClient) -> None:
     """a frame for before and behind an IMMEDIATE one that waits for its carrier period, every
     kind
@@ -410,7 +383,7 @@ def every_frame_behind_an_immediate_one(board: BoardClient) -> None:
 @_at_the_microsecond(variant="off")
 def every_output_off_between_two_latches(board: BoardClient) -> None:
     """a latch, the output off, ARM and a latch at one moment, on a latch: one in a period"""
-    mode = ask_for_board_latches(board)
+    mode = latching.ask_for_board_latches(board)
     for _ in board.wire.ways_of_mute():
         _judge_latches_around_offs(board, _OFFS_OF_BURST, mode)
 
@@ -420,33 +393,35 @@ def every_session_between_two_latches(board: BoardClient) -> None:
     """a latch, HELLO of a new session, ARM and a latch at one moment, on a latch: one in a
     period
     """
-    mode = ask_for_board_latches_if_supported(board, Feature.TRACE | Feature.TRACE_DRIVE)
+    mode = latching.ask_for_board_latches_if_supported(
+        board, m.Feature.TRACE | m.Feature.TRACE_DRIVE
+    )
     text = "the trace ring of a new session tells of no latch before it (HG-8.5/1)"
-    require(mode is not TraceMode.OFF, text)
+    require(mode is not m.TraceMode.OFF, text)
     _judge_latches_around_offs(board, (_HELLO,), mode)
 
 
-def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: TraceMode) -> None:
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    played = (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,)
+def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m.TraceMode) -> None:
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    played = (False, True) if board.has(m.Feature.SEQUENCE_PHASES) else (False,)
     for name, *plays in itertools.product(names, played, played):
         for off_us in board.sample(_ROUNDED_US):
             _judge_latches_around_off(board, name, plays, off_us, mode)
 
 
 def _judge_latches_around_off(
-    board: BoardClient, name: str, plays: Sequence[bool], off_us: int, mode: TraceMode
+    board: BoardClient, name: str, plays: Sequence[bool], off_us: int, mode: m.TraceMode
 ) -> None:
     """FAILED if both latches of such a burst are in one carrier period."""
     board.hello()
     board.arm()
     since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))
     first, off = _latch_in_a_burst(board, is_played=plays[0]), _off_in_a_burst(board, name)
-    arm, _ = board.link.request_wire(Arm())
+    arm, _ = board.link.request_wire(m.Arm())
     rest = off + arm + _latch_in_a_burst(board, is_played=plays[1])
     if board.wire.is_virtual:
         board.clock.require_frames_in_carrier(len(rest), 2)
-    send_to_arrive_at(board, boundary_us + off_us, first + rest)
+    latching.send_to_arrive_at(board, boundary_us + off_us, first + rest)
     board.clock.wait_latched()
     _check_one_latch_a_period(board, since, mode, f"latch, {name}, ARM, latch at once")
     board.stop()
@@ -455,29 +430,29 @@ def _judge_latches_around_off(
 def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
     if not is_played:
         return board.link.stream_wire(board.flat_phases())
-    play = play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)
-    return board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
+    play = playback.play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)
+    return board.link.request_wire(play, flags=m.Flag.IMMEDIATE)[0]
 
 
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:
     """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
-    send_phases_that_fit(board, _SEQUENCE, frames=2)
-    play = play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
+    playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
+    play = playback.play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
     for off_us in board.sample(_ROUNDED_US):
         boundary_us = board.clock.soon_us(bytes(2000))
         wires = board.link.stream_wire(board.flat_phases())
-        wires += board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
-        send_to_arrive_at(board, boundary_us + off_us, wires)
+        wires += board.link.request_wire(play, flags=m.Flag.IMMEDIATE)[0]
+        latching.send_to_arrive_at(board, boundary_us + off_us, wires)
         board.clock.wait_latched()
         board.stop()
         start_us = board.clock.soon_us(bytes(200))
-        play_at(board, _SEQUENCE, start_us, loops=0)
+        playback.play_at(board, _SEQUENCE, start_us, loops=0)
         passed_us = board.clock.soon_us(bytes(2000)) - start_us
         latch_us = start_us + -(-passed_us // play.period_us) * play.period_us
         # A board that is left alone for the whole of a long period may mute.
         board.wire.idle(latch_us - board.clock.device_us() - play.period_us // 2)
         board.clock.device_us()
-        stop, _ = board.link.request_wire(Stop())
+        stop, _ = board.link.request_wire(m.Stop())
         wires = stop + board.link.stream_wire(board.flat_phases())
-        send_to_arrive_at(board, latch_us + off_us, wires)
+        latching.send_to_arrive_at(board, latch_us + off_us, wires)
         board.clock.wait_latched()

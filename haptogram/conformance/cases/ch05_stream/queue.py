@@ -7,20 +7,12 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Message, Phases, Points, TraceMode
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
-from ...client.latching import (
-    ask_for_board_latches,
-    ask_for_board_latches_if_supported,
-    latch_now,
-    latches_received_from_board,
-    send_to_arrive_at,
-    time_for_frames,
-)
-from ...client.playback import PERIOD_US, play_now, send_phases_that_fit
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
 from ...outcome import SELF_REPORTED, check, check_equal, require
 from .every_drop import judge_first_drop
@@ -56,7 +48,7 @@ def judge_gaps(board: BoardClient, gaps: Iterable[int]) -> None:
     for gap in gaps:
         board.link.stream_next += gap
         with board.counting(gap=gap, latched=1):
-            index = latch_now(board)
+            index = latching.latch_now(board)
         board.check_status(f"a frame behind a gap of {gap}", last_seq=index)
 
 
@@ -71,7 +63,7 @@ def stream_numbers_are_used_up(board: BoardClient) -> None:
     dropped = {
         "unknown_type": board.link.stream_raw(0x3B, b""),
         "unsupported": board.link.stream_wire(good, flags=0x40),
-        "bad_length": board.link.stream_raw(Phases.TYPE, good.serialize() + b"\x00"),
+        "bad_length": board.link.stream_raw(m.Phases.TYPE, good.serialize() + b"\x00"),
         "dropped_late": board.link.stream_wire(good, past_us),
     }
     if beyond_us is not None:
@@ -79,7 +71,7 @@ def stream_numbers_are_used_up(board: BoardClient) -> None:
         dropped["dropped_future"] = board.link.stream_wire(good, at_us)
     with board.counting(latched=1, **dict.fromkeys(dropped, 1)):
         board.link.send(*dropped.values())
-        latch_now(board, good)
+        latching.latch_now(board, good)
     used = range(board.link.stream_next - 1 - len(dropped), board.link.stream_next)
     with board.counting(duplicate=len(used)):
         for seq in used:
@@ -94,7 +86,7 @@ def drops_stream_frames_unless_armed(board: BoardClient) -> None:
     """frames while DISARMED and MUTED are counted in dropped_state"""
     judge_first_drop(board, "HG-5.7/1")
     with board.counting(dropped_state=1, latched=0):
-        latch_now(board)  # MUTED
+        latching.latch_now(board)  # MUTED
 
 
 @case("HG-5.7/2", evidence=SELF_REPORTED)
@@ -111,7 +103,7 @@ def queue_keeps_its_order(board: BoardClient) -> None:
         board.clock.wait_until(t_us + 2000)
 
 
-@case("HG-5.7/2-empty", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/2-empty", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def an_empty_queue_has_no_order(board: BoardClient) -> None:
     """behind a frame that is latched or flushed the queue is empty: no earlier time is out of
     order
@@ -232,7 +224,7 @@ def every_order_of_times_in_a_period(board: BoardClient) -> None:
     is on
     """
     board.clock.require_times_in_carrier()
-    mode = ask_for_board_latches_if_supported(board)
+    mode = latching.ask_for_board_latches_if_supported(board)
     orders = [*orders_in_a_period(2), *orders_in_a_period(3)]
     room = board.identity.queue_depth - 1  # a frame that meets a full queue replaces none
     turns = len(stream_kinds(board)) if board.thorough else 1
@@ -242,7 +234,7 @@ def every_order_of_times_in_a_period(board: BoardClient) -> None:
 
 
 def _judge_orders(
-    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: TraceMode
+    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
     """FAILED unless of each order the frames in order are taken, and the last of them latched."""
     kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
@@ -250,7 +242,7 @@ def _judge_orders(
     every = [message for some in messages for message in some]
     board.arm_anew()
     since, before, due = board.link.mark(), board.status().counters, {}
-    start_us, step_us = time_for_frames(board, every), board.clock.on_carrier(_STEP_US)
+    start_us, step_us = latching.time_for_frames(board, every), board.clock.on_carrier(_STEP_US)
     last_us = start_us + step_us * len(orders)
     if last_us > board.clock.device_estimate_us() + board.identity.max_horizon_us:
         _judge_shorter_burst(board, orders, turn, mode)
@@ -263,8 +255,8 @@ def _judge_orders(
     board.clock.wait_until(last_us)
     taken, number = sum(len(order.taken) for order in orders), len(orders)
     rest = {"flushed": taken - number, "dropped_order": len(every) - taken, "latched": number}
-    if mode is not TraceMode.OFF:
-        seen = {latch.index for latch in latches_received_from_board(board, since, mode)}
+    if mode is not m.TraceMode.OFF:
+        seen = {latch.index for latch in latching.latches_received_from_board(board, since, mode)}
         lost = [order for index, order in due.items() if index not in seen]
         text = f"frames for one carrier period, their times in the order {lost and lost[0].ranks}"
         check(not lost, f"{text}: the last one in order is not latched")
@@ -273,7 +265,7 @@ def _judge_orders(
 
 
 def _judge_shorter_burst(
-    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: TraceMode
+    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
     """Judge half of the orders at a time: the line is slow, or the horizon near."""
     require(len(orders) != 1, "no three frames reach this board within its horizon")
@@ -286,15 +278,15 @@ def _judge_shorter_burst(
 
 
 def _frames_that_replace_nothing(
-    board: BoardClient, message: Message, t_us: int
+    board: BoardClient, message: m.Message, t_us: int
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the name and bytes of frames for a time that are dropped for each defect but time."""
     payload, kind = message.serialize(), message.TYPE
     yield "a byte too much", board.link.stream_raw(kind, payload + b"\x00", t_us)
     yield "a byte too little", board.link.stream_raw(kind, payload[:-1], t_us)
-    if isinstance(message, Points) and board.identity.max_points < 250:
+    if isinstance(message, m.Points) and board.identity.max_points < 250:
         many = message.points[:1] * (board.identity.max_points + 1)
-        yield "too many points", board.link.stream_wire(Points(many), t_us)
+        yield "too many points", board.link.stream_wire(m.Points(many), t_us)
     yield "an unknown flag", board.link.stream_wire(message, t_us, flags=_UNKNOWN_FLAG)
     other, newest = board.link.session ^ _STALE, board.link.stream_next - 1
     seq = board.link.stream_next
@@ -308,7 +300,7 @@ def every_defect_replaces_no_frame(board: BoardClient) -> None:
     latched
     """
     board.clock.require_times_in_carrier()
-    mode = ask_for_board_latches_if_supported(board)
+    mode = latching.ask_for_board_latches_if_supported(board)
     kinds = stream_kinds(board)
     for kind in kinds if board.thorough else kinds[:1]:
         board.arm_anew()
@@ -326,8 +318,10 @@ def every_defect_replaces_no_frame(board: BoardClient) -> None:
         board.clock.wait_until(t_us + _STEP_US)
         text = f"{kind.name} queued, and {wrong} frames with a defect for its carrier period"
         board.check_counted(before, text, _ONE_LATCHED)
-        if mode is not TraceMode.OFF:  # its codes are judged by the rules of every frame
-            seen = [latch.index for latch in latches_received_from_board(board, since, mode)]
+        if mode is not m.TraceMode.OFF:  # its codes are judged by the rules of every frame
+            seen = [
+                latch.index for latch in latching.latches_received_from_board(board, since, mode)
+            ]
             check_equal(seen[-1:], [index], f"{text}: latched")
 
 
@@ -335,7 +329,7 @@ def every_defect_replaces_no_frame(board: BoardClient) -> None:
 
 
 def _play_and_stop(board: BoardClient) -> None:
-    play_now(board, _SEQUENCE, loops=0)
+    playback.play_now(board, _SEQUENCE, loops=0)
     board.stop()
 
 
@@ -345,10 +339,10 @@ def _queue_flushes(board: BoardClient) -> dict[str, Callable[[BoardClient], obje
         "MUTE": BoardClient.mute,
         "DISARM": BoardClient.disarm,
         "a new session": BoardClient.hello,
-        "IMMEDIATE": latch_now,
+        "IMMEDIATE": latching.latch_now,
     }
-    if board.has(Feature.SEQUENCE_PHASES):
-        send_phases_that_fit(board, _SEQUENCE, frames=2)
+    if board.has(m.Feature.SEQUENCE_PHASES):
+        playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
         flushes["PLAY and STOP"] = _play_and_stop
     return flushes
 
@@ -370,7 +364,7 @@ def every_flush_leaves_no_order(board: BoardClient) -> None:
     board.arm()
     apart_us = max(1, board.clock.carrier_us // 4)
     for name, flush in flushes.items():
-        ahead_us = board.clock.ready_us(2 * PERIOD_US)  # of a frame that flushes
+        ahead_us = board.clock.ready_us(2 * playback.PERIOD_US)  # of a frame that flushes
         t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=ahead_us)
         board.require_hold(t_us + _STEP_US - board.clock.device_us(), "a slow line")
         for later_us in (0, apart_us, 2 * apart_us):
@@ -386,11 +380,11 @@ def every_flush_leaves_no_order(board: BoardClient) -> None:
 # --- Late frames -------------------------------------------------------------------------------
 
 
-@case("HG-5.7/6-replaced", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/6-replaced", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_late_frame_is_replaced_with_its_mark(board: BoardClient) -> None:
     """late frames of every kind, replaced by one in time or late: marked is what is latched"""
     board.clock.require_frames_in_carrier(_LONGEST, 4)
-    mode = ask_for_board_latches(board)
+    mode = latching.ask_for_board_latches(board)
     board.arm(trace_mode=mode, late_window_us=_MAX_LATE_US)
     for first, second in itertools.product(stream_kinds(board), repeat=2):
         for is_late in (False, True):
@@ -398,7 +392,7 @@ def every_late_frame_is_replaced_with_its_mark(board: BoardClient) -> None:
 
 
 def _judge_late_pair(
-    board: BoardClient, kinds: tuple[StreamKind, StreamKind], mode: TraceMode, *, is_late: bool
+    board: BoardClient, kinds: tuple[StreamKind, StreamKind], mode: m.TraceMode, *, is_late: bool
 ) -> None:
     """FAILED unless `late` counts the late latches of a pair whose second frame *is_late* too."""
     carrier_us = board.clock.carrier_us
@@ -418,13 +412,13 @@ def _judge_late_pair(
     number = board.link.stream_next
     wires = [board.link.stream_wire(*pair) for pair in zip(messages, times, strict=True)]
     since, before = board.link.mark(), board.status().counters
-    send_to_arrive_at(board, came_us, b"".join(wires))
+    latching.send_to_arrive_at(board, came_us, b"".join(wires))
     board.clock.wait_until(latches[1] + carrier_us)
     replaced = latches[0] == latches[1]
     due = {"accepted": 2, "flushed": int(replaced), "latched": 2 - replaced}
     due["late"] = (not replaced) + is_late
     text = f"{kinds[0].name}, late, then {kinds[1].name}, {'late' if is_late else 'in time'}"
     board.check_counted(before, text, due)
-    seen = latches_received_from_board(board, since, mode)
+    seen = latching.latches_received_from_board(board, since, mode)
     marks = [latch.late for latch in seen if latch.index >= number]
     check_equal(marks, [is_late] if replaced else [True, is_late], f"{text}: LATE of the latches")

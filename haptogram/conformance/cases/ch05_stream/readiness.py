@@ -6,24 +6,12 @@ import itertools
 from collections.abc import Iterable
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Feature,
-    Message,
-    Ping,
-    Pong,
-    StatusReply,
-    TraceMode,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
+from ...client import latching
 from ...client.board_client import BoardClient
 from ...client.capabilities import TRACE_MODES
-from ...client.latching import (
-    ask_for_board_latches_if_supported,
-    latch_now,
-    latches_received_from_board,
-    send_between_pings,
-)
 from ...client.recording import counter_steps
 from ...client.stream_kinds import (
     StreamKind,
@@ -56,7 +44,7 @@ def latches_frames_when_ready(board: BoardClient) -> None:
         for _ in range(_TRIES):
             message = kind.make()
             points = points_of_stream_kind(message)
-            around_us = send_between_pings(board, message)
+            around_us = latching.send_between_pings(board, message)
             board.clock.wait_latched()
             got_us = board.last_latch_us()
             ready = (board.clock.ready_us(t_us, points) for t_us in around_us)
@@ -67,7 +55,7 @@ def latches_frames_when_ready(board: BoardClient) -> None:
             check(least_us <= got_us <= most_us, text)
 
 
-@case("HG-5.8/1-computed", needs=Feature.POINTS, evidence=SELF_REPORTED)
+@case("HG-5.8/1-computed", needs=m.Feature.POINTS, evidence=SELF_REPORTED)
 def readies_frames_one_after_the_other(board: BoardClient) -> None:
     """two frames of points as soon as complete: the board computes the second behind the first"""
     board.arm()
@@ -77,8 +65,8 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
         board.clock.wait_latched()
         board.arm_anew()  # or the hold of the last latch may end before these are computed
         first, second = (board.link.stream_wire(message) for _ in range(2))
-        (answer,) = board.link.exchange(board.link.request_wire(Ping(0))[0], first, second)
-        from_us = board.clock.unwrap(board.link.reply_in(answer, Pong).t_rx_us)
+        (answer,) = board.link.exchange(board.link.request_wire(m.Ping(0))[0], first, second)
+        from_us = board.clock.unwrap(board.link.reply_in(answer, m.Pong).t_rx_us)
         board.clock.wait_latched()
         board.clock.wait_latched()
         got_us = board.last_latch_us()
@@ -95,12 +83,12 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
     board.arm()
     first = board.status()
     for _ in range(3):
-        latch_now(board, good)
+        latching.latch_now(board, good)
     t_us = board.clock.soon_us(bytes(3000), ahead_us=50_000)
     wires = [board.link.stream_wire(good, t_us + 1000 * number) for number in range(3)]
     board.link.send(*wires, board.link.stream_wire(good, t_us))  # the last one is not in order
     _check_accepted_stream_frames(first, board.status(), 6, queued=3)
-    latch_now(board, good)  # flushes three
+    latching.latch_now(board, good)  # flushes three
     _check_accepted_stream_frames(first, board.status(), 7, queued=0)
     t_us = board.clock.soon_us(bytes(3000), ahead_us=50_000)
     board.link.send(*(board.link.stream_wire(good, t_us + 1000 * number) for number in range(2)))
@@ -110,7 +98,7 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
 
 
 def _check_accepted_stream_frames(
-    first: StatusReply, now: StatusReply, accepted: int, queued: int
+    first: m.StatusReply, now: m.StatusReply, accepted: int, queued: int
 ) -> None:
     grown = counter_steps(first.counters, now.counters)
     check_fields(now, f"{accepted} frames accepted: STATUS_REPLY", queued=queued)
@@ -121,17 +109,17 @@ def _check_accepted_stream_frames(
 # --- Lateness: the board names the margin ---------------------------------------------------------
 
 
-@case("HG-5.7/5-window", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-5.7/5-window", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
     """with a window of 100 ms a frame 0.5 s late is dropped_late"""
     board.arm(late_window_us=_MOST_US)
     _judge_margins(board, stream_kinds(board)[:1], (-500_000,))
 
 
-@case("HG-5.7/6", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-5.7/6", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def latches_frames_within_the_late_window(board: BoardClient) -> None:
     """with a window of 100 ms a frame 5 ms late is latched, counted in late, LATE in its trace"""
-    mode = ask_for_board_latches_if_supported(board)
+    mode = latching.ask_for_board_latches_if_supported(board)
     board.arm(late_window_us=_MOST_US, trace_mode=mode)
     late = _judge_margins(board, stream_kinds(board)[:1], (-5000, 1000))
     require(late > 0, "the host hit no late window")
@@ -146,7 +134,7 @@ def lateness_counts_from_readiness(board: BoardClient) -> None:
     _judge_margins(board, stream_kinds(board), range(-200 - window_us, 201 - window_us, 80))
 
 
-@case("HG-5.7/5-windows", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/5-windows", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_late_window_of_the_queue(board: BoardClient) -> None:
     """windows of 20, 66, 100 ms: frames 0.4 times so late, at the very border, 1.5 times so late"""
     for window_us in (20_000, 66_000, _MOST_US):
@@ -155,24 +143,24 @@ def every_late_window_of_the_queue(board: BoardClient) -> None:
         _judge_margins(board, stream_kinds(board)[:1], [-us for us in late_us])
 
 
-@case("HG-5.7/6-types", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/6-types", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_format_is_streamed_late(board: BoardClient) -> None:
     """late frames of every message and format, in every trace: LATE, and only of these"""
     for mode in _modes_of_trace(board):
         for kind in stream_kinds(board):
             since = board.arm(late_window_us=_MOST_US, trace_mode=mode)
-            first = latch_now(board, kind.make())
+            first = latching.latch_now(board, kind.make())
             late = _judge_margins(board, [kind], (-_MOST_US // 2,))
             require(late > 0, "the host hit no late window")
-            last = latch_now(board, kind.make())
-            if mode is not TraceMode.OFF:
-                latches = latches_received_from_board(board, since, mode)
+            last = latching.latch_now(board, kind.make())
+            if mode is not m.TraceMode.OFF:
+                latches = latching.latches_received_from_board(board, since, mode)
                 others = [latch.late for latch in latches if latch.index in (first, last)]
                 text = f"{kind.name} at once, before and behind a late one, trace {mode.name}"
                 check_equal(others, [False, False], f"{text}: LATE is {others}")
 
 
-@case("HG-5.7/6-borders", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/6-borders", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_lateness_has_its_borders(board: BoardClient) -> None:
     """margins 1 µs around 0, a carrier period, the late window: in time, late and LATE, or
     dropped
@@ -186,8 +174,8 @@ def every_lateness_has_its_borders(board: BoardClient) -> None:
     require(late > 0, "the host hit no late window with any frame")
 
 
-def _modes_of_trace(board: BoardClient) -> list[TraceMode]:
-    return [mode for feature, mode in TRACE_MODES if board.has(feature)] or [TraceMode.OFF]
+def _modes_of_trace(board: BoardClient) -> list[m.TraceMode]:
+    return [mode for feature, mode in TRACE_MODES if board.has(feature)] or [m.TraceMode.OFF]
 
 
 def _margins_around_borders_us(board: BoardClient) -> list[int]:
@@ -226,7 +214,7 @@ def _judge_margins(
     return late
 
 
-def _judge_margin(board: BoardClient, kind: str, message: Message, ahead_us: int) -> int:
+def _judge_margin(board: BoardClient, kind: str, message: m.Message, ahead_us: int) -> int:
     """Send a frame for so far ahead of readiness; FAILED unless it fares as its margin demands.
 
     Returns
@@ -235,7 +223,7 @@ def _judge_margin(board: BoardClient, kind: str, message: Message, ahead_us: int
         The margin that it had.
     """
     window_us, mode = board.config.late_window_us, board.config.trace_mode
-    if not board.has(Feature.CONFIG):
+    if not board.has(m.Feature.CONFIG):
         board.arm_anew()  # or the hold of the last latch may end before this one
     board.clock.wait_latched()
     before, since, index = board.status().counters, board.link.mark(), board.link.stream_next
@@ -252,8 +240,10 @@ def _judge_margin(board: BoardClient, kind: str, message: Message, ahead_us: int
     due = {"accepted": not dropped, "latched": not dropped, "late": late, "dropped_late": dropped}
     steps = counter_steps(before, after.counters)
     check_equal({counter: steps[counter] for counter in due}, due, f"{name}: counted")
-    if mode is not TraceMode.OFF:
-        traced = [t for t in latches_received_from_board(board, since, mode) if t.index == index]
+    if mode is not m.TraceMode.OFF:
+        traced = [
+            t for t in latching.latches_received_from_board(board, since, mode) if t.index == index
+        ]
         flags = [latch.late for latch in traced]
         check_equal(flags, [] if dropped else [late], f"{name}: the trace has LATE {flags}")
     return got_us

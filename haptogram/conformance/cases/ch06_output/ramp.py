@@ -7,18 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from haptogram_protocol.messages import Drives, Feature, PlaybackEnded, StateChanged
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
+from ...client import latching, playback
 from ...client.board_client import BoardClient
-from ...client.latching import FULL, check_silent, latch_now, read_back_radiated
-from ...client.playback import (
-    play_now,
-    send_phases_that_fit,
-    send_phases_to_store,
-    send_phases_to_store_if_supported,
-)
 from ...judge.ramps import judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import (
     HOLD,
@@ -36,14 +30,14 @@ from ..ch12_timers.every_restart import SLOW_US, judge_no_renewals, judge_renewa
 
 _MS: Final = 1000
 _HOLD_MS: Final = 100
-_RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
+_RAMPS: Final = m.Feature.CONFIG | m.Feature.AMPLITUDE | m.Feature.READ_RADIATED
 _SHORT_MS: Final = 60
 _LONG_MS: Final = 2000  # the longest ramp: counters of 16 bits wrap in it, whose ticks are short
 _SEQUENCE: Final = 4
 #: Ceilings, and the length of the ramp that begins below each.
 _RAMPS_MS: Final = {255: _LONG_MS, 254: 100, 128: 300, 100: 100, 1: 100, 0: 100}
 _PLAYED_RAMPS_MS: Final = {128: 300}  # at a wall clock
-_FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
+_FADES: Final = m.Feature.CONFIG | m.Feature.AMPLITUDE
 #: Ceilings at the beginning of a ramp, and set one after the other within it.
 _CEILINGS_IN_RAMPS: Final = (
     (255, (200, 255, 199, 200, 60, 61, 255, 0, 1, 255)),
@@ -70,7 +64,7 @@ _RENEW_A_LEASE: Final = (
 )
 
 
-@case("HG-6.7/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-6.7/1", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def any_frame_renews_the_output_lease(board: BoardClient) -> None:
     """frames dropped for type, flags, length, number or time renew the lease; stale frames do
     not
@@ -83,7 +77,7 @@ def any_frame_renews_the_output_lease(board: BoardClient) -> None:
 def mutes_the_output_after_hold(board: BoardClient) -> None:
     """a sounding board whose stream stops is muted by the hold"""
     hold_ms, since = board.arm_with_timer("hold_ms", 60), board.link.mark()
-    latch_now(board)
+    latching.latch_now(board)
     timeout_us = (hold_ms + board.config.ramp_ms + 140) * _MS
     judged_mute_by_timer(board, since, timeout_us, MuteReason.HOLD_EXPIRED)
     board.check_status("behind the hold", reason=MuteReason.HOLD_EXPIRED)
@@ -93,7 +87,7 @@ def mutes_the_output_after_hold(board: BoardClient) -> None:
 def output_ramps_do_not_rise(board: BoardClient) -> None:
     """during a ramp the amplitude in read-backs never rises"""
     board.arm(hold_ms=_HOLD_MS, ramp_ms=300)
-    latch_now(board)
+    latching.latch_now(board)
     ramp = judged_ramp(board, hold_ms=_HOLD_MS, ramp_ms=300)
     for before, after in itertools.pairwise(ramp):
         rises = [b for a, b in zip(before.amplitudes, after.amplitudes, strict=True) if b > a]
@@ -104,7 +98,7 @@ def output_ramps_do_not_rise(board: BoardClient) -> None:
 @case("HG-6.11/2", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def output_ramps_reach_silence(board: BoardClient) -> None:
     """the amplitude is full before a ramp, is that of a straight line within it, and then 0"""
-    _judge_output_ramp(board, FULL, 400, plays=False)
+    _judge_output_ramp(board, latching.FULL, 400, plays=False)
 
 
 @case("HG-6.11/3")
@@ -117,30 +111,40 @@ def hard_mute_has_no_ramp(board: BoardClient) -> None:
 def output_ramps_are_renewed(board: BoardClient) -> None:
     """a latch ends the ramp of the hold, a request does not; any frame ends the lease's ramp"""
     board.arm(hold_ms=_HOLD_MS, ramp_ms=600)
-    latch_now(board)
+    latching.latch_now(board)
     board.wire.idle(300 * _MS)
     board.link.barrier()
-    check(read_back_radiated(board).loudest < FULL, "a request ends the ramp of the hold")
-    latch_now(board)
-    check_fields(read_back_radiated(board), "a latch in the ramp of the hold", loudest=FULL)
+    check(
+        latching.read_back_radiated(board).loudest < latching.FULL,
+        "a request ends the ramp of the hold",
+    )
+    latching.latch_now(board)
+    check_fields(
+        latching.read_back_radiated(board), "a latch in the ramp of the hold", loudest=latching.FULL
+    )
     since = board.arm(host_timeout_ms=100, ramp_ms=600)
-    latch_now(board)
+    latching.latch_now(board)
     board.wire.idle(400 * _MS)
-    check_fields(read_back_radiated(board), "a frame in the ramp of the lease", loudest=FULL)
-    muted = board.link.events(StateChanged, since)
+    check_fields(
+        latching.read_back_radiated(board),
+        "a frame in the ramp of the lease",
+        loudest=latching.FULL,
+    )
+    muted = board.link.events(m.StateChanged, since)
     check(not muted, "the lease muted the board before its ramp ended")
 
 
-@case("HG-6.11/5", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-6.11/5", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def output_ramps_end_muted(board: BoardClient) -> None:
     """a ramp ends in MUTED with its reason; the queue is flushed, timeouts + 1"""
     hold_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
-    ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
+    ramp_ms = 60 if board.has(m.Feature.AMPLITUDE) else 0
     since = board.link.mark()
     with board.counting(timeouts=1, flushed=1, latched=1):
         start_us = HOLD.start(board, hold_ms, ramp_ms=60)
         board.clock.require_horizon(2_000_000)
         board.link.stream(board.flat_phases(), start_us + 2_000_000)
+        board.clock.require_before(start_us + hold_ms * _MS, "a frame within the hold")
         HOLD.judge(board, since, start_us, hold_ms + ramp_ms, "the hold and its ramp")
 
 
@@ -149,19 +153,19 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
     """a higher ceiling and another ramp_ms, set during a ramp, leave its line; a lower one cuts
     it
     """
-    steps = [{"ramp_ms": 500, "amplitude_ceiling": ceiling} for ceiling in (FULL, 20)]
+    steps = [{"ramp_ms": 500, "amplitude_ceiling": ceiling} for ceiling in (latching.FULL, 20)]
     _judge_ramp_with_settings(board, 100, steps, plays=False)
 
 
-@case("HG-6.11/5-playback", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES)
+@case("HG-6.11/5-playback", needs=m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES)
 def output_ramps_end_playback(board: BoardClient) -> None:
     """at the end of a ramp a playback ends"""
     board.configure(hold_ms=50)
-    send_phases_that_fit(board, 1, frames=2)
+    playback.send_phases_that_fit(board, 1, frames=2)
     since = board.arm()
-    play_now(board, 1, loops=0, period_us=500_000)
+    playback.play_now(board, 1, loops=0, period_us=500_000)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
-    board.due_event(PlaybackEnded, since, 50 * _MS, "a timer has muted the board")
+    board.due_event(m.PlaybackEnded, since, 50 * _MS, "a timer has muted the board")
 
 
 # --- Ramps of every amplitude under every ceiling ------------------------------------------------
@@ -172,16 +176,27 @@ def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
 
     An array of fewer transducers has the first of them.
     """
-    near = (FULL, ceiling + 1, ceiling, 0, ceiling - 1, FULL - 1, 2 * ceiling, 1, ceiling // 2, 2)
-    codes = list(dict.fromkeys(code for code in near if 0 <= code <= FULL))
+    near = (
+        latching.FULL,
+        ceiling + 1,
+        ceiling,
+        0,
+        ceiling - 1,
+        latching.FULL - 1,
+        2 * ceiling,
+        1,
+        ceiling // 2,
+        2,
+    )
+    codes = list(dict.fromkeys(code for code in near if 0 <= code <= latching.FULL))
     return bytes(codes[n % len(codes)] for n in range(count))
 
 
 @case("HG-6.11/2-ceilings", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_ceiling_of_ramps(board: BoardClient) -> None:
     """ramps of amplitudes at and beside each ceiling, one of 2 s too: straight from begin to end"""
-    played = board.has(Feature.SEQUENCE_PHASES)
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    played = board.has(m.Feature.SEQUENCE_PHASES)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     at_wall = not board.wire.is_virtual
     played_ms = (_PLAYED_RAMPS_MS if at_wall else _RAMPS_MS) if played else {}
     for ceiling, ramp_ms in _RAMPS_MS.items():
@@ -203,11 +218,11 @@ def _latch_before_ramp(board: BoardClient, *, plays: bool) -> bytes:
     """Latch a stream frame, or play one; return its amplitudes."""
     count = board.identity.transducers
     if plays:
-        play_now(board, _SEQUENCE, loops=1)
+        playback.play_now(board, _SEQUENCE, loops=1)
         board.clock.wait_latched()
-        return bytes([FULL]) * count
+        return bytes([latching.FULL]) * count
     amplitudes = _amplitudes_in_ramps(board.config.amplitude_ceiling, count)
-    latch_now(board, Drives(bytes(count) + amplitudes))
+    latching.latch_now(board, m.Drives(bytes(count) + amplitudes))
     return amplitudes
 
 
@@ -232,7 +247,7 @@ def every_setting_within_a_ramp(board: BoardClient) -> None:
         {"host_timeout_ms": 1000},
         {"hold_ms": 1, "ramp_ms": 0},
     ]
-    ceilings = [{"amplitude_ceiling": ceiling} for ceiling in (FULL, 100, 101)]
+    ceilings = [{"amplitude_ceiling": ceiling} for ceiling in (latching.FULL, 100, 101)]
     steps = [*every_other_setting(board), *ceilings, *lengths]
     for plays in _sources_of_drives(board):
         # Behind the last ones the ramp ends: at its own time, whatever is in force.
@@ -255,8 +270,8 @@ def every_ceiling_within_a_ramp(board: BoardClient) -> None:
 def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
     """Yield whether a drive is played; at a wall clock streamed ones alone."""
     yield False
-    if board.has(Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
-        send_phases_to_store(board, _SEQUENCE, frames=1)
+    if board.has(m.Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
+        playback.send_phases_to_store(board, _SEQUENCE, frames=1)
         yield True
 
 
@@ -294,10 +309,10 @@ def _length_of_long_ramp_ms(board: BoardClient) -> int:
 @case("HG-6.11/4-settings", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
     """a ramp that is undone leads to full amplitude below the ceiling that was set in it"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     timers = ["hold", "lease", "both", "both, the lease first"]
-    timers += ["unattended"] if board.has(Feature.SEQUENCE_PHASES) else []
-    for first, then in ((100, FULL), (FULL, 100)):
+    timers += ["unattended"] if board.has(m.Feature.SEQUENCE_PHASES) else []
+    for first, then in ((100, latching.FULL), (latching.FULL, 100)):
         for timer in timers if first < then or board.wire.is_virtual else timers[:1]:
             _undo_ramp_with_settings(board, timer, first, then)
 
@@ -315,9 +330,11 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
     board.hello()  # ends a playback
     board.arm(**long | short | {"amplitude_ceiling": first})
     if timer == "unattended":
-        play_now(board, _SEQUENCE, loops=0, period_us=9_000_000, unattended_ms=2 * _SHORT_MS)
+        playback.play_now(
+            board, _SEQUENCE, loops=0, period_us=9_000_000, unattended_ms=2 * _SHORT_MS
+        )
         board.clock.wait_latched()
-        latched = bytes([FULL]) * board.identity.transducers
+        latched = bytes([latching.FULL]) * board.identity.transducers
     else:
         latched = _latch_before_ramp(board, plays=False)
     latch_us = board.last_latch_us()
@@ -325,7 +342,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
     board.wire.idle(5 * _SHORT_MS * _MS)
     board.configure(**long | {"amplitude_ceiling": then})
     if timer == "hold":
-        latch_now(board, Drives(bytes(len(latched)) + latched))
+        latching.latch_now(board, m.Drives(bytes(len(latched)) + latched))
     if timer.startswith("both"):  # the hold has run out: the ramp goes on, as it began
         start_us = latch_us + short["hold_ms"] * _MS
         if "lease" in timer:
@@ -335,7 +352,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
         name = f"a ramp of {timer}, ceiling {first}, then {then}: "
         judge_straight_ramp(board, [reading], _LONG_MS, begins, name, cut=then)
         return
-    shown = read_back_radiated(board)
+    shown = latching.read_back_radiated(board)
     board.clock.require_before(latch_us + _LONG_MS * _MS, "a read-back in a ramp")
     due = _below_ceiling(latched, then)
     wrong = [(n, got) for n, got in enumerate(shown.amplitudes) if got != due[n]]
@@ -381,7 +398,7 @@ class TimerPair:
 
 def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> None:
     """Judge pairs of both other timers."""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     others = timer_kinds(board, LEASE, UNATTENDED)
     ramp_ms = min(_LONG_MS, _ramp_time_ms(board, length_ms))
     for other, is_hold_first, renewed in itertools.product(others, (True, False), renewed_by):
@@ -408,8 +425,8 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
         by_hold = pair.renewed_by == _FRAME or (pair.is_hold_first and not pair.renewed_by)
         timer = HOLD if by_hold else pair.other
         timer.judge(board, since, begins_us, pair.ramp_ms, timer.reason.name)
-    check_silent(board, "behind the end")
-    for kind, due in (StateChanged, 1), (PlaybackEnded, int(pair.other is UNATTENDED)):
+    latching.check_silent(board, "behind the end")
+    for kind, due in (m.StateChanged, 1), (m.PlaybackEnded, int(pair.other is UNATTENDED)):
         got = len(board.link.events(kind, since))
         check_equal(got, due, f"{got} {kind.TYPE.name}")
 
@@ -425,10 +442,10 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
     ahead_us = board.clock.on_carrier(_ramp_time_ms(board, _RENEWED_MS) * _MS)
     if pair.other is UNATTENDED:
         period_us = ahead_us if pair.renewed_by == _LATCH else SLOW_US
-        play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=other_ms)
+        playback.play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=other_ms)
         board.clock.wait_latched(0)
     else:
-        latch_now(board)
+        latching.latch_now(board)
     latch_us = board.last_latch_us()
     if pair.renewed_by == _LATCH and pair.other is LEASE:
         board.link.stream(board.flat_phases(), latch_us + ahead_us)

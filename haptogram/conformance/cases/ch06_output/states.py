@@ -6,39 +6,15 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import (
-    Arm,
-    Counters,
-    Disarm,
-    Error,
-    ErrorCode,
-    Feature,
-    Play,
-    PlaybackEnded,
-    SetConfig,
-    StateChanged,
-    Status,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import PLAYBACK
 from haptogram_protocol.state import MuteReason, OutputInput, OutputState
 
 from ...case import Depth, case
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import PLAYS
-from ...client.latching import check_silent, latch_now, queue_frames, read_back_radiated
-from ...client.playback import (
-    play_now,
-    play_out,
-    play_request,
-    send_phases_that_fit,
-    send_phases_to_store,
-    send_phases_to_store_if_supported,
-)
 from ...client.stream_kinds import valid_requests_to_send
-from ...client.uploads import require_room_for_upload
 from ...judge.effects import OUTPUT_REQUESTS, StateAndReason, state_and_reason_after
 from ...judge.timers import (
     HOLD,
@@ -87,8 +63,8 @@ def output_starts_disarmed(board: BoardClient) -> None:
     check_fields(board.hello(), "after a reset: HELLO_REPLY", state=OutputState.DISARMED)
     board.check_status("after a reset", state=OutputState.DISARMED)
     with board.counting(dropped_state=None, latched=0):
-        latch_now(board)
-    check_silent(board, "after a reset")
+        latching.latch_now(board)
+    latching.check_silent(board, "after a reset")
 
 
 @case("HG-6.2/1")
@@ -100,21 +76,21 @@ def follows_the_table_of_output_states(board: BoardClient) -> None:
 @case("HG-6.2/1-play")
 def plays_only_in_armed_state(board: BoardClient) -> None:
     """PLAY while DISARMED and MUTED is refused"""
-    board.need(Feature.SEQUENCE_PHASES)
-    send_phases_that_fit(board, 1, frames=2)
+    board.need(m.Feature.SEQUENCE_PHASES)
+    playback.send_phases_that_fit(board, 1, frames=2)
     for state in (OutputState.DISARMED, OutputState.MUTED):
         board.bring_to(state)
-        board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, int(state), flags=0x10)
+        board.link.refused(m.Play(1, 1000, 1, 100), m.ErrorCode.BAD_STATE, int(state), flags=0x10)
 
 
 @case("HG-6.2/2")
 def tells_the_output_state(board: BoardClient) -> None:
     """ERROR(BAD_STATE) has the output state as its detail, in each state"""
-    board.need_any(PLAYBACK | Feature.CORRECTION)
+    board.need_any(PLAYBACK | m.Feature.CORRECTION)
     for state in _STATES:
         board.bring_to(state)
-        for message in (UploadCommit(1), UploadChunk(0, b"\x01")):
-            board.link.refused(message, ErrorCode.BAD_STATE, int(state))
+        for message in (m.UploadCommit(1), m.UploadChunk(0, b"\x01")):
+            board.link.refused(message, m.ErrorCode.BAD_STATE, int(state))
 
 
 @case("HG-6.2/3", evidence=SELF_REPORTED)
@@ -132,14 +108,14 @@ def _judge_requests(board: BoardClient, *, with_reason: bool) -> None:
                 _judge_input_to_output_state(board, due, one, with_reason=with_reason)
 
 
-@case("HG-6.3/1", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)
+@case("HG-6.3/1", needs=m.Feature.READ_RADIATED, evidence=SELF_REPORTED)
 def armed_output_is_silent_until_a_latch(board: BoardClient) -> None:
     """after a latch, DISARM and ARM nothing is radiated until the next latch"""
     for text in ("the first ARM", "ARM behind a latch and DISARM"):
         board.arm()
-        check_silent(board, text)
-        latch_now(board)
-        check(read_back_radiated(board).loudest > 0, "a latch is not radiated")
+        latching.check_silent(board, text)
+        latching.latch_now(board)
+        check(latching.read_back_radiated(board).loudest > 0, "a latch is not radiated")
         board.disarm()
 
 
@@ -147,15 +123,17 @@ def armed_output_is_silent_until_a_latch(board: BoardClient) -> None:
 def arms_again_in_armed_state(board: BoardClient) -> None:
     """ARM while ARMED keeps the queue and the drive"""
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
     t_us = board.clock.soon_us(board.bytes_of_frames(2))
     board.require_hold(t_us - board.clock.device_us(), "a slow line")
     with board.counting(latched=2, flushed=0):
-        queue_frames(board, t_us, 2)
+        latching.queue_frames(board, t_us, 2)
         board.arm()
         board.clock.end_exchange()
-        if board.has(Feature.READ_RADIATED):
-            check(read_back_radiated(board).loudest > 0, "ARM while ARMED silences the board")
+        if board.has(m.Feature.READ_RADIATED):
+            check(
+                latching.read_back_radiated(board).loudest > 0, "ARM while ARMED silences the board"
+            )
         board.clock.wait_until(t_us + 2000)
 
 
@@ -169,11 +147,11 @@ def tells_the_state_after_a_foreign_mute(board: BoardClient) -> None:
         since = board.arm()
         board.mute(session=session)
         name = f"MUTE of session {session:#06x}"
-        _, event = board.due_event(StateChanged, since, 20 * _MS, name)
+        _, event = board.due_event(m.StateChanged, since, 20 * _MS, name)
         check_equal((event.state, event.reason), _MUTED, f"{name}: STATE_CHANGED")
 
 
-@case("HG-6.8/1", needs=Feature.CONFIG)
+@case("HG-6.8/1", needs=m.Feature.CONFIG)
 def tells_the_state_after_a_timer(board: BoardClient) -> None:
     """STATE_CHANGED names the lease and the hold when they run out"""
     for timer, length_ms in ((LEASE, 100), (HOLD, 50)):
@@ -188,7 +166,7 @@ def every_input_in_every_output_state(board: BoardClient) -> None:
     """behind each reason of each state every input leads to the state and the reason that are
     due
     """
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     for bring, due in _origins_of_output_states(board):
         for one in _inputs_to_output_states(board):
             bring()
@@ -198,7 +176,7 @@ def every_input_in_every_output_state(board: BoardClient) -> None:
 @case("HG-6.4/4-origins", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_mute_in_every_output_state(board: BoardClient) -> None:
     """MUTE of every session or none, once and twice, behind each reason: state, events, counters"""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     for bring, due in _origins_of_output_states(board):
         for way in board.wire.ways_of_mute():
             for name, sessions in _sessions_of_mutes():
@@ -220,8 +198,8 @@ def _judge_input_to_output_state(
     is_there = before[:parts] == due[:parts]
     check(is_there, f"{_state_text(before)} where {_state_text(due)} is due")
     answer = getattr(happen(), "message", None)
-    if isinstance(answer, Error):
-        code, state = ErrorCode.BAD_STATE, int(before[0])
+    if isinstance(answer, m.Error):
+        code, state = m.ErrorCode.BAD_STATE, int(before[0])
         check_fields(answer, f"{name} in {before[0].name}", code=code, detail=state)
     told = getattr(answer, "state", None)
     after = _output_state(board)
@@ -248,14 +226,14 @@ def _mute_of_sessions(board: BoardClient, sessions: tuple[int, ...]) -> None:
         board.mute(session=session)
 
 
-def _judge_rest_behind_mutes(board: BoardClient, since: int, before: Counters, name: str) -> None:
+def _judge_rest_behind_mutes(board: BoardClient, since: int, before: m.Counters, name: str) -> None:
     """FAILED if MUTE, with nothing queued, counts or reports what did not happen."""
     grown = board.counted_since(before)
     wrong = {key: n for key, n in grown.items() if n and key not in ("frames", "requests")}
     check(not wrong, f"{name} counts {wrong}")
-    ended = board.link.events(PlaybackEnded, since)
+    ended = board.link.events(m.PlaybackEnded, since)
     check(not ended, f"{name}: PLAYBACK_ENDED, and nothing has played")
-    told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
+    told = [(event.state, event.reason) for _, event in board.link.events(m.StateChanged, since)]
     texts = ", ".join(map(_state_text, told))
     check(told in ([], [_MUTED]), f"{name}: STATE_CHANGED tells {texts}; due is MUTED (MUTE), once")
 
@@ -284,7 +262,7 @@ def _new_session_for_output_state(board: BoardClient) -> None:
 def _sound_for_output_state(board: BoardClient) -> None:
     board.bring_to(OutputState.DISARMED)
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
 
 
 def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
@@ -292,9 +270,9 @@ def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
     long = {LEASE.name: 10_000, HOLD.name: 10_000}
     since = board.arm(**long | ({} if timer is UNATTENDED else {timer.name: _SHORT_MS}))
     if timer is UNATTENDED:
-        play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
+        playback.play_now(board, _SEQUENCE, loops=0, period_us=50 * _MS, unattended_ms=_SHORT_MS)
     elif timer is HOLD:
-        latch_now(board)
+        latching.latch_now(board)
     judged_mute_by_timer(board, since, 1000 * _MS, timer.reason)
     board.configure()
 
@@ -307,9 +285,9 @@ def _inputs_to_output_states(board: BoardClient) -> Iterator[_Input]:
     yield "MUTE without a session", OutputInput.MUTE, partial(board.mute, session=0)
     yield "a new session", OutputInput.NEW_SESSION, board.hello
     yield "HELLO again", None, lambda: board.hello(board.link.session)
-    yield "a stream frame", None, lambda: latch_now(board)
-    if board.has(Feature.SEQUENCE_PHASES):
-        play = play_request(board, _SEQUENCE, loops=1, unattended_ms=100)
+    yield "a stream frame", None, lambda: latching.latch_now(board)
+    if board.has(m.Feature.SEQUENCE_PHASES):
+        play = playback.play_request(board, _SEQUENCE, loops=1, unattended_ms=100)
         yield "PLAY", None, partial(board.link.ask_at_once, play)
 
 
@@ -350,8 +328,8 @@ def tells_of_a_hardware_fault(board: BoardClient) -> None:
     """STATE_CHANGED tells a fault once, from each state"""
     for name, since in _faults_in_every_state(board):
         board.link.barrier()
-        told = [event for _, event in board.link.events(StateChanged, since)]
-        due = [StateChanged(OutputState.FAULT, MuteReason.FAULT)]
+        told = [event for _, event in board.link.events(m.StateChanged, since)]
+        due = [m.StateChanged(OutputState.FAULT, MuteReason.FAULT)]
         check_equal(told, due, f"{name}: STATE_CHANGED")
 
 
@@ -362,8 +340,8 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
     for text, since in _faults_in_every_state(board):
         board.check_status(text, queued=0, **_IN_FAULT)
         board.check_counted(before, text, {"flushed": QUEUED_FRAMES * text.endswith(QUEUES)})
-        check_silent(board, text)
-        ended, due = board.link.events(PlaybackEnded, since), (PLAYING, WAITS)
+        latching.check_silent(board, text)
+        ended, due = board.link.events(m.PlaybackEnded, since), (PLAYING, WAITS)
         check_equal(len(ended), text.endswith(due), f"{text}: {len(ended)} PLAYBACK_ENDED")
         before = board.status().counters
 
@@ -372,10 +350,10 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
 def a_lasting_hardware_fault_refuses_disarm(board: BoardClient) -> None:
     """a fault that lasts refuses DISARM with ERROR(FAULT)"""
     fail_hardware(board)
-    answer = board.link.ask(Disarm())
-    is_gone = not isinstance(answer.message, Error)
+    answer = board.link.ask(m.Disarm())
+    is_gone = not isinstance(answer.message, m.Error)
     if not is_gone:
-        board.link.error_in(answer, Disarm.TYPE, ErrorCode.FAULT)
+        board.link.error_in(answer, m.Disarm.TYPE, m.ErrorCode.FAULT)
     recover_from_hardware_fault(board)
     if is_gone:
         not_observed("DISARM led out of FAULT at once: the fault was over before")
@@ -397,7 +375,7 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
 
 def _judge_inputs_in_fault(board: BoardClient, *, with_reason: bool) -> None:
     """FAILED unless in FAULT inputs lead where they have to, and DISARM leads out."""
-    send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
+    playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     fault = OutputState.FAULT, MuteReason.FAULT
     again: _Input = "a second fault", None, partial(fail_hardware, board)
     for one in (*_inputs_to_output_states(board), again):
@@ -414,31 +392,31 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
     STATUS
     """
     board.arm()
-    latch_now(board)
+    latching.latch_now(board)
     fail_hardware(board)
     period_ms = board.quick_status_ms
     board.hello()
     config = board.configure(host_timeout_ms=_WAITED_MS, hold_ms=_WAITED_MS, late_window_us=777)
     for message in valid_requests_to_send(board, _SEQUENCE):
-        if isinstance(message, Disarm):
+        if isinstance(message, m.Disarm):
             continue
         answer = board.link.ask_at_once(message)
-        if isinstance(message, UploadBegin):
-            require_room_for_upload(message, answer)
-        is_refused = isinstance(answer.message, Error)
+        if isinstance(message, m.UploadBegin):
+            uploads.require_room_for_upload(message, answer)
+        is_refused = isinstance(answer.message, m.Error)
         text = f"{message.TYPE.name} in FAULT: {board.link.answer_text(answer)}"
-        check(is_refused == isinstance(message, Arm | Play), text)
-    send_phases_to_store(board, _SEQUENCE, frames=1)
+        check(is_refused == isinstance(message, m.Arm | m.Play), text)
+    playback.send_phases_to_store(board, _SEQUENCE, frames=1)
     board.configure(status_period_ms=period_ms, late_window_us=777)
     since = board.link.mark()
     board.wire.idle(3 * period_ms * 1000 + 2 * _WAITED_MS * 1000)
     board.check_status("timers in FAULT", **_IN_FAULT)
-    told = len(board.link.events(Status, since))
+    told = len(board.link.events(m.Status, since))
     check(told >= 2, f"{told} STATUS in FAULT in more than 3 periods")
-    board.link.ask(SetConfig(config))
+    board.link.ask(m.SetConfig(config))
     recover_from_hardware_fault(board)
     board.configure()
     board.arm()
     with board.counting(latched=2):
-        latch_now(board)
-        play_out(board, _SEQUENCE, 1)
+        latching.latch_now(board)
+        playback.play_out(board, _SEQUENCE, 1)

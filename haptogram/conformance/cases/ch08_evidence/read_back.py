@@ -6,42 +6,15 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
-from haptogram_protocol.messages import (
-    DriveKind,
-    ErrorCode,
-    Feature,
-    LatchKey,
-    Message,
-    ReadDrive,
-    TraceMode,
-    TraceRecord,
-    TraceReply,
-)
 from haptogram_protocol.rules import READ_BACKS
 
 from ...case import Depth, case
+from ...client import latching, playback, uploads
 from ...client.board_client import BoardClient
 from ...client.capabilities import drive_kinds, trace_modes
-from ...client.latching import (
-    ask_for_board_latches_if_supported,
-    drive_crc,
-    full_client_drive,
-    latch_now,
-    latch_random,
-    latches_received_from_board,
-    read_back,
-    read_drive,
-    read_ring,
-)
-from ...client.playback import (
-    play_later,
-    play_out,
-    send_phases_to_store,
-    shortest_period_to_play_us,
-)
 from ...client.stream_kinds import stream_kinds
-from ...client.uploads import upload_correction
 from ...judge.events import played_keys
 from ...judge.refused_requests import STORED
 from ...judge.witness import expect_witnessed_drive, judge_nothing_read_back
@@ -55,11 +28,13 @@ _SEQUENCE: Final = 7
 _FRAMES: Final = 3
 _LATCHES: Final = 402
 _LAST: Final = 0xFFFFFFFF
-_FIT: Final = (MAX_BODY_BYTES - HEADER_BYTES - TraceReply.LAYOUT.size) // TraceRecord.LAYOUT.size
+_FIT: Final = (
+    MAX_BODY_BYTES - HEADER_BYTES - m.TraceReply.LAYOUT.size
+) // m.TraceRecord.LAYOUT.size
 #: What happens between two trace modes.
 _BETWEEN: Final = ("nothing", "a playback", "MUTE", "an upload", "DISARM")
-_RING: Final = Feature.TRACE_RING | Feature.CONFIG
-_PLAYED_RING: Final = _RING | Feature.SEQUENCE_PHASES
+_RING: Final = m.Feature.TRACE_RING | m.Feature.CONFIG
+_PLAYED_RING: Final = _RING | m.Feature.SEQUENCE_PHASES
 _CEILING: Final = 77
 _AHEAD_US: Final = 2_000_000
 _HOUR_US: Final = 3_600_000_000
@@ -74,24 +49,24 @@ class _TraceRing:
 
     def __init__(self, board: BoardClient) -> None:
         self.board = board
-        self.due: list[tuple[LatchKey, int]] = []  # key and CRC of each latch of the session
+        self.due: list[tuple[m.LatchKey, int]] = []  # key and CRC of each latch of the session
         self.stored: list[bytes] = []
 
     def store(self) -> None:
         """Store a sequence of random drives."""
-        self.stored = send_phases_to_store(self.board, _SEQUENCE, frames=_FRAMES)
+        self.stored = playback.send_phases_to_store(self.board, _SEQUENCE, frames=_FRAMES)
 
     def latch(self, number: int = 1) -> None:
         """Latch so many random drives of the stream."""
         first = self.board.link.stream_next
-        for place, codes in enumerate(latch_random(self.board, number)):
-            self.due.append((LatchKey(0, 0, first + place), drive_crc(codes)))
+        for place, codes in enumerate(latching.latch_random(self.board, number)):
+            self.due.append((m.LatchKey(0, 0, first + place), latching.drive_crc(codes)))
 
     def play(self, loops: int = 1, least_us: int = 1000) -> None:
         """Play the stored sequence to its end."""
-        period_us = shortest_period_to_play_us(self.board, least_us)
-        play_out(self.board, _SEQUENCE, _FRAMES, loops=loops, period_us=period_us)
-        crcs = itertools.cycle(map(drive_crc, self.stored))
+        period_us = playback.shortest_period_to_play_us(self.board, least_us)
+        playback.play_out(self.board, _SEQUENCE, _FRAMES, loops=loops, period_us=period_us)
+        crcs = itertools.cycle(map(latching.drive_crc, self.stored))
         self.due += zip(played_keys(_SEQUENCE, _FRAMES, loops), crcs, strict=False)
 
     def go_through(self, event: str) -> None:
@@ -115,7 +90,7 @@ class _TraceRing:
 
     def judge(self, first: int, count: int, held: Sequence[int], name: str = "") -> None:
         """FAILED unless READ_TRACE shows those of the latches *held* by the ring that it names."""
-        reply = read_ring(self.board, first, count)
+        reply = latching.read_ring(self.board, first, count)
         name = f"{name}READ_TRACE of {count} from {first}"
         check_fields(reply, name, oldest=held[0], next=len(self.due))
         numbers = [number for number in held if first <= number < first + count][:_FIT]
@@ -126,7 +101,7 @@ class _TraceRing:
     def judge_holes(self, name: str, least: int) -> None:
         """FAILED unless each READ_TRACE shows what the ring holds: the latches from *least* on."""
         total = len(self.due)
-        held = [record.number for record in read_ring(self.board).records]
+        held = [record.number for record in latching.read_ring(self.board).records]
         is_due = held == sorted(set(held)) and held[least - total :] == list(range(least, total))
         text = f"{name}: the ring holds the latches {held}"
         check(is_due, f"{text}, due are {least} to {total - 1}, each once")
@@ -140,11 +115,11 @@ def ring_keeps_the_last(board: BoardClient) -> None:
     """the ring keeps the last trace_ring latches, numbered from 0, and forgets the oldest"""
     size = board.identity.trace_ring
     check(size > 0, "TRACE_RING is advertised, trace_ring is 0")
-    board.arm(trace_mode=TraceMode.RING)
+    board.arm(trace_mode=m.TraceMode.RING)
     ring, loops = _TraceRing(board), size // _FRAMES + 3
-    lasts_us = loops * _FRAMES * shortest_period_to_play_us(board, 100)
+    lasts_us = loops * _FRAMES * playback.shortest_period_to_play_us(board, 100)
     is_long = size > _RING_TRIED or lasts_us > _FILLED_US
-    if is_long or not board.has(Feature.SEQUENCE_PHASES):
+    if is_long or not board.has(m.Feature.SEQUENCE_PHASES):
         ring.latch(20)
     else:
         ring.store()
@@ -155,17 +130,17 @@ def ring_keeps_the_last(board: BoardClient) -> None:
 @case("HG-8.5/1-modes", needs=_RING, evidence=SELF_REPORTED)
 def ring_counts_every_mode(board: BoardClient) -> None:
     """latches while trace_mode is another one have their numbers: the ring goes on behind them"""
-    modes = trace_modes(board, *TraceMode)
+    modes = trace_modes(board, *m.TraceMode)
     board.hello()
     total = 0
     for mode in [*modes, *reversed(modes)]:
         board.arm(trace_mode=mode)
-        latch_now(board, board.flat_phases(total))
-        index = latch_now(board, board.flat_phases(total + 1))
+        latching.latch_now(board, board.flat_phases(total))
+        index = latching.latch_now(board, board.flat_phases(total + 1))
         total += 2
-        reply = read_ring(board)
+        reply = latching.read_ring(board)
         check_fields(reply, f"{mode.name}: TRACE_REPLY", next=total)
-        if mode is TraceMode.RING:
+        if mode is m.TraceMode.RING:
             last = [(record.number, record.key.index) for record in reply.records[-2:]]
             due = [(total - 2, index - 1), (total - 1, index)]
             check_equal(last, due, "(number, index) of the last records")
@@ -177,7 +152,7 @@ def ring_counts_every_mode(board: BoardClient) -> None:
 @case("HG-8.5/2", needs=_RING, evidence=SELF_REPORTED)
 def trace_ring_is_read(board: BoardClient) -> None:
     """READ_TRACE of some, none and all records shows numbers, keys and CRCs, oldest first"""
-    board.arm(trace_mode=TraceMode.RING)
+    board.arm(trace_mode=m.TraceMode.RING)
     ring = _TraceRing(board)
     ring.latch(9)
     for first, count in ((0, 9), (2, 3), (8, 100), (9, 5), (0, 0), (4, 1)):
@@ -189,7 +164,7 @@ def every_ring_span(board: BoardClient) -> None:
     """READ_TRACE of spans at every edge of a ring that has turned over: those, as many as fit"""
     size, ring = board.identity.trace_ring, _TraceRing(board)
     ring.store()
-    board.arm(trace_mode=TraceMode.RING)
+    board.arm(trace_mode=m.TraceMode.RING)
     ring.latch()
     turns_over = board.thorough and size < _RING_TRIED
     ring.play(-(-(max(_LATCHES, size + 7) if turns_over else _LATCHES) // _FRAMES), 200)
@@ -206,12 +181,12 @@ def every_span_with_holes(board: BoardClient) -> None:
     """READ_TRACE before, in, over and behind latches of other modes, MUTE, DISARM, playback,
     upload
     """
-    others = trace_modes(board, TraceMode.OFF, TraceMode.CRC, TraceMode.DRIVE)
+    others = trace_modes(board, m.TraceMode.OFF, m.TraceMode.CRC, m.TraceMode.DRIVE)
     for turn in range(len(_BETWEEN) if board.thorough else 1):
         board.hello()
         ring, name = _TraceRing(board), "RING"
         ring.store()
-        board.arm(trace_mode=TraceMode.RING)
+        board.arm(trace_mode=m.TraceMode.RING)
         ring.latch(2)
         for number, mode in enumerate(others):
             event = _BETWEEN[(turn + number) % len(_BETWEEN)]
@@ -219,7 +194,7 @@ def every_span_with_holes(board: BoardClient) -> None:
             ring.latch()
             ring.go_through(event)
             least = len(ring.due)
-            board.configure(trace_mode=TraceMode.RING)
+            board.configure(trace_mode=m.TraceMode.RING)
             ring.latch()
             if number % 2 == 0:
                 ring.go_through(_BETWEEN[turn - number])
@@ -233,11 +208,11 @@ def reads_back_a_span(board: BoardClient) -> None:
     """READ_DRIVE of one, some and too many transducers shows those from first on"""
     board.need_any(READ_BACKS)
     registers = board.random_registers()
-    due = full_client_drive(registers)
+    due = latching.full_client_drive(registers)
     judge_spans(board, drive_kinds(board)[0], board.phases(registers), due)
 
 
-@case("HG-8.6/1-spans", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
+@case("HG-8.6/1-spans", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def every_span_of_drive_and_geometry(board: BoardClient) -> None:
     """READ_DRIVE of spans at and around every edge shows the codes that the whole shows"""
     frame = stream_kinds(board)[-1].make()  # with amplitudes that differ, where it can
@@ -246,7 +221,7 @@ def every_span_of_drive_and_geometry(board: BoardClient) -> None:
 
 
 def judge_spans(
-    board: BoardClient, kind: DriveKind, frame: Message, due: bytes | None = None
+    board: BoardClient, kind: m.DriveKind, frame: m.Message, due: bytes | None = None
 ) -> None:
     """FAILED unless READ_DRIVE shows of every span what the whole shows, and of that *due*."""
     latched_us, total = -_HOUR_US, board.identity.transducers
@@ -254,11 +229,11 @@ def judge_spans(
         if board.wire.now_us() - latched_us > 250 * board.config.hold_ms:
             board.arm_anew()
             latched_us = board.wire.now_us()
-            latch_now(board, frame)
-            whole = read_back(board, kind)
+            latching.latch_now(board, frame)
+            whole = latching.read_back(board, kind)
             same = due in (None, whole.phases + whole.amplitudes)
             check(same, f"READ_DRIVE({kind.name}) shows other codes than were sent")
-        reply = read_drive(board, kind, first, count)
+        reply = latching.read_drive(board, kind, first, count)
         end = min(first + count, total)
         codes = whole.phases[first:end] + whole.amplitudes[first:end]
         text = f"READ_DRIVE({kind.name}) of {count} from {first}"
@@ -272,36 +247,36 @@ def reads_back_no_more(board: BoardClient) -> None:
     count = board.identity.transducers
     for kind in drive_kinds(board):
         for first in (count, 0xFFFF):
-            board.link.refused(ReadDrive(kind, first, 1), ErrorCode.NOT_FOUND, count)
+            board.link.refused(m.ReadDrive(kind, first, 1), m.ErrorCode.NOT_FOUND, count)
 
 
-@case("HG-8.6/3", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
+@case("HG-8.6/3", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def reads_back_one_latch(board: BoardClient) -> None:
     """codes, key and time of a read-back belong to one latch, as in trace and STATUS"""
-    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
+    mode = latching.ask_for_board_latches_if_supported(board, m.Feature.TRACE)
     board.arm()
     for _ in range(8):
         index, since = board.link.stream_next, board.link.mark()
-        (registers,) = latch_random(board, 1)
-        shown = read_back(board)
+        (registers,) = latching.latch_random(board, 1)
+        shown = latching.read_back(board)
         expect_witnessed_drive(board, shown, registers, b"\xff" * len(registers))
-        last = {"key": LatchKey(0, 0, index), "t_latch_us": board.status().last_latch_us}
+        last = {"key": m.LatchKey(0, 0, index), "t_latch_us": board.status().last_latch_us}
         check_fields(shown.reply, "DRIVE_REPLY", **last)
-        if mode is not TraceMode.OFF:
-            seen = latches_received_from_board(board, since, mode)[-1:]
+        if mode is not m.TraceMode.OFF:
+            seen = latching.latches_received_from_board(board, since, mode)[-1:]
             check_equal([latch.crc for latch in seen], [shown.crc], "CRC-32 in trace and read-back")
 
 
 # --- Before the first latch --------------------------------------------------------------------
 
 
-@case("HG-8.6/4", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
+@case("HG-8.6/4", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def reads_back_nothing_first(board: BoardClient) -> None:
     """before the first latch of a session codes, key and time are 0"""
     board.arm()
-    latch_random(board, 1)
+    latching.latch_random(board, 1)
     board.hello()
-    judge_nothing_read_back(board, DriveKind.LATCHED, "behind the session before")
+    judge_nothing_read_back(board, m.DriveKind.LATCHED, "behind the session before")
 
 
 def _wait_with_a_frame(board: BoardClient) -> None:
@@ -311,7 +286,7 @@ def _wait_with_a_frame(board: BoardClient) -> None:
 
 def _wait_with_a_playback(board: BoardClient) -> None:
     board.arm()
-    play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=2000)
+    playback.play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=2000)
 
 
 def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
@@ -321,9 +296,9 @@ def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
     yield "ARMED", BoardClient.arm
     yield "with a frame that waits", _wait_with_a_frame
     yield "MUTED", lambda board: board.mute()
-    if board.has(Feature.CORRECTION):
-        yield "with another correction", upload_correction
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.CORRECTION):
+        yield "with another correction", uploads.upload_correction
+    if board.has(m.Feature.SEQUENCE_PHASES):
         yield "with a playback that waits", _wait_with_a_playback
     yield "DISARMED", BoardClient.disarm
 
@@ -334,10 +309,10 @@ def every_empty_read_back(board: BoardClient) -> None:
     correction
     """
     board.need_any(READ_BACKS)
-    if board.has(Feature.CONFIG | Feature.AMPLITUDE):
+    if board.has(m.Feature.CONFIG | m.Feature.AMPLITUDE):
         board.configure(amplitude_ceiling=_CEILING)
-    if board.has(Feature.CORRECTION):
-        upload_correction(board)
+    if board.has(m.Feature.CORRECTION):
+        uploads.upload_correction(board)
     for before, leave in output_states(board):
         board.arm()
         leave(board)

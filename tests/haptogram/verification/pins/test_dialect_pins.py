@@ -105,7 +105,7 @@ def test_a_carrier_of_half_the_frequency_is_said(clock, tmp_path):
 
 @pytest.mark.parametrize("reference", ["sync", "p0"])
 def test_a_carrier_that_is_not_steady_is_no_latch(reference, tmp_path):
-    board = mega(busy_s=6e-3)
+    board = mega(busy_s=6e-3, gap_s=12e-3)
     found = judged(board, tmp_path / "pins.sr", MEGA | {"reference": reference})
     (pins,) = found.pins
     assert pins.counts["right"] == 4, str(found)

@@ -177,6 +177,17 @@ def test_samples_lost_in_the_first_or_last_frames_fail_no_board(first_ms, refere
     assert judged(board, analyser, path, random, reference=reference).verdict is Verdict.FAIL
 
 
+@pytest.mark.parametrize("lost", [(225_923, 1_063), (78_087, 21), (155_389, 1_971)])
+@pytest.mark.parametrize("step", [3, 128])
+def test_samples_lost_beside_an_element_fail_no_board(lost, step, tmp_path):
+    random = np.random.default_rng(21)
+    moves = np.cumsum(random.integers(-step, step + 1, (10, 16)), axis=0)
+    turns = (random.integers(0, 256, 16) + moves) % 256 / 256
+    board = Board(turns, np.ones((10, 16)), offset_turn=random.random())
+    pins = judged(board, Analyser(lost=(lost,)), tmp_path / "pins.sr", random, reference="p0")
+    assert pins.findings == {}
+
+
 @pytest.mark.parametrize("reference", ["clk", "p0"])
 def test_a_latch_that_comes_early_is_wrong(reference, tmp_path):
     random = np.random.default_rng(9)
@@ -188,7 +199,7 @@ def test_a_latch_that_comes_early_is_wrong(reference, tmp_path):
         assert any("frame 4: " in line for line in pins.findings["frames"])
     else:  # beside an element, missing samples look the same
         assert pins.verdict is Verdict.INCONCLUSIVE
-        assert "frames 4: most pins show another drive" in pins.reasons[0]
+        assert "frames 4: pins show another drive" in pins.reasons[0]
 
 
 def test_pins_that_each_end_at_their_own_period_fall_silent_together(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 import pattern_drives as drives
 from dialect_boards import SENT, DialectBoard
 from haptogram.acoustics import Calibration, focus_phases
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT, LAYOUTS
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
 from haptogram.records.remark import About
 from haptogram.verification import FrameStatus, Tolerance, Verdict
@@ -464,7 +464,7 @@ def test_the_frames_of_a_client_are_judged_by_what_the_board_says_of_it(events, 
 
 
 def test_frames_of_bytes_that_look_like_no_wire_are_not_judged():
-    frames = FrameDefects(most=10)
+    frames = FrameDefects()
     array = LAYOUTS["sonicsurface"].array()
     (whole,) = latches(array, 32, targets_of(array)[:1])
     torn = dataclasses.replace(whole, counted={"frames_short": 1})
@@ -515,7 +515,7 @@ def test_a_focus_of_bowls_is_found_without_being_expected(radius_m):
 
 def test_elements_too_few_for_a_focus_are_not_verified():
     """Eight of them prove nothing: the right drive is no wrong one, and a wrong one is."""
-    array = LAYOUT_OF_DIALECT["ultraino-nano8"].array()
+    array = LAYOUTS["ultraino-nano8"].array()
     target = np.array([[0.004, 0.005, 0.04]])
     run = watched(array, latches(array, 24, target), target)
     assert run.result().statuses == {FrameStatus.NOT_VERIFIED: 1}
