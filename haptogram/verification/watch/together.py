@@ -23,7 +23,8 @@ from .defect import Defect, Diagnosis
 from .latch import HALVED, UPLOAD, SeenLatch
 
 _ROUNDING: Final = 0.32  # of a step, the root mean square: rounding and cutting off leave 0.29
-_SPREAD: Final = 1.2  # of half a step, within a group: rounding, and the fit of the place
+_LEAST_LAG: Final = 0.75  # of a step, of a group: codes that are cut off are off by less
+_SPREAD: Final = 0.6  # of a step, within a group: rounding, and the fit of the place
 _SOUNDING: Final = 1e-6
 _LEAST: Final = 0.95  # of the amplitude, while bytes arrive: less is a loss
 _MOST: Final = 1000  # latches whose phases are looked at
@@ -80,9 +81,9 @@ class CommonLosses:
             return [], set()
         weights, steps, near_m = self._last
         lags = np.where(np.abs(self._sum) > 0.0, np.angle(self._sum), np.nan)
-        limit_rad = math.pi / steps  # half a step, by which rounding turns no group
-        lags[np.abs(lags) > math.pi - 2.0 * limit_rad] = np.nan  # the polarity of single elements
-        every, spread_rad = dict(enumerate(lags.tolist())), _SPREAD * limit_rad
+        limit_rad, spread_rad = _LEAST_LAG * math.tau / steps, _SPREAD * math.tau / steps
+        lags[np.abs(lags) > math.pi - math.tau / steps] = np.nan  # the polarity of single elements
+        every = dict(enumerate(lags.tolist()))
         found, _ = groups_of_elements(every, every, limit_rad, steps, spread_rad=spread_rad)
         if not found:
             return [], set()
