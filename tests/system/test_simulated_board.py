@@ -79,6 +79,13 @@ def test_firmware_that_is_the_emulation_has_its_verdict(dialect, capsys):
     assert judged(dialect, capsys, "--simulator", simulator) == judged(dialect, capsys)
 
 
+def test_firmware_of_our_own_wire_is_verified_by_its_trace(capsys):
+    where = ["--object", "point", "--center-mm", "0,0,55", "--array", "5x3", "--quiet"]
+    simulator = ["--simulator", shlex.join([sys.executable, str(EVERY)])]
+    assert main(["verify", "--virtual-time", *where, *simulator]) == 0
+    assert "evidence  self-reported" in capsys.readouterr().out
+
+
 def test_a_simulator_that_dies_behind_a_terminal_is_one_line_at_the_end(tmp_path):
     link = tmp_path / "board"
     words = [*HAPTOGRAM, "board", *BOARD[:-1], f"{SIMULATOR} dies", "--link", str(link)]

@@ -41,8 +41,7 @@ static void tell_periods(uint64_t up_to) {
             puts("");
         }
         puts("|");
-        memcpy(before, changes, count * sizeof *changes);
-        counted = count;
+        memcpy(before, changes, (counted = count) * sizeof *changes);
     }
 }
 
@@ -57,8 +56,7 @@ static void on_port(struct avr_irq_t *irq, uint32_t value, void *port) {
 
 static void on_byte(struct avr_irq_t *irq, uint32_t value, void *unused) {
     until = now_ns();
-    sent = value;
-    stops = 1;
+    stops = 1, sent = value;
 }
 
 static void quiet(avr_t *of, const int level, const char *format, va_list words) {
