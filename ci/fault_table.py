@@ -65,17 +65,14 @@ One fault at a time on the virtual board, in virtual time: a circle of 30 mm rad
 
 The parameters are in [faults.md](faults.md); where none is given, the default is meant.
 
-- *across*, *along*: the largest distance of a focus that was radiated from its target, across and
-  along the beam. Rounding of the phases alone makes up to {smallest_miss:.2f} mm. Of a drive that
-  no one point explains it is the distance of the pressure peak from its place.
-- *elsewhere*: for how long the focus was not the intended one, in all and at a time,
-  because a frame was lost, late or wrong. The board holds the last drive meanwhile: *away* is how
-  far from the target its focus was at most (points are 5 mm apart), *Pa* the average pressure at
-  the target over that time, of what it should have been.
-- *cause*: the fault of the drives, the end of the run, or the counters, as the summary names them.
+- *across*, *along*: the largest distance of a radiated focus from its target, or of the pressure
+  peak from its place. Rounding of the phases alone makes up to {smallest_miss:.2f} mm.
+- *elsewhere*: for how long the focus was not the intended one, in all and at a time. The board
+  holds the last drive meanwhile: *away* is how far from the target its focus was at most (points
+  are 5 mm apart), *Pa* the average pressure at the target, of what it should have been.
+- *cause*: as the summary names it.
 
-A lost frame or a wrong drive makes a run fail. Behind the break of a link nobody knows what was
-latched: such a run is inconclusive.
+A lost frame or a wrong drive makes a run fail; behind the break of a link it is inconclusive.
 
 """
 HARMLESS: Final = "The same figures as without a fault have "

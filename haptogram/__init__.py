@@ -46,37 +46,19 @@ if TYPE_CHECKING:
 
 __version__ = "0.3.0"
 
-_HOME: Final = {
-    "Calibration": "acoustics",
-    "Circle": "objects.shapes",
-    "ConfigurationError": "errors",
-    "DeviceError": "errors",
-    "DialectDriver": "driver.dialect_driver",
-    "Driver": "driver.driver",
-    "Evidence": "records.frame",
-    "Focus": "records.frame",
-    "FrameVerdict": "verification",
-    "HaptogramError": "errors",
-    "Hemisphere": "objects.shapes",
-    "Intended": "records.frame",
-    "Line": "objects.shapes",
-    "LinkError": "errors",
-    "MeshSurface": "objects.shapes",
-    "Observation": "records.frame",
-    "PictureField": "report.figures",
-    "Point": "objects.shapes",
-    "RecordFile": "evidence.recordings.record_file",
-    "RunVerdict": "verification",
-    "Sphere": "objects.shapes",
-    "Tolerance": "verification",
-    "Uncertainty": "verification",
-    "VerificationError": "errors",
-    "VirtualBoard": "evidence.virtual_board",
-    "field_on_plane": "report.figures",
-    "judge": "verification",
-    "read_records": "evidence.recordings.record_file",
-    "verify_run": "verification",
+_LATER: Final = {
+    "acoustics": "Calibration",
+    "driver.dialect_driver": "DialectDriver",
+    "driver.driver": "Driver",
+    "errors": "ConfigurationError DeviceError HaptogramError LinkError VerificationError",
+    "evidence.recordings.record_file": "RecordFile read_records",
+    "evidence.virtual_board": "VirtualBoard",
+    "objects.shapes": "Circle Hemisphere Line MeshSurface Point Sphere",
+    "records.frame": "Evidence Focus Intended Observation",
+    "report.figures": "PictureField field_on_plane",
+    "verification": "FrameVerdict RunVerdict Tolerance Uncertainty judge verify_run",
 }
+_HOME: Final = {name: module for module, names in _LATER.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from haptogram.settings.option import Settings
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import BoardConnection, BoardEvent
-from haptogram_protocol.framing import FrameDecoder, fastest_cobs
+from haptogram_protocol.framing import FrameDecoder
 from haptogram_protocol.rules import unsupported_types
 
 from .board.board import Board, BoardParts
@@ -67,11 +68,9 @@ class Assembly(Protocol):
     @property
     def clock(self) -> type[BoardClock]:
         """The clock of the board."""
-        ...
 
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,34 +8,18 @@ from typing import Final
 
 from haptogram_protocol.state import MuteReason, OutputState
 
-from .board.events import (
-    AnyLatch,
-    ClientLeft,
-    FaultsCounted,
-    LineCounted,
-    Notice,
-    PlaybackEnd,
-    PowerDown,
-    RadiatedAnew,
-    RampBegan,
-    RampEnded,
-    Remark,
-    SessionOpened,
-    StateChange,
-    StreamDropped,
-    WireCompared,
-)
+from .board import events
 
 _LOG: Final = logging.getLogger(__name__)
 #: What a host brings about by its frames, as often as it likes.
 _FREQUENT: Final = (
-    SessionOpened,
-    StateChange,
-    RampBegan,
-    RampEnded,
-    RadiatedAnew,
-    PlaybackEnd,
-    StreamDropped,
+    events.SessionOpened,
+    events.StateChange,
+    events.RampBegan,
+    events.RampEnded,
+    events.RadiatedAnew,
+    events.PlaybackEnd,
+    events.StreamDropped,
 )
 _SECOND_US: Final = 1_000_000
 _ROOM_US: Final = 20 * _SECOND_US
@@ -60,10 +44,10 @@ class BoardNoticeLog:
         self._last_us = 0
         self._left_out = 0
 
-    def latch(self, latch: AnyLatch) -> None:
+    def latch(self, latch: events.AnyLatch) -> None:
         """Say nothing: there are a thousand a second."""
 
-    def notice(self, notice: Notice) -> None:
+    def notice(self, notice: events.Notice) -> None:
         """Log a change of the output."""
         if self._may_be_left_out(notice) and not self._has_room(notice.t_us):
             self._left_out += 1
@@ -73,8 +57,8 @@ class BoardNoticeLog:
             self._left_out = 0
         _LOG.info("%s, at %d us", describe_board_notice(notice), notice.t_us)
 
-    def _may_be_left_out(self, notice: Notice) -> bool:
-        is_fault = isinstance(notice, StateChange) and notice.state is OutputState.FAULT
+    def _may_be_left_out(self, notice: events.Notice) -> bool:
+        is_fault = isinstance(notice, events.StateChange) and notice.state is OutputState.FAULT
         return isinstance(notice, _FREQUENT) and not is_fault and not self._is_complete
 
     def _has_room(self, t_us: int) -> bool:
@@ -116,36 +100,36 @@ class BoardCountLog:
             _LOG.info("counts: %s", ", ".join(moved))
 
 
-def describe_board_notice(notice: Notice) -> str:
+def describe_board_notice(notice: events.Notice) -> str:
     """Return *notice* in words."""
-    if isinstance(notice, SessionOpened):
+    if isinstance(notice, events.SessionOpened):
         return f"session {notice.session:#06x} opened"
-    if isinstance(notice, StateChange):
+    if isinstance(notice, events.StateChange):
         return _logged_board_state(notice.state, notice.reason)
-    if isinstance(notice, RampBegan):
+    if isinstance(notice, events.RampBegan):
         return f"ramp to silence began: {_logged_board_reason(notice.reason)}"
-    if isinstance(notice, RadiatedAnew):
+    if isinstance(notice, events.RadiatedAnew):
         return "another ceiling or correction"
-    if isinstance(notice, RampEnded):
+    if isinstance(notice, events.RampEnded):
         return "ramp undone: full output" if notice.restored else "ramp ended: silence"
-    if isinstance(notice, PowerDown):
+    if isinstance(notice, events.PowerDown):
         return "told to end"
-    if isinstance(notice, Remark):
+    if isinstance(notice, events.Remark):
         return notice.text
-    if isinstance(notice, StreamDropped):
+    if isinstance(notice, events.StreamDropped):
         return f"stream frame {notice.index} dropped: {notice.counter}"
-    if isinstance(notice, ClientLeft):
+    if isinstance(notice, events.ClientLeft):
         return "the client left"
-    if isinstance(notice, WireCompared):
+    if isinstance(notice, events.WireCompared):
         return "the client speaks " + ("the board's wire" if notice.is_own else "an unknown wire")
-    if isinstance(notice, FaultsCounted):
+    if isinstance(notice, events.FaultsCounted):
         return f"faults: {_logged_board_counts(notice)}"
-    if isinstance(notice, LineCounted):
+    if isinstance(notice, events.LineCounted):
         return f"line: {_logged_board_counts(notice)}"
     return _logged_board_playback(notice)
 
 
-def _logged_board_counts(notice: FaultsCounted | LineCounted) -> str:
+def _logged_board_counts(notice: events.FaultsCounted | events.LineCounted) -> str:
     return ", ".join(f"{name} {n}" for name, n in notice.counts.items())
 
 
@@ -155,7 +139,7 @@ def _logged_board_state(state: OutputState, reason: MuteReason) -> str:
     )
 
 
-def _logged_board_playback(ended: PlaybackEnd) -> str:
+def _logged_board_playback(ended: events.PlaybackEnd) -> str:
     played = f"{ended.frames} frames, {ended.loops} whole loops"
     return f"playback of sequence {ended.sequence} ended: {played}"
 

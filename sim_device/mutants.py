@@ -24,8 +24,9 @@ from haptogram.acoustics import Drive
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
 from haptogram.settings.arguments import did_you_mean
+from haptogram_protocol.cobs import Cobs, cobs_decode
 from haptogram_protocol.connection import BoardConnection
-from haptogram_protocol.framing import CRC_BYTES, Cobs, FrameDecoder, cobs_decode
+from haptogram_protocol.framing import CRC_BYTES, FrameDecoder
 from haptogram_protocol.messages import Config, FocalPoint
 
 from .assembly import HEALTHY, BoardAssembly

@@ -36,11 +36,9 @@ class SimulationRecorder(Protocol):
 
     def latch(self, latch: AnyLatch) -> None:
         """Take down a latch."""
-        ...
 
     def notice(self, notice: Notice) -> None:
         """Take down a change of the output."""
-        ...
 
 
 class LineProbe(Protocol):
@@ -48,11 +46,9 @@ class LineProbe(Protocol):
 
     def carried(self, name: str, begin_us: float, data: bytes) -> None:
         """Take down bytes on the line *name*, back to back from this device time on."""
-        ...
 
     def lines_cut(self, t_us: float) -> None:
         """Take down that no byte arrives any more that has not arrived by this device time."""
-        ...
 
 
 class Simulation:
@@ -333,8 +329,8 @@ class Simulation:
         self._is_next_known = False
         begin_ns = max(t_ns - credit_ns, line.free_ns)
         line.send(data, t_ns - credit_ns)
-        if self.dialect.ahead is not None and line is self._down:
-            self.dialect.ahead.announce(self._exact_us(max(begin_ns, t_ns)), data)
+        if self.dialect.announce is not None and line is self._down:
+            self.dialect.announce(self._exact_us(max(begin_ns, t_ns)), data)
         if self._probe is not None and data:
             # Bytes that have waited for a stalled process arrive now, not in its past.
             behind_ns = max(0, t_ns - line.free_ns)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.driver.frames.dialect_boards import dialect_display_of
 from haptogram.driver.frames.dialect_frames import DialectFrameBuilder
 from haptogram.records.frame import Focus
@@ -19,7 +19,7 @@ from sim_device.dialects.table import EMULATIONS
 
 
 def model_of(dialect):
-    return AcousticModel(LAYOUT_OF_DIALECT[dialect].array(), Medium.air(20.0), Transducer())
+    return AcousticModel(LAYOUTS[DIALECTS[dialect].layout].array(), Medium.air(20.0), Transducer())
 
 
 def frames_of(dialect, count, seed=1):

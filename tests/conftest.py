@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 import pytest
 from hypothesis import HealthCheck, settings
 
-pytest_plugins = ["costs", "time_limit"]
+pytest_plugins = ["costs", "processes", "time_limit"]
 
 # Before the first import of numpy: the tests must not compete with themselves for cores.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -36,8 +36,18 @@ def pytest_configure(config):
         config.pluginmanager.register(costs.Costs(config.rootpath / "out" / "durations.json"))
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown():
+    """Fail a test that leaves Ctrl-C ignored, for later ones and the programs that they start."""
+    result = yield
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        pytest.fail("SIGINT is ignored behind this test (haptogram.start.main is for a process)")
+    return result
+
+
 @pytest.hookimpl(tryfirst=True)  # before -m chooses
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """Leave to the night all but N of the parameters of a test that is marked `sampled(N)`.
 
     With several processes, begin with the files of slow tests, then with the longest files.
@@ -55,7 +65,7 @@ def pytest_collection_modifyitems(items):
         for k, item in enumerate(family):
             if k not in with_commits:
                 item.add_marker("nightly")
-    if "PYTEST_XDIST_WORKER" not in os.environ:
+    if config.option.processes < 2:
         return
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     length = Counter(item.path for item in items)

@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dialect_boards import blueprint_of_options
 from haptogram import Driver
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.driver.frames.dialect_boards import dialect_display_of
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record_of_capture
@@ -13,7 +15,9 @@ from haptogram.records.frame import Focus
 from haptogram.settings.board import PinCaptureConfig
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.verification.pins.held.drives import held_pin_drives
+from haptogram_protocol.dialects.table import DIALECTS
 from sim_device.backdoor.pin_capture import BackdoorPinCapture
+from sim_device.simulation import Simulation
 from virtual_ports import BoardPort
 
 MAP = {"reference": "carrier", "latch": "latch", "elements": "e{}"}
@@ -38,6 +42,25 @@ class CapturedRun:
 def measured(capture, keys):
     """Return the drives that the pins of *capture* hold."""
     return held_pin_drives(pin_record_of_capture(capture, ChannelMap.of("map.toml", keys)))
+
+
+def captured_dialect_run(path, dialect, frames, gap_us=40_000, **options):
+    """Show frames on a board of another dialect in virtual time, and capture its pins."""
+    blueprint = blueprint_of_options(dialect, options)
+    settings, wire = blueprint.settings, DIALECTS[dialect]
+    config = PinCaptureConfig(capture=path, capture_ms=600.0, capture_elements="0,9,20,33,46,63")
+    pins = BackdoorPinCapture(path, config, settings)
+    parts = blueprint.parts
+    simulation = Simulation(settings, pins, parts=parts, faults=blueprint.faults, probe=pins)
+    display, host = dialect_display_of(wire, 1), wire.host()
+    shown = [display.off(), *(display.frame(frame.codes) for frame in frames), display.off()]
+    for operations in shown:
+        simulation.advance_to(simulation.now_ns + 1000 * gap_us)
+        data = b"".join(host.send(operation) for operation in operations)
+        assert simulation.host_write(data, simulation.now_ns) == len(data)
+    simulation.advance_to(simulation.now_ns + 1000 * gap_us)
+    pins.close()
+    return [frame.intended(number) for number, frame in enumerate(frames)]
 
 
 def captured_run(path, *, array="4x4", faults=(), mode="phases", frames=12, seed=1, **analyser):

@@ -8,7 +8,7 @@ from board_at_hand import BoardAtHand
 from test_wire_speed import CONTENTS
 
 from haptogram.cli import main
-from haptogram_protocol.framing import fastest_cobs
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.messages import FocalPoint, Points
 
 FRAMES = {

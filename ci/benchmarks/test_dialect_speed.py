@@ -9,11 +9,8 @@ from haptogram_protocol.dialects.autd3 import messages as link
 from haptogram_protocol.dialects.autd3.frame import Autd3DeviceFrame
 from haptogram_protocol.dialects.autd3.operations import Gain
 from haptogram_protocol.dialects.interactlab import QueueFrame
-from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
-from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
-from haptogram_protocol.dialects.ultraino.arduino.operations import SetPattern, Swap
-from haptogram_protocol.dialects.ultraino.fpga import chained_ultraino_frame
+from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
 from sim_device.blueprint import blueprint_of
 
 CHUNK = 4096  # bytes, as a pseudo-terminal hands them out
@@ -23,22 +20,32 @@ FRAMES_PER_S = 5_000  # of autd3, which has no baud rate
 FRAMES = 50
 FRAME_US = 25_000
 
+
+def shown(dialect, codes, boards=1):
+    """Return the operations that show *codes*."""
+    return DIALECTS[dialect].display(boards).frame(codes)
+
+
 source = random.Random(9)
 codes = bytes(source.randrange(33) for _ in range(256))
 # What a client sends over and over: options of both ends, the beginning, and a frame.
 CLIENTS = {
-    "sonicsurface": ({}, [], sonicsurface_frame(codes)),
-    "sonicsurface-tactile": ({}, [], sonicsurface_frame(codes)),
-    "ultraino-fpga": ({}, [], sonicsurface_frame(codes)),
+    "sonicsurface": ({}, [], shown("sonicsurface", codes)),
+    "sonicsurface-tactile": ({}, [], shown("sonicsurface", codes)),
+    "ultraino-fpga": ({}, [], shown("ultraino-fpga", codes)),
     "ultraino-fpga-128": (
         {},
         [],
-        sonicsurface_frame(source.randbytes(72).translate(bytes(range(128)) * 2)),
+        shown("ultraino-fpga-128", source.randbytes(72).translate(bytes(range(128)) * 2)),
     ),
-    "ultraino-fpga-chained": ({"boards": 2}, [], chained_ultraino_frame([codes, codes])),
-    "ultraino-mega64": ({}, [], mega64_frame([source.randbytes(100)])),
-    "ultraino-nano8": ({}, [], [SetPattern(0, 0, source.randbytes(24)), Swap()]),
-    "ultraino-nano16": ({}, [], [SetPattern(0, 0, source.randbytes(32)), Swap()]),
+    "ultraino-fpga-chained": ({"boards": 2}, [], shown("ultraino-fpga-chained", codes * 2, 2)),
+    "ultraino-mega64": (
+        {},
+        [],
+        shown("ultraino-mega64", [source.randrange(10) for _ in range(64)]),
+    ),
+    "ultraino-nano8": ({}, [], [nibbles.SetPattern(0, 0, source.randbytes(24)), nibbles.Swap()]),
+    "ultraino-nano16": ({}, [], [nibbles.SetPattern(0, 0, source.randbytes(32)), nibbles.Swap()]),
     "interactlab": ({}, [], [QueueFrame(codes, bytes([64] * 256), colour=77, divider=4)]),
     "autd3": (
         {},

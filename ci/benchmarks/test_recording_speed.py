@@ -6,7 +6,7 @@ from test_wire_speed import CONTENTS
 
 from haptogram.evidence.recordings.writer import RecordingWriter
 from haptogram.records.latch import LatchRecord
-from haptogram_protocol.framing import fastest_cobs
+from haptogram_protocol.cobs import fastest_cobs
 
 GOAL = 0.7  # share of the time of a board step that a recorded one leaves
 

@@ -7,8 +7,9 @@ import zlib
 import pytest
 from wire_references import BytewiseDecoder
 
+from haptogram_protocol.cobs import PURE_PYTHON, fastest_cobs
 from haptogram_protocol.connection import BoardConnection, HostConnection
-from haptogram_protocol.framing import PURE_PYTHON, FrameDecoder, encode_frame, fastest_cobs
+from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     MESSAGES,
     VERSION_MAJOR,

@@ -31,8 +31,8 @@ from haptogram.machine.process import real_time_process
 from haptogram.records.frame import Intended
 from haptogram.records.kept import KeptRecords
 from haptogram_protocol import HostConnection
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
-from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import (
     Arm,
     ArmReply,

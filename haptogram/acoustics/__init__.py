@@ -188,54 +188,31 @@ __all__ = [
 ]
 
 _LATER: Final = {
-    "Calibration": "model.calibration",
-    "Exposure": "levels.exposure",
-    "Fix": "reconstruct.tracking",
-    "FocalShift": "levels.shift",
-    "FocalSpot": "levels.spot",
-    "FocusCodes": "solvers.batch",
-    "FocusTracker": "reconstruct.tracking",
-    "GratingLobe": "levels.lobes",
-    "GridField": "field.grid",
-    "MeasuredDirectivity": "model.directivities",
-    "PlaneField": "field.plane",
-    "SolverQuality": "solvers.several",
-    "RectangularPiston": "model.directivities",
-    "Resonator": "levels.dynamics",
-    "SecondaryLobe": "levels.lobes",
-    "a_weighting_db": "levels.exposure",
-    "amplitude_to_duty": "levels.dynamics",
-    "box_points_m": "field.grid",
-    "demodulated_level_db_a": "levels.demodulation",
-    "demodulated_lines": "levels.demodulation",
-    "duty_to_amplitude": "levels.dynamics",
-    "exposure_at": "levels.exposure",
-    "find_pressure_peak": "levels.shift",
-    "grating_lobes": "levels.lobes",
-    "pressure_after_hop": "levels.dynamics",
-    "instantaneous_pressure": "field.waveform",
-    "largest_secondary_lobe": "levels.lobes",
-    "mean_square_pressure": "levels.average",
-    "measure_spot": "levels.spot",
-    "paraxial_focal_shift_m": "levels.shift",
-    "predict_focal_shift": "levels.shift",
-    "predict_spot_width_m": "levels.spot",
-    "solver_quality": "solvers.several",
-    "radiated_power_w": "levels.demodulation",
-    "rms_pressure": "field.waveform",
-    "shock_lengths": "levels.harmonic",
-    "solve_foci": "solvers.several",
-    "switching_level_db_a": "levels.exposure",
-    "weights_for_foci": "solvers.several",
-    "worst_exposure": "levels.exposure",
+    "field.grid": "GridField box_points_m",
+    "field.plane": "PlaneField",
+    "field.waveform": "instantaneous_pressure rms_pressure",
+    "levels.average": "mean_square_pressure",
+    "levels.demodulation": "demodulated_level_db_a demodulated_lines radiated_power_w",
+    "levels.dynamics": "Resonator amplitude_to_duty duty_to_amplitude pressure_after_hop",
+    "levels.exposure": "Exposure a_weighting_db exposure_at switching_level_db_a worst_exposure",
+    "levels.harmonic": "shock_lengths",
+    "levels.lobes": "GratingLobe SecondaryLobe grating_lobes largest_secondary_lobe",
+    "levels.shift": "FocalShift find_pressure_peak paraxial_focal_shift_m predict_focal_shift",
+    "levels.spot": "FocalSpot measure_spot predict_spot_width_m",
+    "model.calibration": "Calibration",
+    "model.directivities": "MeasuredDirectivity RectangularPiston",
+    "reconstruct.tracking": "Fix FocusTracker",
+    "solvers.batch": "FocusCodes",
+    "solvers.several": "SolverQuality solve_foci solver_quality weights_for_foci",
 }
+_HOME: Final = {name: module for module, names in _LATER.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> object:
     """Import a public name when it is first asked for."""
-    if name not in _LATER:
+    if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
 
 
 def __dir__() -> list[str]:

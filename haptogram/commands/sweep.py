@@ -19,12 +19,11 @@ from haptogram.settings.run.outputs import OutputConfig
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import FAIL, INCONCLUSIVE, INTERRUPTED, PASS, USAGE
-from .shell.output_files import FILE_HELP, CommandOutputs, announce_output_file
+from .shell.output_files import FILE_HELP, CommandOutputs
 
 if TYPE_CHECKING:
     from haptogram.campaigns.sweep.campaign import OpenWorkers, RunWords, SweepCampaign
     from haptogram.campaigns.sweep.plan import ParserOf
-    from haptogram.machine.provenance import Provenance
     from haptogram.settings.parser import Parser
 
 _LINES: Final = 10  # of progress, where there is no terminal
@@ -92,8 +91,7 @@ def run_sweep(arguments: argparse.Namespace, parser_of: ParserOf, run_words: Run
     """Run the points that are left, write and print the result, and return the exit status."""
     from haptogram.campaigns.sweep.campaign import SweepCampaign
     from haptogram.campaigns.sweep.plan import SweepPlan
-    from haptogram.campaigns.sweep.rows import check_rows_file
-    from haptogram.machine.provenance import Provenance
+    from haptogram.campaigns.sweep.rows import check_rows_file, write_rows
     from haptogram.report.formats.console import document_text
     from haptogram.report.sweep.document import sweep_document
 
@@ -101,7 +99,6 @@ def run_sweep(arguments: argparse.Namespace, parser_of: ParserOf, run_words: Run
     outputs = CommandOutputs(arguments, "rows", "html")
     if "--rows" in outputs.paths:
         check_rows_file(outputs.paths["--rows"])
-    provenance = Provenance.of_run(arguments.command_line, None)
     plan = SweepPlan.read(arguments.file, parser_of)
     campaign = SweepCampaign.load(plan, _journal_of_rows(arguments.rows))
     try:
@@ -112,8 +109,12 @@ def run_sweep(arguments: argparse.Namespace, parser_of: ParserOf, run_words: Run
     document = sweep_document(campaign)
     if campaign.rows:
         outputs.print(document_text(document))
-    if campaign.is_complete:
-        _write_sweep_results(arguments, campaign, provenance)
+    if not campaign.is_complete:
+        return _status_of_sweep(campaign)
+    if not outputs.write(document, rows=lambda path: write_rows(path, campaign.rows_in_order)):
+        return USAGE
+    if campaign.journal is not None:
+        campaign.journal.unlink()
     return _status_of_sweep(campaign)
 
 
@@ -137,23 +138,6 @@ def _how_to_resume_sweep(campaign: SweepCampaign) -> str:
     if campaign.journal is None:
         return f"{done}; with --rows FILE a sweep can be gone on with"
     return f"{done}; the same command goes on from {campaign.journal}"
-
-
-def _write_sweep_results(
-    arguments: argparse.Namespace, campaign: SweepCampaign, provenance: Provenance
-) -> None:
-    from haptogram.campaigns.sweep.rows import write_rows
-    from haptogram.report.formats.html import write_document_page
-    from haptogram.report.sweep.document import sweep_document
-
-    if arguments.html is not None:
-        write_document_page(arguments.html, sweep_document(campaign), provenance)
-        announce_output_file(arguments.html)
-    if arguments.rows is not None:
-        write_rows(arguments.rows, campaign.rows_in_order)
-        announce_output_file(arguments.rows)
-    if campaign.journal is not None:
-        campaign.journal.unlink()
 
 
 def _status_of_sweep(campaign: SweepCampaign) -> int:

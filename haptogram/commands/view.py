@@ -11,7 +11,7 @@ import sys
 import time
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.parser import Acting, checked_option_type, file_name_option
@@ -141,7 +141,7 @@ def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
     from haptogram.report.viewer.scene import view_document
 
     with BackdoorReader(arguments.source) as stream:
-        first, *others = _first_viewed_records(arguments.source, stream)
+        first, *others = stream.read_first(_PATIENCE_S)
         scene = LiveViewerScene(first)
         scene.take(others)
         if arguments.html is None:
@@ -152,16 +152,6 @@ def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
             scene.take(records)
     document = view_document(scene.whole(), title=scene.firmware, lead=scene.lead)
     return PASS if outputs.write(document) else USAGE
-
-
-def _first_viewed_records(source: str, stream: BackdoorReader) -> list[dict[str, Any]]:
-    """Return the first records, as soon as there is one."""
-    end_s = time.monotonic() + _PATIENCE_S
-    while not (records := stream.read()):
-        if time.monotonic() > end_s or not stream.is_open:
-            raise ConfigurationError(f"{source}: no record of a back door came")
-        time.sleep(_PERIOD_S)
-    return records
 
 
 def _serve_view(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from haptogram.records.frame import Evidence
-from haptogram_protocol.messages import Feature
+from haptogram_protocol import messages as m
 
 from .client.board_client import BoardClient
 
@@ -24,7 +24,7 @@ class Depth(enum.IntEnum):
 
 
 #: The case needs no capability.
-NOTHING: Final = Feature(0)
+NOTHING: Final = m.Feature(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Case:
     summary: str
     body: Body | None
     variant: str = ""
-    needs: Feature = NOTHING
+    needs: m.Feature = NOTHING
     evidence: Evidence = Evidence.WIRE
     needs_reset: bool = False
     before_wrap_us: int = 0
@@ -88,7 +88,7 @@ def case(
     summary: str = "",
     *,
     variant: str = "",
-    needs: Feature = NOTHING,
+    needs: m.Feature = NOTHING,
     evidence: Evidence = Evidence.WIRE,
     needs_reset: bool = False,
     before_wrap_us: int = 0,

@@ -12,7 +12,7 @@ from typing import Final, NoReturn
 
 from haptogram.errors import HaptogramError
 from haptogram.records.frame import Evidence
-from haptogram_protocol.messages import DriveReply, TraceDrive
+from haptogram_protocol import messages as m
 
 from .verdict import Behaviour
 
@@ -158,7 +158,7 @@ def _different_parts(name: str, got: object, due: object, due_word: str) -> Iter
         for part in fields(got):
             one, other = getattr(got, part.name), getattr(due, part.name)
             inner = f"{name}.{part.name}".lstrip(".")
-            if part.name == "data" and isinstance(got, DriveReply | TraceDrive):
+            if part.name == "data" and isinstance(got, m.DriveReply | m.TraceDrive):
                 yield from _different_drives(one, other, due_word)
             else:
                 yield from _different_parts(inner, one, other, due_word)

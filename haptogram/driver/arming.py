@@ -8,16 +8,7 @@ from haptogram.driver.configuration import SessionConfiguration
 from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.errors import ConfigurationError
-from haptogram_protocol.messages import (
-    Arm,
-    ArmReply,
-    Disarm,
-    DisarmReply,
-    GetStatus,
-    MuteReply,
-    StatusReply,
-    unwrap,
-)
+from haptogram_protocol import messages
 from haptogram_protocol.state import MuteReason, OutputState
 
 _TIMEOUTS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
@@ -48,7 +39,7 @@ class Arming:
     def arm(self) -> OutputState:
         """Allow output; it stays silent until the first frame is latched."""
         self._wanted = True
-        return self._link.request(Arm(), ArmReply).state
+        return self._link.request(messages.Arm(), messages.ArmReply).state
 
     def mute(self) -> OutputState:
         """Switch the output off, ahead of everything that waits."""
@@ -58,10 +49,10 @@ class Arming:
     def disarm(self) -> OutputState:
         """Switch the output off and forbid it."""
         self._wanted = False
-        return self._link.request(Disarm(), DisarmReply).state
+        return self._link.request(messages.Disarm(), messages.DisarmReply).state
 
     def _mute(self) -> OutputState:
-        return self._link.mute(MuteReply, self._link.timeout_ns).state
+        return self._link.mute(messages.MuteReply, self._link.timeout_ns).state
 
     def rearm_if_timed_out(self, first_us: int) -> None:
         """Arm again a board that a timer muted, or would mute before the next frame is latched.
@@ -94,16 +85,16 @@ class Arming:
         known = self._configuration.known
         return min(known.hold_ms, known.host_timeout_ms) * 1_000_000 // _REFRESHES
 
-    def _fresh_status(self) -> StatusReply:
+    def _fresh_status(self) -> messages.StatusReply:
         """Return the status, asked again if this host was held up before it read the answer."""
         for _ in range(_REFRESHES):
             asked_ns = self._link.now_ns()
-            status = self._link.request(GetStatus(), StatusReply)
+            status = self._link.request(messages.GetStatus(), messages.StatusReply)
             if self._link.now_ns() - asked_ns < self.refresh_ns:
                 break
         return status
 
-    def _hold_ends_before(self, first_us: int, status: StatusReply) -> bool:
+    def _hold_ends_before(self, first_us: int, status: messages.StatusReply) -> bool:
         """Return True if the hold of the present drive may end before the first frame latches.
 
         The first frame may come later than planned: by half of *first_us*, or by some
@@ -113,7 +104,7 @@ class Arming:
             return False
         known = self._configuration.known
         now_us = self._clock.to_device_us(self._link.now_ns())
-        held_us = now_us - unwrap(status.last_latch_us, now_us, 32)
+        held_us = now_us - messages.unwrap(status.last_latch_us, now_us, 32)
         hold_us, ramp_us = known.hold_ms * 1000, known.ramp_ms * 1000
         wait_us = first_us + max(first_us // 2, min(_AT_ONCE_US, hold_us // 4))
         return hold_us - wait_us < held_us <= hold_us + ramp_us  # later: armed, nothing latched yet

@@ -10,16 +10,7 @@ from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
-from haptogram_protocol import LocalProtocolError
-from haptogram_protocol.messages import (
-    Config,
-    ConfigReply,
-    Feature,
-    GetConfig,
-    HelloReply,
-    SetConfig,
-    SetConfigReply,
-)
+from haptogram_protocol import LocalProtocolError, messages
 
 
 class SessionConfiguration:
@@ -37,22 +28,22 @@ class SessionConfiguration:
         The configuration that the board confirmed last.
     """
 
-    def __init__(self, link: Link, identity: HelloReply) -> None:
+    def __init__(self, link: Link, identity: messages.HelloReply) -> None:
         self._link = link
         self._identity = identity
         self.known = self.read()
 
-    def read(self) -> Config:
+    def read(self) -> messages.Config:
         """Ask the board for its configuration and return it."""
-        self.known = self._link.request(GetConfig(), ConfigReply).config
+        self.known = self._link.request(messages.GetConfig(), messages.ConfigReply).config
         self._in_doubt = False
         return self.known
 
-    def confirmed(self) -> Config:
+    def confirmed(self) -> messages.Config:
         """Return the configuration; ask the board if the answer to a change was lost."""
         return self.read() if self._in_doubt else self.known
 
-    def change(self, **changes: Any) -> Config:
+    def change(self, **changes: Any) -> messages.Config:
         """Change fields of :class:`~haptogram_protocol.messages.Config` and return the result.
 
         Raises
@@ -62,17 +53,17 @@ class SessionConfiguration:
         DeviceError
             If the board refuses a value.
         """
-        fields = {field.name for field in dataclasses.fields(Config)}
+        fields = {field.name for field in dataclasses.fields(messages.Config)}
         if unknown := sorted(set(changes) - fields):
             raise ConfigurationError(
                 f"configuration has no {unknown[0]!r}; it has {', '.join(sorted(fields))}"
             )
         for name, value in changes.items():
             check_whole(name, value, 0, 2**32 - 1)
-        wanted = SetConfig(dataclasses.replace(self.confirmed(), **changes))
+        wanted = messages.SetConfig(dataclasses.replace(self.confirmed(), **changes))
         self._in_doubt = True  # the board may apply the change, and its answer be lost
         try:
-            self.known = self._link.request(wanted, SetConfigReply).config
+            self.known = self._link.request(wanted, messages.SetConfigReply).config
         except LocalProtocolError as error:
             self._in_doubt = False
             raise ConfigurationError(f"configuration {changes} does not fit: {error}") from error
@@ -92,7 +83,7 @@ class SessionConfiguration:
         speed_mm_s = next(speeds, None)
         if speed_mm_s is None or speed_mm_s == known.sound_speed_mm_s:
             return
-        if not self._identity.features & Feature.CONFIG:
+        if not self._identity.features & messages.Feature.CONFIG:
             raise ConfigurationError(
                 f"the frames are for a speed of sound of {speed_mm_s / 1000:g} m/s; the board "
                 f"assumes {known.sound_speed_mm_s / 1000:g} m/s and cannot be told"

@@ -31,11 +31,7 @@ from haptogram.driver.identity import check_air_of_identity
 from haptogram.driver.line.budget import check_dialect_rate
 from haptogram.driver.line.dialect_line import DialectLine
 from haptogram.driver.line.port import Transport, check_port, open_transport
-from haptogram.driver.timing.limits import (
-    check_hold_duration,
-    check_stream_timing,
-    check_streamed_frames,
-)
+from haptogram.driver.timing import limits
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.errors import ConfigurationError
@@ -288,7 +284,7 @@ class DialectDriver(ClosedByWith):
 
     def hold(self, seconds: float) -> None:
         """Wait so long: the boards hold by themselves what they were shown last."""
-        check_hold_duration(seconds)
+        limits.check_hold_duration(seconds)
         self._line.run_until(self._line.now_ns() + round(seconds * _NS_PER_S))
 
     def frames(self, targets: Targets, *, solver: Method = "naive") -> list[DialectFrame]:
@@ -330,9 +326,9 @@ class DialectDriver(ClosedByWith):
         check_dialect_rate(
             self.dialect, self.boards, baudrate=self._baudrate, rate_hz=schedule.rate_hz
         )
-        check_stream_timing(loops, spin_us, progress, realtime=realtime)
+        limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
         once = self._builder().frames_of(targets, solver)
-        total = check_streamed_frames(loops * len(once))
+        total = limits.check_streamed_frames(loops * len(once))
         period_ns, stride = int(schedule.period_us * 1000), max(1, int(rate_hz / _PROGRESS_HZ))
         lateness_us = np.zeros(total)
         with real_time_process(strict=realtime) as refused:

@@ -19,11 +19,7 @@ from haptogram.driver.output import HostOutput
 from haptogram.driver.playback import MOST_PLAYED, PlaybackTiming, PlayReport, playback_period_us
 from haptogram.driver.session import DriverSession, Sink, choose_session_nonce
 from haptogram.driver.stream import StreamPacing, StreamReport
-from haptogram.driver.timing.limits import (
-    check_hold_duration,
-    check_stream_timing,
-    check_streamed_frames,
-)
+from haptogram.driver.timing import limits
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.driver.upload import upload_correction
 from haptogram.machine.closing import ClosedByWith
@@ -36,15 +32,8 @@ from haptogram.settings.arguments import (
     check_number,
     check_whole,
 )
+from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
-from haptogram_protocol.messages import (
-    Config,
-    DriveKind,
-    GetStatus,
-    Status,
-    StatusReply,
-    TraceMode,
-)
 from haptogram_protocol.state import OutputState
 
 DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
@@ -132,14 +121,14 @@ class Driver(ClosedByWith):
         model: AcousticModel | None = None,
         medium: Medium | None = None,
         calibration: Calibration | str | Path | None = None,
-        trace: TraceMode | None = None,
+        trace: messages.TraceMode | None = None,
         keep: int | None = MOST_KEPT,
         sink: Sink | None = None,
     ) -> None:
         check_port(port, baudrate, timeout_s)
         check_air_of_identity(model, medium)
         if trace is not None:
-            check_argument_kind("trace", trace, TraceMode, "a TraceMode, or None")
+            check_argument_kind("trace", trace, messages.TraceMode, "a TraceMode, or None")
         check_kept_records(keep)
         check_callable("sink", sink)
         elements = None if calibration is None else Calibration.of(calibration)
@@ -212,7 +201,7 @@ class Driver(ClosedByWith):
         return dict(self._link.connection.counters)
 
     @property
-    def last_status(self) -> Status | None:
+    def last_status(self) -> messages.Status | None:
         """The newest periodic status of the board; None before the first."""
         return self._session.last_status
 
@@ -225,9 +214,9 @@ class Driver(ClosedByWith):
         check_argument_kind("event", event, EventReceived, "an event, as in Driver.events")
         return self._session.time_of_event_us(event)
 
-    def status(self) -> StatusReply:
+    def status(self) -> messages.StatusReply:
         """Return the board's counters and arrival margin; the margin then starts anew."""
-        return self._link.request(GetStatus(), StatusReply)
+        return self._link.request(messages.GetStatus(), messages.StatusReply)
 
     def ping(self) -> float:
         """Measure the device clock anew and return the error that is left, in microseconds."""
@@ -242,11 +231,11 @@ class Driver(ClosedByWith):
         to_device_us = self.clock.to_device_us
         return [(to_device_us(t0), to_device_us(t1)) for t0, t1 in self._link.silences_ns]
 
-    def config(self) -> Config:
+    def config(self) -> messages.Config:
         """Return the board's configuration."""
         return self._session.configuration.read()
 
-    def configure(self, **changes: Any) -> Config:
+    def configure(self, **changes: Any) -> messages.Config:
         """Change fields of the board's configuration and return the one then in force.
 
         Parameters
@@ -271,7 +260,7 @@ class Driver(ClosedByWith):
         """Return the board's array, read element by element."""
         return read_geometry(self._link, self.identity)
 
-    def read_drive(self, kind: DriveKind = DriveKind.LATCHED) -> Observation:
+    def read_drive(self, kind: messages.DriveKind = messages.DriveKind.LATCHED) -> Observation:
         """Return the present drive at the transducers, latched or radiated."""
         return self._session.read_drive(kind)
 
@@ -297,7 +286,7 @@ class Driver(ClosedByWith):
         ConfigurationError
             If nothing was focused on yet, or the board is not armed.
         """
-        check_hold_duration(seconds)
+        limits.check_hold_duration(seconds)
         self._output.hold(seconds)
 
     def frames(
@@ -369,11 +358,11 @@ class Driver(ClosedByWith):
             then.
         """
         schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=self.identity.queue_depth)
-        check_stream_timing(loops, spin_us, progress, realtime=realtime)
+        limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
         check_number("miss_share", miss_share, 0.0, 1.0)
         check_argument_kind("trim", trim, bool, "True or False")
         once = self._builder().frames_of(targets, mode, solver)
-        check_streamed_frames(loops * len(once))
+        limits.check_streamed_frames(loops * len(once))
         return self._output.stream(
             once,
             loops,

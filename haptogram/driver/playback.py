@@ -15,16 +15,8 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey, Intended
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress, check_number, check_whole
+from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
-from haptogram_protocol.messages import (
-    HelloReply,
-    Play,
-    PlaybackEnded,
-    PlayReply,
-    StatusReply,
-    Stop,
-    StopReply,
-)
 
 _SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
 US_PER_S: Final = 1_000_000
@@ -33,7 +25,7 @@ MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz
 _LEAST_UNATTENDED_MS: Final = 2 * PING_PERIOD_NS // 1_000_000
 
 
-def playback_period_us(rate_hz: float, identity: HelloReply) -> int:
+def playback_period_us(rate_hz: float, identity: messages.HelloReply) -> int:
     """Return the period of *rate_hz* in whole microseconds, as PLAY carries it.
 
     Raises
@@ -77,14 +69,14 @@ class PlaybackTiming:
     lead_us: int
     unattended_ms: int
 
-    def check(self, identity: HelloReply) -> None:
+    def check(self, identity: messages.HelloReply) -> None:
         """Refuse times that the board does not play, before the first byte is sent."""
         check_whole("loops", self.loops, 1, MOST_PLAYED)
         check_whole("lead_us", self.lead_us, 1, identity.max_horizon_us)
         least_ms = _LEAST_UNATTENDED_MS  # two pings of the host
         check_whole("unattended_ms", self.unattended_ms, least_ms, identity.max_unattended_ms)
 
-    def check_frames(self, frames: list[Frame], identity: HelloReply) -> None:
+    def check_frames(self, frames: list[Frame], identity: messages.HelloReply) -> None:
         """Refuse times in which the board cannot make *frames* ready.
 
         Raises
@@ -127,7 +119,7 @@ class PlayReport:
     latched: int | None
     t0_us: int
     clock_uncertainty_us: float
-    status: StatusReply
+    status: messages.StatusReply
 
 
 @dataclass(slots=True)
@@ -178,7 +170,7 @@ class DriverPlayback:
         self,
         link: Link,
         pinger: Pinger,
-        identity: HelloReply,
+        identity: messages.HelloReply,
         *,
         events: KeptRecords[EventReceived],
     ) -> None:
@@ -192,7 +184,7 @@ class DriverPlayback:
     def stop(self) -> None:
         """End a playback that was cut short here, and goes on at the board."""
         if self._goes_on:
-            self._link.request(Stop(), StopReply)
+            self._link.request(messages.Stop(), messages.StopReply)
             self._goes_on = False
 
     def store(self, data: SequenceData) -> None:
@@ -206,7 +198,7 @@ class DriverPlayback:
         timing: PlaybackTiming,
         intended: KeptRecords[Intended],
         progress: Progress | None,
-    ) -> tuple[int, PlaybackEnded | None]:
+    ) -> tuple[int, messages.PlaybackEnded | None]:
         """Play what was stored and wait for the end; return t0 and the board's own account.
 
         *intended* grows by what falls due; at the end by what is left, unless the wait is cut
@@ -228,11 +220,13 @@ class DriverPlayback:
         """Start playback and return when: unwrapped device time."""
         now_us = self._pinger.clock.to_device_us(self._link.now_ns())
         t0_us = next_boundary_on_device_clock_us(now_us + timing.lead_us, self._identity.carrier_hz)
-        play = Play(_SEQUENCE_ID, timing.period_us, timing.loops, timing.unattended_ms)
-        self._link.request(play, PlayReply, t_apply_us=t0_us)
+        play = messages.Play(_SEQUENCE_ID, timing.period_us, timing.loops, timing.unattended_ms)
+        self._link.request(play, messages.PlayReply, t_apply_us=t0_us)
         return t0_us
 
-    def _follow(self, score: _PlaybackScore, progress: Progress | None) -> PlaybackEnded | None:
+    def _follow(
+        self, score: _PlaybackScore, progress: Progress | None
+    ) -> messages.PlaybackEnded | None:
         """Wait for the end of playback, and keep the lease meanwhile."""
         total, end_us = score.total, score.due_us(score.total)
         last_ns = self._pinger.clock.to_host_ns(end_us) + self._link.timeout_ns
@@ -247,10 +241,10 @@ class DriverPlayback:
             progress(total, total)
         return end
 
-    def _ended(self) -> PlaybackEnded | None:
+    def _ended(self) -> messages.PlaybackEnded | None:
         """Return the board's report of the end, among its events since the start."""
         news = (event.message for event in self._events.since(self._news))
-        return next((m for m in news if isinstance(m, PlaybackEnded)), None)
+        return next((m for m in news if isinstance(m, messages.PlaybackEnded)), None)
 
     def _due(self, score: _PlaybackScore) -> int:
         """Return how many frames were due by now."""

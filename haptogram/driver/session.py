@@ -23,8 +23,8 @@ from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import MOST_SEED, check_argument_kind, check_whole
 from haptogram_protocol import HostConnection
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
-from haptogram_protocol.framing import fastest_cobs
 from haptogram_protocol.messages import DriveKind, MuteReply, Status, TraceMode, unwrap
 
 #: Called with every frame that is sent, and with every latch that the board reports.

@@ -12,21 +12,8 @@ from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.errors import ConfigurationError, WrongProtocolError
 from haptogram.records.frame import Evidence, FrameKey, Observation
+from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
-from haptogram_protocol.messages import (
-    DriveKind,
-    DriveReply,
-    Flag,
-    LatchKey,
-    ReadDrive,
-    ReadTrace,
-    Trace,
-    TraceDrive,
-    TracePlayback,
-    TraceRecord,
-    TraceReply,
-    unwrap,
-)
 
 _READ_TRIES = 3  # of a drive that is replaced while it is read
 _RING_READ = 0xFFFF  # latches asked for at a time; the board sends as many as fit
@@ -54,11 +41,11 @@ class DriverTraceReader:
     def take(self, event: EventReceived) -> Observation | None:
         """Return the latch that *event* reports, None if it reports something else."""
         message = event.message
-        if isinstance(message, Trace):
-            key, drive, crc = LatchKey(0, 0, message.index), None, message.crc
-        elif isinstance(message, TracePlayback):
+        if isinstance(message, messages.Trace):
+            key, drive, crc = messages.LatchKey(0, 0, message.index), None, message.crc
+        elif isinstance(message, messages.TracePlayback):
             key, drive, crc = message.key, None, message.crc
-        elif isinstance(message, TraceDrive):
+        elif isinstance(message, messages.TraceDrive):
             drive = self._drive(message.data)
             key, crc = message.key, drive.digest()
         else:
@@ -66,7 +53,7 @@ class DriverTraceReader:
         return Observation(
             key=self._key(key),
             t_latch_us=self._unwrap(event.header.time_us, event.t_rx_us * 1000),
-            late=bool(event.header.flags & Flag.LATE),
+            late=bool(event.header.flags & messages.Flag.LATE),
             evidence=Evidence.SELF_REPORTED,
             drive=drive,
             drive_crc=crc,
@@ -76,7 +63,9 @@ class DriverTraceReader:
         """Return the latches in the board's ring that were not read before, oldest first."""
         found: list[Observation] = []
         while True:
-            reply = link.request(ReadTrace(self._next_in_ring, _RING_READ), TraceReply)
+            reply = link.request(
+                messages.ReadTrace(self._next_in_ring, _RING_READ), messages.TraceReply
+            )
             now_ns = link.now_ns()
             found += [self._observation(record, now_ns) for record in reply.records]
             if not reply.records or reply.records[-1].number < self._next_in_ring:
@@ -85,7 +74,7 @@ class DriverTraceReader:
             if self._next_in_ring >= reply.next:
                 return found
 
-    def read_drive(self, link: Link, kind: DriveKind) -> Observation:
+    def read_drive(self, link: Link, kind: messages.DriveKind) -> Observation:
         """Return the drive at the transducers now, latched or radiated.
 
         Raises
@@ -103,11 +92,13 @@ class DriverTraceReader:
             f"{link.url}: the drive changed during each of {_READ_TRIES} read-backs"
         )
 
-    def _read_parts(self, link: Link, kind: DriveKind) -> list[DriveReply]:
-        replies: list[DriveReply] = []
+    def _read_parts(self, link: Link, kind: messages.DriveKind) -> list[messages.DriveReply]:
+        replies: list[messages.DriveReply] = []
         first = 0
         while first < self._transducers:
-            reply = link.request(ReadDrive(kind, first, self._transducers - first), DriveReply)
+            reply = link.request(
+                messages.ReadDrive(kind, first, self._transducers - first), messages.DriveReply
+            )
             if reply.first != first or not reply.data:
                 raise WrongProtocolError(
                     f"{link.url}: READ_DRIVE from {first} gave {len(reply.data) // 2} transducers "
@@ -117,7 +108,7 @@ class DriverTraceReader:
             first += len(reply.data) // 2
         return replies
 
-    def _joined(self, replies: list[DriveReply], now_ns: int) -> Observation:
+    def _joined(self, replies: list[messages.DriveReply], now_ns: int) -> Observation:
         halves = [(r.data[: len(r.data) // 2], r.data[len(r.data) // 2 :]) for r in replies]
         data = b"".join(phases for phases, _ in halves) + b"".join(levels for _, levels in halves)
         drive = self._drive(data)
@@ -130,20 +121,20 @@ class DriverTraceReader:
             drive_crc=drive.digest(),
         )
 
-    def _observation(self, record: TraceRecord, now_ns: int) -> Observation:
+    def _observation(self, record: messages.TraceRecord, now_ns: int) -> Observation:
         return Observation(
             key=self._key(record.key),
             t_latch_us=self._unwrap(record.t_latch_us, now_ns),
-            late=bool(record.flags & Flag.LATE),
+            late=bool(record.flags & messages.Flag.LATE),
             evidence=Evidence.SELF_REPORTED,
             drive_crc=record.crc,
         )
 
-    def _key(self, key: LatchKey) -> FrameKey:
+    def _key(self, key: messages.LatchKey) -> FrameKey:
         return FrameKey(self._session, key.sequence, key.loop, key.index)
 
     def _unwrap(self, wire_us: int, near_ns: int) -> int:
-        return unwrap(wire_us, self._clock.to_device_us(near_ns), 32)
+        return messages.unwrap(wire_us, self._clock.to_device_us(near_ns), 32)
 
     def _drive(self, data: bytes) -> Drive:
         """Return the drive of N phase codes and N amplitude codes, or raise."""

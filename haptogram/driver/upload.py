@@ -10,18 +10,7 @@ from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
 from haptogram.errors import ConfigurationError, DeviceError, WrongProtocolError
 from haptogram.settings.arguments import check_argument_kind
-from haptogram_protocol.messages import (
-    ErrorCode,
-    HelloReply,
-    Points,
-    UploadBegin,
-    UploadBeginReply,
-    UploadChunk,
-    UploadChunkReply,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
-)
+from haptogram_protocol import messages
 from haptogram_protocol.rules import UPLOAD_CAPABILITIES
 
 _LARGEST_CHUNK: Final = 2048  # leaves room for header, CRC and stuffing in any frame
@@ -44,7 +33,7 @@ class SequenceData:
         How many.
     """
 
-    kind: UploadKind
+    kind: messages.UploadKind
     points_per_frame: int
     data: bytes
     frames: int
@@ -65,16 +54,16 @@ class SequenceData:
                 "drives and not both"
             )
         data = b"".join(frame.message.serialize() for frame in frames)
-        counts = {len(f.message.points) for f in frames if isinstance(f.message, Points)}
+        counts = {len(f.message.points) for f in frames if isinstance(f.message, messages.Points)}
         if not counts:
-            return cls(UploadKind.PHASES, 0, data, len(frames))
+            return cls(messages.UploadKind.PHASES, 0, data, len(frames))
         if len(counts) > 1:
             raise ConfigurationError(
                 f"frames of {min(counts)} to {max(counts)} foci; those of a sequence have as many"
             )
-        return cls(UploadKind.POINTS, counts.pop(), data, len(frames))
+        return cls(messages.UploadKind.POINTS, counts.pop(), data, len(frames))
 
-    def check(self, identity: HelloReply) -> None:
+    def check(self, identity: messages.HelloReply) -> None:
         """Refuse a sequence that the board cannot hold, before the first byte is sent."""
         _check_upload(identity, self.kind, len(self.data))
         if self.frames > identity.max_sequence_frames:
@@ -84,7 +73,7 @@ class SequenceData:
             )
 
 
-def _check_upload(identity: HelloReply, kind: UploadKind, size: int) -> None:
+def _check_upload(identity: messages.HelloReply, kind: messages.UploadKind, size: int) -> None:
     """Refuse an upload that the board does not take.
 
     Raises
@@ -102,12 +91,12 @@ def _check_upload(identity: HelloReply, kind: UploadKind, size: int) -> None:
 
 def upload_by_driver(
     link: Link,
-    kind: UploadKind,
+    kind: messages.UploadKind,
     target: int,
     data: bytes,
     *,
     points_per_frame: int = 0,
-) -> UploadCommitReply:
+) -> messages.UploadCommitReply:
     """Transfer *data*, with as many chunks under way as the board allows, and commit it.
 
     Raises
@@ -115,21 +104,21 @@ def upload_by_driver(
     DeviceError
         The board refused it; what it held before stays.
     """
-    begin = UploadBegin(kind, points_per_frame, target, len(data), zlib.crc32(data))
-    reply = link.request(begin, UploadBeginReply)
+    begin = messages.UploadBegin(kind, points_per_frame, target, len(data), zlib.crc32(data))
+    reply = link.request(begin, messages.UploadBeginReply)
     _send_upload_chunks(link, data, min(reply.max_chunk, _LARGEST_CHUNK))
-    return link.request(UploadCommit(target), UploadCommitReply)
+    return link.request(messages.UploadCommit(target), messages.UploadCommitReply)
 
 
-def upload_correction(link: Link, identity: HelloReply, codes: bytes) -> None:
+def upload_correction(link: Link, identity: messages.HelloReply, codes: bytes) -> None:
     """Set the phase correction of every transducer, in 1/256 turns."""
     check_argument_kind("codes", codes, bytes, "bytes")
     if len(codes) != identity.transducers:
         raise ConfigurationError(
             f"{len(codes)} phase corrections; the board has {identity.transducers} transducers"
         )
-    _check_upload(identity, UploadKind.CORRECTION, len(codes))
-    upload_by_driver(link, UploadKind.CORRECTION, 0, codes)
+    _check_upload(identity, messages.UploadKind.CORRECTION, len(codes))
+    upload_by_driver(link, messages.UploadKind.CORRECTION, 0, codes)
 
 
 def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:
@@ -150,15 +139,15 @@ def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
     received = 0
     while offset < len(data) or waiting:
         while offset < len(data) and _may_send_chunk(link, size):
-            waiting.append(link.send_chunk(UploadChunk(offset, data[offset:][:size])))
+            waiting.append(link.send_chunk(messages.UploadChunk(offset, data[offset:][:size])))
             offset += size
         for seq in [seq for seq in waiting if link.answered(seq)]:
             waiting.remove(seq)
             try:
-                reply = link.wait_for(seq, UploadChunkReply, link.now_ns())
+                reply = link.wait_for(seq, messages.UploadChunkReply, link.now_ns())
                 received = max(received, reply.received)
             except DeviceError as error:
-                if error.code != ErrorCode.INCOMPLETE:
+                if error.code != messages.ErrorCode.INCOMPLETE:
                     raise
                 offset = len(data)
         if offset < len(data) or waiting:

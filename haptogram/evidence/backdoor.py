@@ -7,11 +7,9 @@ line, so they are external evidence: no firmware vouches for itself here.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -50,39 +48,6 @@ LATCHES: Final = ("latch", "pulses")
 _ARMED: Final = "ARMED"
 #: Reasons for which a timer of the board mutes it: the host, or its stream, fell silent.
 TIMED_OUT: Final = frozenset({"HOLD_EXPIRED", "HOST_SILENT", "UNATTENDED"})
-
-
-class BackdoorFileReader:
-    """A file that a board appends records to while it runs.
-
-    Parameters
-    ----------
-    path : Path
-        It need not exist yet.
-
-    Attributes
-    ----------
-    records : list of dict
-        Everything that was read so far, in order.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.records: list[dict[str, Any]] = []
-        self._path = path
-        self._offset = 0
-
-    def read(self) -> int:
-        """Take the lines that are whole by now, and return how many records that made."""
-        if not self._path.exists():
-            return 0
-        with self._path.open("rb") as file:
-            file.seek(self._offset)
-            data = file.read()
-        whole = data[: data.rfind(b"\n") + 1]
-        self._offset += len(whole)
-        found = [json.loads(line) for line in whole.splitlines()]
-        self.records += found
-        return len(found)
 
 
 def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:

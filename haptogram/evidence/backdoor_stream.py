@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import time
 from typing import Any, Final
 
 from haptogram.errors import ConfigurationError, plain_reason, unreadable_file
@@ -13,6 +14,7 @@ from haptogram.machine.closing import ClosedByWith
 UNIX_PREFIX: Final = "unix:"
 _AT_A_TIME: Final = 1 << 20  # bytes: about a thousand latches
 _LONGEST_LINE: Final = 1 << 22
+_POLL_S: Final = 0.01
 
 
 class BackdoorReader(ClosedByWith):
@@ -68,6 +70,21 @@ directory): start one with haptogram board --backdoor unix:/nowhere
                 return [self._record(line) for line in lines]
         self.is_open = data is not None
         return []
+
+    def read_first(self, patience_s: float = 5.0) -> list[dict[str, Any]]:
+        """Return the first records, as soon as there is one.
+
+        Raises
+        ------
+        ConfigurationError
+            None comes for so long.
+        """
+        end_s = time.monotonic() + patience_s
+        while not (records := self.read()):
+            if time.monotonic() > end_s or not self.is_open:
+                raise ConfigurationError(f"{self._source}: no record of a back door came")
+            time.sleep(_POLL_S)
+        return records
 
     def close(self) -> None:
         """Close the file or the connection."""

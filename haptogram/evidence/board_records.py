@@ -7,12 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.evidence.backdoor import (
-    LATCHES,
-    BackdoorFileReader,
-    is_observed_latch_of,
-    why_observations_incomplete,
-)
+from haptogram.evidence import backdoor
+from haptogram.evidence.backdoor_stream import BackdoorReader
 from haptogram.evidence.dialects.latches import has_dialect_latched_all
 from haptogram.records.frame import FrameKey, Intended
 
@@ -32,6 +28,11 @@ class BoardRecords:
         Returns whether the board runs.
     now_s, sleep : callable
         The clock on which the board is waited for.
+
+    Attributes
+    ----------
+    records : list of dict
+        Those that were read.
     """
 
     def __init__(
@@ -42,18 +43,26 @@ class BoardRecords:
         now_s: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._file = BackdoorFileReader(path)
+        path.touch()
+        self.records: list[dict[str, Any]] = []
+        self._stream = BackdoorReader(str(path))
         self._is_running, self._now_s, self._sleep = is_running, now_s, sleep
 
     def read(self) -> list[dict[str, Any]]:
         """Return all records so far."""
-        self._file.read()
-        return self._file.records
+        while self._stream.is_open and (found := self._stream.read()):
+            self.records += found
+        return self.records
+
+    def close(self) -> None:
+        """Read what there is, and close the back door."""
+        self.read()
+        self._stream.close()
 
     def wait_for_latches(self, count: int, timeout_s: float) -> bool:
         """Wait for *count* latches; return whether they came before the end and *timeout_s*."""
         end_s = self._now_s() + timeout_s
-        while sum(record["kind"] in LATCHES for record in self.read()) < count:
+        while sum(record["kind"] in backdoor.LATCHES for record in self.read()) < count:
             if self._now_s() > end_s or self._is_closed:
                 return False
             self._sleep(_POLL_S)
@@ -71,12 +80,12 @@ class BoardRecords:
 
         def is_there() -> bool:
             nonlocal looked_at
-            new = self._file.records[looked_at:]
+            new = self.records[looked_at:]
             looked_at += len(new)
-            return any(is_observed_latch_of(record, key) for record in new)
+            return any(backdoor.is_observed_latch_of(record, key) for record in new)
 
         self._read_until(is_there)
-        return why_observations_incomplete(self._file.records, key.session, key)
+        return backdoor.why_observations_incomplete(self.records, key.session, key)
 
     def wait_for_all(self, intended: Sequence[Intended]) -> str | None:
         """Wait for a latch of each frame of *intended* on a board that numbers none.
@@ -86,10 +95,10 @@ class BoardRecords:
         str or None
             As :meth:`wait_for_latch`.
         """
-        self._read_until(lambda: has_dialect_latched_all(intended, self._file.records))
-        if has_dialect_latched_all(intended, self._file.records):
+        self._read_until(lambda: has_dialect_latched_all(intended, self.records))
+        if has_dialect_latched_all(intended, self.records):
             return None
-        return why_observations_incomplete(self._file.records)
+        return backdoor.why_observations_incomplete(self.records)
 
     def read_to_the_end(self, progress: Callable[[int], None] | None = None) -> None:
         """Read until the end record, or until the board falls silent.
@@ -107,10 +116,11 @@ class BoardRecords:
         """Read until *enough*, or until no more records are to be expected."""
         quiet_since_s = self._now_s()
         while True:
-            if self._file.read():
+            count = len(self.records)
+            if len(self.read()) > count:
                 quiet_since_s = self._now_s()
                 if progress is not None:
-                    progress(len(self._file.records))
+                    progress(len(self.records))
             if enough() or self._is_closed:
                 return
             patience_s = _QUIET_S if self._is_running() else _LAST_WORDS_S
@@ -121,5 +131,5 @@ class BoardRecords:
     @property
     def _is_closed(self) -> bool:
         """True if the last record has come, that of the end."""
-        records = self._file.records
+        records = self.records
         return bool(records) and records[-1]["kind"] == "end"

@@ -12,14 +12,7 @@ from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes_on_line
 from haptogram.driver.line.port import Transport
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import (
-    TIMED_OUT,
-    observations_on_clock_of,
-    observed_fault_counts,
-    observed_losses_on_clock_of,
-    observed_silences_on_clock_of,
-    why_observations_incomplete,
-)
+from haptogram.evidence import backdoor
 from haptogram.evidence.dialects.latches import (
     are_records_of_another_dialect,
     dialect_run_observations,
@@ -44,17 +37,14 @@ class DriverEvidence(Protocol):
     @property
     def session(self) -> int:
         """Nonce of the session; 0 on a wire without sessions."""
-        ...
 
     @property
     def intended(self) -> KeptRecords[Intended]:
         """Frames that were sent or due, in order."""
-        ...
 
     @property
     def observations(self) -> KeptRecords[Observation]:
         """Latches that the board reported, or that the bytes on the wire are."""
-        ...
 
 
 class BoardUnderTest:
@@ -115,11 +105,11 @@ class BoardUnderTest:
 
         They are counted as those of what was intended.
         """
-        return observed_silences_on_clock_of(driver.intended, self.records())
+        return backdoor.observed_silences_on_clock_of(driver.intended, self.records())
 
     def losses(self, driver: Driver) -> BoardLosses:
         """Return the reasons for frames that it did not latch, once the observations are there."""
-        return observed_losses_on_clock_of(
+        return backdoor.observed_losses_on_clock_of(
             driver.intended, self.records(), is_machine_in_between=not self.is_in_process
         )
 
@@ -130,7 +120,7 @@ class BoardUnderTest:
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """Counts of the planned faults that fired, once the observations are there; or None."""
-        return observed_fault_counts(self.records())
+        return backdoor.observed_fault_counts(self.records())
 
 
 class ProcessBoardUnderTest(BoardUnderTest):
@@ -162,7 +152,7 @@ class ProcessBoardUnderTest(BoardUnderTest):
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
         self._board.finish(show, skip_fields=skip_fields)
-        self.unseen = why_observations_incomplete(self.records(), driver.session)
+        self.unseen = backdoor.why_observations_incomplete(self.records(), driver.session)
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
         return super().observations(driver)
@@ -227,7 +217,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
         if self._latches is None or are_records_of_another_dialect(self.records()):
             return super().observations(driver, progress, skip_fields=skip_fields)
         own = [latch for latch in self._latches() if latch.key.session == driver.session]
-        return observations_on_clock_of(driver.intended, own)
+        return backdoor.observations_on_clock_of(driver.intended, own)
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of the back door."""
@@ -370,7 +360,7 @@ class PortBoardUnderTest(BoardUnderTest):
                 driver.time_of_event_us(event)
                 for event in driver.events
                 if isinstance(event.message, StateChanged)
-                and event.message.reason.name in TIMED_OUT
+                and event.message.reason.name in backdoor.TIMED_OUT
             ),
             is_machine_in_between=self._baudrate is None,
         )

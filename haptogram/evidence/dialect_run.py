@@ -11,6 +11,7 @@ from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
+from haptogram.evidence.dialects.latches import upload_loss_text
 from haptogram.evidence.run_record import (
     RunRecord,
     calibration_of_run,
@@ -18,12 +19,7 @@ from haptogram.evidence.run_record import (
     note_calibration_of_run,
     recorded_port_of_run,
 )
-from haptogram.objects.run_frames import (
-    MOST_FRAMES,
-    frames_of_run,
-    host_model_of_run_frames,
-    targets_of_run,
-)
+from haptogram.objects import run_frames
 from haptogram.settings.arguments import Progress
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.verification import Cut, check_frame_tolerance, tolerance_of
@@ -80,8 +76,8 @@ def measure_run_of_dialect(
     As :func:`~haptogram.evidence.run_record.measure_run` on Haptogram's own boards. At a port that
     tells nothing, the observations are what the bytes that left the host are.
     """
-    shown = frames_of_run(config.shape, config.pace, config.modulation)
-    model = host_model_of_run_frames(config.array, boards.array)
+    shown = run_frames.frames_of_run(config.shape, config.pace, config.modulation)
+    model = run_frames.host_model_of_run_frames(config.array, boards.array)
     if boards.mounting is not None:
         model = model.calibrated(boards.mounting)
     elements = calibration_of_run(config)
@@ -93,7 +89,7 @@ def measure_run_of_dialect(
         model=model,
         calibration=elements if config.elements.compensate else None,
         channels=boards.channels,
-        keep=MOST_FRAMES,
+        keep=run_frames.MOST_FRAMES,
     )
     about = {
         "dialect": boards.dialect.name,
@@ -111,7 +107,8 @@ def measure_run_of_dialect(
         check_frame_tolerance(found.model, shown.points_m, tolerance_of(config.tolerance))
         with _cut_of_dialect_run(found, driver, total):
             frames = driver.frames(
-                targets_of_run(config, shown), solver=cast("Method", config.solver_of_host)
+                run_frames.targets_of_run(config, shown),
+                solver=cast("Method", config.solver_of_host),
             )
             found.report = driver.stream(
                 frames, config.pace.rate_hz, loops=config.pace.repeat, progress=progress
@@ -119,6 +116,8 @@ def measure_run_of_dialect(
     finally:
         close_driver_of_run(driver, found)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
+    if (loss := upload_loss_text(board.records())) is not None:
+        found.warnings.append(loss)
     if tap is not None:
         tap.tell(board.records())
     found.unseen, found.fault_counts = board.unseen, board.fault_counts

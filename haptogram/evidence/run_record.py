@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, cast
 
+from haptogram import verification
 from haptogram.acoustics import AcousticModel, Calibration
 from haptogram.driver.dialect_driver import DialectDriver, DialectReport
 from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, DEFAULT_UNATTENDED_MS, Driver
@@ -20,27 +21,13 @@ from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
 from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.machine.terminal import printable_on_terminal
+from haptogram.objects import run_frames
 from haptogram.objects.modulation import FocusFrames
-from haptogram.objects.run_frames import (
-    MOST_FRAMES,
-    frames_of_run,
-    host_model_of_run_frames,
-    targets_of_run,
-)
 from haptogram.records.frame import STREAM, Intended, Observation
 from haptogram.records.kept import only_kept_records
 from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import Progress
 from haptogram.settings.run.verify import VerifyConfig
-from haptogram.verification import (
-    Cut,
-    RunVerdict,
-    Tolerance,
-    Uncertainty,
-    check_frame_tolerance,
-    tolerance_of,
-    verify_run,
-)
 from haptogram_protocol.messages import GROWING_COUNTERS, Counters, HelloReply, StateChanged
 
 if TYPE_CHECKING:
@@ -93,7 +80,7 @@ class RunRecord:
     intended: Sequence[Intended] = ()
     observations: Sequence[Observation] = ()
     report: StreamReport | PlayReport | DialectReport | None = None
-    cut: Cut | None = None
+    cut: verification.Cut | None = None
     interrupted: bool = False
     unseen: str | None = None
     warnings: list[str] = field(default_factory=list)
@@ -106,12 +93,12 @@ class RunRecord:
         self,
         *,
         min_verified: float = 1.0,
-        tolerance: Tolerance | None = None,
-        uncertainty: Uncertainty | None = None,
+        tolerance: verification.Tolerance | None = None,
+        uncertainty: verification.Uncertainty | None = None,
         progress: Progress | None = None,
-    ) -> RunVerdict:
+    ) -> verification.RunVerdict:
         """Return the verdict on the run; parameters and errors as of :func:`verify_run`."""
-        return verify_run(
+        return verification.verify_run(
             self.intended,
             self.observations,
             model=self.model,
@@ -153,8 +140,8 @@ def measure_run(
     sink : callable, optional
         Called with every frame as it is sent, as the one of :class:`Driver`.
     """
-    shown = frames_of_run(config.shape, config.pace, config.modulation)
-    model = host_model_of_run_frames(config.array)
+    shown = run_frames.frames_of_run(config.shape, config.pace, config.modulation)
+    model = run_frames.host_model_of_run_frames(config.array)
     own_array = config.link.port is not None and config.array.array is None
     elements = calibration_of_run(config)
     tap = None if writer is None else recorded_port_of_run(board, config.link.baud, writer)
@@ -165,7 +152,7 @@ def measure_run(
         model=None if own_array else model,
         medium=model.medium,
         calibration=elements if config.elements.compensate else None,
-        keep=MOST_FRAMES,
+        keep=run_frames.MOST_FRAMES,
         sink=sink,
     )
     known = board.model or driver.model
@@ -179,7 +166,9 @@ def measure_run(
     try:
         if elements is not None:
             note_calibration_of_run(found, elements, driver.model)
-        check_frame_tolerance(found.model, shown.points_m, tolerance_of(config.tolerance))
+        verification.check_frame_tolerance(
+            found.model, shown.points_m, verification.tolerance_of(config.tolerance)
+        )
         with _cut_of_run(found, driver, board, total, faulty=faulty):
             before = driver.status().counters
             board.prepare(driver)
@@ -264,7 +253,9 @@ def _interrupted_run(found: RunRecord, driver: Driver, total: int) -> Iterator[N
     except KeyboardInterrupt:
         found.interrupted = True
         sent, muted_us = driver.intended.total, _earliest_mute_of_run_us(driver)
-        found.cut = Cut(f"interrupted after {sent} of {total} frames", muted_us, total - sent)
+        found.cut = verification.Cut(
+            f"interrupted after {sent} of {total} frames", muted_us, total - sent
+        )
         driver.mute()
 
 
@@ -292,7 +283,7 @@ def _cut_of_run(
         if isinstance(error, DeviceError) and not faulty:
             raise
         if found.cut is None:
-            found.cut = Cut(str(error), not_sent=total - driver.intended.total)
+            found.cut = verification.Cut(str(error), not_sent=total - driver.intended.total)
         board.wait_for_queue(driver)
 
 
@@ -335,7 +326,7 @@ def _troubles_of_run(
 def _frames_of_run(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
     solver = cast("Method", config.solver_of_host)
     mode = cast("Mode", config.frame_kind)
-    return driver.frames(targets_of_run(config, shown), mode=mode, solver=solver)
+    return driver.frames(run_frames.targets_of_run(config, shown), mode=mode, solver=solver)
 
 
 def _display_run(

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from typing import Any, Final, Self
 
 from haptogram.driver.driver import Driver
-from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
     board_model_of_evidence,
     why_observations_incomplete,
@@ -22,7 +21,6 @@ from haptogram.evidence.dialects.latches import (
 from haptogram.records.frame import Observation
 from haptogram.settings.arguments import Progress
 
-_FIRST_S: Final = 5.0  # until the board says what it is
 _LAST_S: Final = 10.0  # until it has told its last latch
 _QUEUE_S: Final = 2.0
 _POLL_S: Final = 0.01
@@ -52,12 +50,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
     def __init__(self, url: str, reader: BackdoorReader) -> None:
         super().__init__(f"{url}, seen through its back door", url)
         self._reader = reader
-        self._records: list[Mapping[str, Any]] = []
-        end_s = time.monotonic() + _FIRST_S
-        while not self._records:
-            self._read()
-            if time.monotonic() > end_s:
-                raise ConfigurationError("--backdoor: no record of a board came")
+        self._records: list[Mapping[str, Any]] = [*reader.read_first()]
         self.model = board_model_of_evidence(self._records[0])
         while self._read():
             pass

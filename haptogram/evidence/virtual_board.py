@@ -19,13 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import (
-    board_model_of_evidence,
-    observations_of_backdoor,
-    observed_fault_counts,
-    observed_losses_on_clock_of,
-    observed_silences_on_clock_of,
-)
+from haptogram.evidence import backdoor
 from haptogram.evidence.board_process import BoardInProgram, BoardProcess
 from haptogram.evidence.board_records import BoardRecords
 from haptogram.evidence.dialects.latches import (
@@ -194,7 +188,7 @@ class VirtualBoard(ClosedByWith):
             if isinstance(self._process, BoardProcess):
                 self._process.wait_until_ready()
             if config.dialect is not None:
-                self.model = board_model_of_evidence(self._records.read()[0])
+                self.model = backdoor.board_model_of_evidence(self._records.read()[0])
         except BaseException:
             self.close()
             raise
@@ -242,12 +236,12 @@ class VirtualBoard(ClosedByWith):
         """Return the latches of one session or of all of them."""
         if session is not None:
             check_whole("session", session, 0, 0xFFFF)
-        return observations_of_backdoor(self.records(), session)
+        return backdoor.observations_of_backdoor(self.records(), session)
 
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """Counts of the faults that fired; None before the board has ended, or without faults."""
-        return observed_fault_counts(self._records.read())
+        return backdoor.observed_fault_counts(self._records.read())
 
     def wait_idle(self, intended: Sequence[Intended]) -> str | None:
         """Wait until the back door shows the last of *intended*, is closed, or falls silent.
@@ -343,7 +337,7 @@ class VirtualBoard(ClosedByWith):
             tolerance=tolerance,
             uncertainty=uncertainty,
             unseen=unseen,
-            silences=observed_silences_on_clock_of(intended, self.records()),
+            silences=backdoor.observed_silences_on_clock_of(intended, self.records()),
             losses=self.losses(intended),
         )
 
@@ -352,7 +346,7 @@ class VirtualBoard(ClosedByWith):
 
         Where faults on purpose delay the line, late arrival is theirs and not the machine's.
         """
-        return observed_losses_on_clock_of(
+        return backdoor.observed_losses_on_clock_of(
             intended,
             self.records(),
             is_machine_in_between=not (self.is_virtual or self._has_faults),
@@ -394,7 +388,7 @@ class VirtualBoard(ClosedByWith):
                 self.stop()
         finally:
             self._process.close_pipe()
-            self._records.read()
+            self._records.close()
             self._folder.remove()
 
     def __exit__(

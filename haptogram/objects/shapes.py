@@ -40,7 +40,6 @@ class TactileObject(Protocol):
         ConfigurationError
             If the resolution is not positive, or coarser than the object.
         """
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,15 +6,8 @@ import dataclasses
 from typing import Final
 
 from haptogram.acoustics import AcousticModel, CircularPiston, Medium, PointSource, Transducer
+from haptogram.acoustics.model.boards import grids
 from haptogram.acoustics.model.boards.bowls import TINYLEV as TINYLEV_LAYOUT
-from haptogram.acoustics.model.boards.grids import (
-    AUTD3,
-    SONICSURFACE_PITCH_M,
-    ULTRAINO_FLAT8,
-    ULTRAINO_SONICSURFACE,
-    autd_unit,
-    sonicsurface,
-)
 from haptogram.acoustics.model.boards.grids import INTERACTLAB as INTERACTLAB_LAYOUT
 from haptogram.acoustics.model.boards.grids import SONICSURFACE as SONICSURFACE_LAYOUT
 from haptogram.acoustics.model.boards.layout import BoardLayout
@@ -41,7 +34,7 @@ SONICSURFACE: Final = Preset(
     "SonicSurface: open 16 x 16 board of 10.5 mm pitch, elements in the order of its wire",
     "R. Morales et al., Appl. Sci. 11, 2981 (2021); github.com/upnalab/SonicSurface",
     "element map of its repository, all 256 entries",
-    lambda: AcousticModel(sonicsurface(), Medium.air(), Transducer(CircularPiston(4.5e-3))),
+    lambda: AcousticModel(grids.sonicsurface(), Medium.air(), Transducer(CircularPiston(4.5e-3))),
     (0.0, 0.0, 0.15),
     (
         published_element_count("256 (16 x 16)", "its repository"),
@@ -53,8 +46,8 @@ SONICSURFACE: Final = Preset(
         ),
         PublishedFigure(
             "side of the array",
-            published_extent_mm(0, 1e3 * SONICSURFACE_PITCH_M),
-            f"{16 * SONICSURFACE_PITCH_M * 1e3:g} mm (16 x 10.5)",
+            published_extent_mm(0, 1e3 * grids.SONICSURFACE_PITCH_M),
+            f"{16 * grids.SONICSURFACE_PITCH_M * 1e3:g} mm (16 x 10.5)",
             "its repository",
         ),
         PublishedFigure(
@@ -77,7 +70,7 @@ AUTD: Final = Preset(
     "github.com/shinolab/autd3-rs",
     "its source: 18 x 14 grid less three places",
     lambda: AcousticModel(
-        autd_unit(), Medium(340.0, 1.2041), Transducer(PointSource(), _STRENGTH_PA_M)
+        grids.autd_unit(), Medium(340.0, 1.2041), Transducer(PointSource(), _STRENGTH_PA_M)
     ),
     (0.0, 0.0, 0.15),
     (
@@ -90,7 +83,7 @@ AUTD: Final = Preset(
             "as there: no directivity, no absorption, c = 340 m/s",
         ),
     ),
-    AUTD3,
+    grids.AUTD3,
 )
 
 
@@ -119,8 +112,10 @@ _OFF_ORIGIN: Final = PublishedFigure(
     "2 mm from where SonicSurface's own program has it",
 )
 _ULTRAINO: Final = "A. Marzo et al., IEEE Trans. UFFC 65(1) (2018); github.com/asiermarzo/Ultraino"
-ULTRAINO: Final = _preset_of_layout(ULTRAINO_SONICSURFACE, _ULTRAINO, "256 (16 x 16)", _OFF_ORIGIN)
-FLAT8: Final = _preset_of_layout(ULTRAINO_FLAT8, _ULTRAINO, "64 (8 x 8)")
+ULTRAINO: Final = _preset_of_layout(
+    grids.ULTRAINO_SONICSURFACE, _ULTRAINO, "256 (16 x 16)", _OFF_ORIGIN
+)
+FLAT8: Final = _preset_of_layout(grids.ULTRAINO_FLAT8, _ULTRAINO, "64 (8 x 8)")
 INTERACTLAB: Final = _preset_of_layout(
     INTERACTLAB_LAYOUT, "github.com/RMResearch/OpenMPD_Hardware", "256 (16 x 16)"
 )

@@ -12,28 +12,7 @@ from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArr
 from haptogram.acoustics.model.boards.grids import autd_unit, autd_units
 from haptogram.errors import ConfigurationError
 from haptogram.objects.shapes import Hemisphere
-from haptogram.published.boards import (
-    AUTD,
-    FLAT8,
-    INTERACTLAB,
-    SONICSURFACE,
-    TINYLEV,
-    ULTRAINO,
-)
-from haptogram.published.figures import (
-    Preset,
-    PublishedFigure,
-    Quantity,
-    published_element_count,
-    published_extent_mm,
-    published_force_mn,
-    published_mean_force_mn,
-    published_mean_pressure_kpa,
-    published_several_foci_share,
-    published_sideband,
-    published_spot_mm,
-    published_strength_pa_m,
-)
+from haptogram.published import boards, figures
 from haptogram.settings.arguments import did_you_mean
 
 _HOSHI: Final = "T. Hoshi et al., IEEE Trans. Haptics 3(3), 155-165 (2010), abstract"
@@ -53,7 +32,7 @@ def _preset_in_air(array: TransducerArray) -> AcousticModel:
     return AcousticModel(array, Medium.air(), Transducer())
 
 
-TACTILE_DISPLAY: Final = Preset(
+TACTILE_DISPLAY: Final = figures.Preset(
     "tactile-display",
     "18 x 18 airborne tactile display, reference [16] of the paper",
     _HOSHI,
@@ -61,31 +40,31 @@ TACTILE_DISPLAY: Final = Preset(
     lambda: _preset_in_air(TransducerArray.grid(18, 18)),
     (0.0, 0.0, 0.2),
     (
-        published_element_count("324", _HOSHI),
-        PublishedFigure(
+        figures.published_element_count("324", _HOSHI),
+        figures.PublishedFigure(
             "force at the focus",
-            published_force_mn((0.0, 0.0, 0.2)),
+            figures.published_force_mn((0.0, 0.0, 0.2)),
             "16 mN",
             _HOSHI,
             "on a reflecting disc of 20 mm diameter",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "source strength for 16 mN",
-            published_strength_pa_m((0.0, 0.0, 0.2), 0.016),
+            figures.published_strength_pa_m((0.0, 0.0, 0.2), 0.016),
             "-",
             "derived",
             f"default {Transducer().source_strength_pa_m:g}",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "diameter of the focus",
-            published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.null_to_null_m[0]),
+            figures.published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.null_to_null_m[0]),
             "20 mm",
             _HOSHI,
             "null to null",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "response at 1 kHz modulation",
-            published_sideband(1000.0),
+            figures.published_sideband(1000.0),
             "'up to 1 kHz'",
             _HOSHI,
             "amplitude of a sideband; bandwidth of a common transducer",
@@ -93,7 +72,7 @@ TACTILE_DISPLAY: Final = Preset(
     ),
 )
 
-TOUCH_SCREEN: Final = Preset(
+TOUCH_SCREEN: Final = figures.Preset(
     "touch-screen",
     "contactless touch screen, reference [14] of the paper",
     _PAPER + ", section 2",
@@ -102,23 +81,23 @@ TOUCH_SCREEN: Final = Preset(
     lambda: _preset_in_air(autd_unit()),
     _BEHIND_SCREEN_M,
     (
-        PublishedFigure(
+        figures.PublishedFigure(
             "focus in front of the screen",
-            published_spot_mm(_BEHIND_SCREEN_M, lambda spot: spot.axial_peak_m, 20.0),
+            figures.published_spot_mm(_BEHIND_SCREEN_M, lambda spot: spot.axial_peak_m, 20.0),
             "10 ... 30 mm",
             _PAPER,
             "pressure maximum for a target at 20 mm: diffraction pulls it in",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "width of the focus at -6 dB",
-            published_spot_mm(_BEHIND_SCREEN_M, lambda spot: spot.width_6db_m[0]),
+            figures.published_spot_mm(_BEHIND_SCREEN_M, lambda spot: spot.width_6db_m[0]),
         ),
-        PublishedFigure("force at the focus", published_force_mn(_BEHIND_SCREEN_M)),
+        figures.PublishedFigure("force at the focus", figures.published_force_mn(_BEHIND_SCREEN_M)),
     ),
 )
 
 _HASEGAWA: Final = "K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 11(3) (2018), abstract"
-LARGE_APERTURE: Final = Preset(
+LARGE_APERTURE: Final = figures.Preset(
     "large-aperture",
     "four-unit large-aperture array, after reference [17] of the paper",
     _HASEGAWA,
@@ -126,22 +105,22 @@ LARGE_APERTURE: Final = Preset(
     lambda: _preset_in_air(autd_units(2, 2)),
     (0.0, 0.0, 0.6),
     (
-        PublishedFigure(
+        figures.PublishedFigure(
             "force at 1 m",
-            published_force_mn((0.0, 0.0, 1.0)),
+            figures.published_force_mn((0.0, 0.0, 1.0)),
             "'perceivable' at 1 m",
             _HASEGAWA,
             "on a disc of 20 mm diameter",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "width of the focus at 1 m, -6 dB",
-            published_spot_mm((0.0, 0.0, 1.0), lambda spot: spot.width_6db_m[0]),
+            figures.published_spot_mm((0.0, 0.0, 1.0), lambda spot: spot.width_6db_m[0]),
         ),
-        PublishedFigure("force at 0.6 m", published_force_mn((0.0, 0.0, 0.6))),
+        figures.PublishedFigure("force at 0.6 m", figures.published_force_mn((0.0, 0.0, 0.6))),
     ),
 )
 
-MULTI_POINT: Final = Preset(
+MULTI_POINT: Final = figures.Preset(
     "multi-point",
     "UltraHaptics: 16 x 20 multi-point system, reference [18] of the paper",
     "T. Carter et al., UIST 2013, doi 10.1145/2501988.2502018",
@@ -149,17 +128,17 @@ MULTI_POINT: Final = Preset(
     lambda: _preset_in_air(TransducerArray.grid(16, 20)),
     (0.0, 0.0, 0.2),
     (
-        published_element_count("320 (16 x 20)", "recollection"),
-        PublishedFigure(
+        figures.published_element_count("320 (16 x 20)", "recollection"),
+        figures.PublishedFigure(
             "size of a focus",
-            published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.width_6db_m[0]),
+            figures.published_spot_mm((0.0, 0.0, 0.2), lambda spot: spot.width_6db_m[0]),
             "8.6 mm (a wavelength)",
             "recollection",
             "-6 dB along x at 200 mm; the aperture sets it, not the wavelength alone",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "weakest of four foci",
-            published_several_foci_share(_FOUR_POINTS),
+            figures.published_several_foci_share(_FOUR_POINTS),
             "'multiple localised points'",
             "abstract",
             "pressure; naive superposition, 50 mm apart at 200 mm",
@@ -167,7 +146,7 @@ MULTI_POINT: Final = Preset(
     ),
 )
 
-PAPER_ARRAY: Final = Preset(
+PAPER_ARRAY: Final = figures.Preset(
     "paper",
     "the paper's own 16 x 16 array",
     _PAPER + ", section 4.1",
@@ -175,34 +154,38 @@ PAPER_ARRAY: Final = Preset(
     AcousticModel.default,
     (0.0, 0.0, 0.1),
     (
-        published_element_count("256 (16 x 16)", _PAPER),
-        PublishedFigure(
-            "side of the array", published_extent_mm(0), "180 mm", _PAPER, "16 x 10 mm is 160 mm"
+        figures.published_element_count("256 (16 x 16)", _PAPER),
+        figures.PublishedFigure(
+            "side of the array",
+            figures.published_extent_mm(0),
+            "180 mm",
+            _PAPER,
+            "16 x 10 mm is 160 mm",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "w_f at r = 100 mm, equation (9)",
-            Quantity(
+            figures.Quantity(
                 lambda _: 1e3 * 2.0 * _PAPER_WAVELENGTH_M * 0.1 / (math.sqrt(256) * 0.010), "mm"
             ),
             "1.075e-3 m^1.5 as printed",
             _PAPER,
             "as corrected",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "width of the focus, null to null",
-            published_spot_mm((0.0, 0.0, 0.1), lambda spot: spot.null_to_null_m[0]),
+            figures.published_spot_mm((0.0, 0.0, 0.1), lambda spot: spot.null_to_null_m[0]),
             remark="(9) is paraxial: too narrow this close",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "mean force over the hemisphere",
-            published_mean_force_mn(lambda: _PAPER_OBJECT.sample(0.010)),
+            figures.published_mean_force_mn(lambda: _PAPER_OBJECT.sample(0.010)),
             "3.5 ... 4 mN",
             _PAPER + ", Table 1 (128 elements)",
             "256 elements, disc of 20 mm diameter; the printed constants give no absolute value",
         ),
-        PublishedFigure(
+        figures.PublishedFigure(
             "mean pressure at the foci",
-            published_mean_pressure_kpa(lambda: _PAPER_OBJECT.sample(0.010)),
+            figures.published_mean_pressure_kpa(lambda: _PAPER_OBJECT.sample(0.010)),
             "2.65 kPa for 200 foci",
             "G. Korres, M. Eid, IEEE Access 4, 7758 (2016), abstract",
             "our hemisphere has 175 foci; the prototype has other tiles",
@@ -216,16 +199,16 @@ PRESETS: Final = (
     TOUCH_SCREEN,
     LARGE_APERTURE,
     MULTI_POINT,
-    SONICSURFACE,
-    ULTRAINO,
-    FLAT8,
-    TINYLEV,
-    INTERACTLAB,
-    AUTD,
+    boards.SONICSURFACE,
+    boards.ULTRAINO,
+    boards.FLAT8,
+    boards.TINYLEV,
+    boards.INTERACTLAB,
+    boards.AUTD,
 )
 
 
-def find_preset(name: str) -> Preset:
+def find_preset(name: str) -> figures.Preset:
     """Return the preset of that name.
 
     Raises

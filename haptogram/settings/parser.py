@@ -112,6 +112,8 @@ class Parser(argparse.ArgumentParser):
     ----------
     main_options : str
         Names of the options that ``-h`` shows, apart by spaces; all, if there are few.
+    listed : callable
+        Returns the end of the whole help, which takes time to list; by default nothing.
     acting : mapping of str to Acting
         When each option acts, by its name; one that is not here always does.
     """
@@ -125,6 +127,7 @@ class Parser(argparse.ArgumentParser):
             **options,
         )
         self.main_options = ""
+        self.listed: Callable[[], str] = str
         self.add_argument(
             *("-h", "--help"),
             action=_Help,
@@ -139,6 +142,10 @@ class Parser(argparse.ArgumentParser):
     def option_actions(self) -> dict[str, argparse.Action]:
         """The actions by the words that call them."""
         return self._option_string_actions
+
+    def format_help(self) -> str:
+        """Return the whole help, and behind it what takes time to list."""
+        return super().format_help() + self.listed()
 
     def format_page(self) -> str:
         """Return usage, main options and two examples; for the list of commands, all of it."""

@@ -16,6 +16,7 @@ from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.acoustics.model.drive import MAX_PHASE_BITS
 from haptogram.records.frame import Intended
 
+from .groups import groups_of_elements
 from .mixed_up import TURN, Codes, PhaseGrid, mixed_up_drives, shaped_drive_fault
 
 #: A drive that is wrong in no way that has a name here.
@@ -232,6 +233,13 @@ def _single_element_drive_faults(
     model: AcousticModel, difference: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> Iterator[str]:
     """Name elements that are wrong one by one, those with the same error together."""
+    if off.sum() > _NAMED_ELEMENTS:
+        lags = dict(enumerate((difference * (np.pi * 2.0 / TURN)).tolist()))
+        limit_rad = np.pi * grid.code / TURN
+        shifted = np.flatnonzero(off).tolist()
+        groups, explained = groups_of_elements(lags, shifted, limit_rad, grid.steps)
+        yield from (group.text for group in groups)
+        off = off & ~np.isin(np.arange(len(off)), list(explained))
     errors = sorted({int(d) for d in difference[off]}, key=abs)
     if len(errors) > _NAMED_ELEMENTS:
         yield from _drive_faults_by_line(model, off, f"off, by up to {grid.text(errors[-1])}")

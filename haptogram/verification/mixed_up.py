@@ -92,18 +92,22 @@ def _drive_fault_orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[s
     if model.array.grid_shape is None:
         yield "order of the elements reversed", wanted[::-1]
     else:
-        grid = wanted.reshape(model.array.grid_shape)
-        turns: list[tuple[str, Callable[[Codes], Codes]]] = [
-            ("x and y exchanged (transposed)", lambda g: g.T),
-            ("x mirrored", lambda g: g[::-1]),
-            ("y mirrored", lambda g: g[:, ::-1]),
-            ("x and y mirrored (turned by 180 degrees)", lambda g: g[::-1, ::-1]),
-            ("turned by 90 degrees", np.rot90),
-            ("turned by 270 degrees", lambda g: np.rot90(g, 3)),
-            ("every second column reversed", _serpentine_drive_order),
-        ]
-        for name, turn in turns:
-            yield name, np.ascontiguousarray(turn(grid)).ravel()
+        yield from grid_orders(wanted.reshape(model.array.grid_shape))
+
+
+def grid_orders(grid: Codes) -> Iterator[tuple[str, Codes]]:
+    """Yield the values of a grid of elements in other orders of these, with their names."""
+    turns: list[tuple[str, Callable[[Codes], Codes]]] = [
+        ("x and y exchanged (transposed)", lambda g: g.T),
+        ("x mirrored", lambda g: g[::-1]),
+        ("y mirrored", lambda g: g[:, ::-1]),
+        ("x and y mirrored (turned by 180 degrees)", lambda g: g[::-1, ::-1]),
+        ("turned by 90 degrees", np.rot90),
+        ("turned by 270 degrees", lambda g: np.rot90(g, 3)),
+        ("every second column reversed", _serpentine_drive_order),
+    ]
+    for name, turn in turns:
+        yield name, np.ascontiguousarray(turn(grid)).ravel()
 
 
 def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:

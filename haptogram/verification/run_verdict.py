@@ -19,6 +19,7 @@ from .frame.verdict import (
     NOTHING_WRONG,
     FrameStatus,
     FrameVerdict,
+    Judged,
     Verdict,
     frame_verdict_measures,
     frame_verdict_text,
@@ -30,7 +31,7 @@ _NAMED_FRAMES: Final = 8  # the JSON names all
 
 
 @dataclass(frozen=True, slots=True)
-class RunVerdict:
+class RunVerdict(Judged):
     """The verdict on a run; it is true if the run passed, and only then.
 
     Attributes
@@ -81,15 +82,6 @@ class RunVerdict:
     ways: dict[str, int] = field(default_factory=dict)
 
     @property
-    def passed(self) -> bool:
-        """True if the run passed."""
-        return self.verdict is Verdict.PASS
-
-    def __bool__(self) -> bool:
-        """Return :attr:`passed`: ``assert board.verify(...)`` fails unless the run passed."""
-        return self.passed
-
-    @property
     def sentence(self) -> str:
         """The verdict and its reason, for every report alike."""
         every = "every focus" if self.counts["verified"] == self.due else "every verified focus"
@@ -116,11 +108,6 @@ class RunVerdict:
         """
         if not self.passed:
             raise VerificationError(str(self))
-
-    @property
-    def exit_status(self) -> int:
-        """0 pass, 1 fail, 3 inconclusive."""
-        return self.verdict.exit_status
 
     @property
     def due(self) -> int:

@@ -99,13 +99,15 @@ def _next_unnumbered_pair(
         if frame < len(frames) and total - frame < len(latches)
     ]
     places.sort(key=lambda place: (place[0] != place[1], (place[0] - place[1]) * missing <= 0))
-    return next(
-        (at for at in places if _is_drive_of_unnumbered(latches[at[1]], frames[at[0]])), (0, 0)
-    )
+    for is_near in (False, True):
+        for at in places:
+            if _is_drive_of_unnumbered(latches[at[1]], frames[at[0]], is_near=is_near):
+                return at
+    return 0, 0
 
 
-def _is_drive_of_unnumbered(latch: UnnumberedLatch, frame: Intended) -> bool:
-    """Return True if the latched drive is that of *frame*."""
+def _is_drive_of_unnumbered(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> bool:
+    """Return True if the latched drive is that of *frame*, or off by less than a step of it."""
     found, wanted = latch.drive, frame.drive
     sounding = wanted.amplitude_codes > 0
     if not np.array_equal(found.amplitude_codes > 0, sounding):
@@ -113,7 +115,10 @@ def _is_drive_of_unnumbered(latch: UnnumberedLatch, frame: Intended) -> bool:
     if not sounding.any():
         return True
     error = _lags_of_unnumbered(found, wanted)[sounding]
-    return bool(np.abs(_signed_lags_of_unnumbered(error - error[0])).max() <= 1)
+    off = _signed_lags_of_unnumbered(error - error[0])
+    if is_near:  # outputs that are late, by a step or between two
+        return bool(np.ptp(off) <= max(1, _TURN // frame.steps))
+    return bool(np.abs(off).max() <= 1)
 
 
 def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> Observation:

@@ -9,26 +9,8 @@ from __future__ import annotations
 from typing import Final
 from zlib import crc32
 
-from .cobs import BLOCK, PURE_PYTHON, Cobs, Stuffing, cobs_decode, cobs_encode, fastest_cobs
+from .cobs import BLOCK, PURE_PYTHON, Cobs, Stuffing, cobs_decode, cobs_encode
 from .errors import LocalProtocolError, RemoteProtocolError
-
-__all__ = [
-    "CRC_BYTES",
-    "DELIMITER",
-    "HEADER_BYTES",
-    "MAX_BODY_BYTES",
-    "MAX_ENCODED_BYTES",
-    "PURE_PYTHON",
-    "Cobs",
-    "FrameDecoder",
-    "Stuffing",
-    "cobs_decode",
-    "cobs_encode",
-    "decode_frame",
-    "encode_frame",
-    "end_of_frame",
-    "fastest_cobs",
-]
 
 DELIMITER: Final = b"\x00"  # HG-2.1
 CRC_BYTES: Final = 4  # HG-2.4
@@ -50,7 +32,7 @@ def encode_frame(body: bytes, stuff: Stuffing = cobs_encode) -> bytes:
     body : bytes
         Header and payload.
     stuff : callable
-        COBS encoder; :func:`fastest_cobs` gives a compiled one.
+        COBS encoder; :func:`.cobs.fastest_cobs` gives a compiled one.
 
     Returns
     -------
@@ -117,7 +99,7 @@ class FrameDecoder:
     Parameters
     ----------
     cobs : Cobs
-        COBS decoder; :func:`fastest_cobs` gives a compiled one.
+        COBS decoder; :func:`.cobs.fastest_cobs` gives a compiled one.
     """
 
     def __init__(self, cobs: Cobs = PURE_PYTHON) -> None:

@@ -27,31 +27,24 @@ class LineTapRecording(Protocol):
         self, t_ns: int, board: Mapping[str, Any] | None, boot_ns: int | None, *, paced: bool
     ) -> None:
         """Write that a line to a board begins."""
-        ...
 
     def to_board(self, t_ns: int, data: bytes, waited_ns: int = 0) -> None:
         """Write bytes that the port took from the host."""
-        ...
 
     def to_host(self, t_ns: int, data: bytes) -> None:
         """Write bytes that the board handed to the port."""
-        ...
 
     def departed(self, t_ns: int) -> None:
         """Write that the host closed the port."""
-        ...
 
     def latch(self, latch: LatchRecord) -> None:
         """Write a latch."""
-        ...
 
     def record(self, record: Mapping[str, Any]) -> None:
         """Write a record of the back door."""
-        ...
 
     def close(self) -> None:
         """Write the end."""
-        ...
 
 
 #: Given a file and the options of the command, opens a recording.

@@ -14,18 +14,15 @@ from haptogram.errors import unwritable_file
 from haptogram.settings.board import PinCaptureConfig
 from haptogram_protocol.state import OutputState
 
-from ..board.events import (
-    AnyLatch,
-    Latch,
-    Notice,
-    PulseLatch,
-    RadiatedAnew,
-    RampBegan,
-    RampEnded,
-    StateChange,
-)
+from ..board import events
+from ..board.events import CarrierState
 from ..board.settings import BoardSettings
-from .pin_waveforms import Edges, PinWaveformPulses, PinWaveformSampler
+from .pin_waveforms import (
+    Edges,
+    PinWaveformPulses,
+    PinWaveformSampler,
+    starts_of_periods,
+)
 from .uart_waveforms import UartWaveform
 
 CARRIER: Final = "carrier"
@@ -39,8 +36,10 @@ _FULL: Final = 255.0
 _SECOND_US: Final = 1e6  # for which pins that never fall silent are shown at the end
 _QUIET_PERIODS: Final = 20.0  # before the first latch and after the last event
 _CODES: Final = [chr(code) for code in range(33, 127)]
-#: From device time in us: what the pins do from then on (None: silence), whether it is a latch.
-_Act: TypeAlias = tuple[int, ComplexArray | None, bool]
+#: From device time in us: what the pins do from then on (None: silence), whether it is a latch, and
+#: the carrier.
+_Act: TypeAlias = tuple[int, ComplexArray | None, bool, CarrierState]
+_Piece: TypeAlias = tuple[float, float, PinWaveformPulses, bool, CarrierState]
 
 
 class BackdoorPinCapture:
@@ -85,36 +84,37 @@ class BackdoorPinCapture:
             byte_us = _BITS_OF_A_BYTE * 1e6 / settings.line.baud
             self._lines = {name: UartWaveform(byte_us) for name in (TO_BOARD, TO_HOST)}
 
-    def latch(self, latch: AnyLatch) -> None:
+    def latch(self, latch: events.AnyLatch) -> None:
         """Keep what is radiated from now on."""
-        weights = _pin_weights_of(latch)[self._elements]
-        if isinstance(latch, PulseLatch) and not self._acts and not weights.any():
+        carrier = latch.carrier if isinstance(latch, events.PulseLatch) else CarrierState.STEADY
+        weights = _pin_weights_of(latch)[self._elements] / carrier.level
+        if isinstance(latch, events.PulseLatch) and not self._acts and not weights.any():
             return  # power-up: the capture begins with the first sound
         if self._ramp is not None:
             begin_us, end_us, *_ = self._ramp
             self._follow_ramp(latch.t_latch_us)
             left = (end_us - latch.t_latch_us) / max(end_us - begin_us, 1)
             self._ramp = begin_us, end_us, weights / left if left > 0.0 else weights, 1.0
-        self._act(latch.t_latch_us, weights)
+        self._act(latch.t_latch_us, weights, carrier=carrier)
 
-    def notice(self, notice: Notice) -> None:
+    def notice(self, notice: events.Notice) -> None:
         """Keep when the output fades, and when it falls silent."""
-        if isinstance(notice, RampBegan) and self._acts and not self._is_silent:
+        if isinstance(notice, events.RampBegan) and self._acts and not self._is_silent:
             drive = self._acts[-1][1]
             self._ramp = None if drive is None else (notice.t_us, notice.end_us, drive, 1.0)
-        if isinstance(notice, RadiatedAnew) and self._acts and not self._is_silent:
+        if isinstance(notice, events.RadiatedAnew) and self._acts and not self._is_silent:
             self._radiate_anew(notice)
-        is_off = isinstance(notice, StateChange) and notice.state is not OutputState.ARMED
-        if self._ramp is not None and (is_off or isinstance(notice, RampEnded)):
+        is_off = isinstance(notice, events.StateChange) and notice.state is not OutputState.ARMED
+        if self._ramp is not None and (is_off or isinstance(notice, events.RampEnded)):
             self._follow_ramp(notice.t_us)
             _, _, full, _ = self._ramp
             self._ramp = None
-            if isinstance(notice, RampEnded) and notice.restored:
+            if isinstance(notice, events.RampEnded) and notice.restored:
                 self._act(notice.t_us, full)
-        if is_off or (isinstance(notice, RampEnded) and not notice.restored):
+        if is_off or (isinstance(notice, events.RampEnded) and not notice.restored):
             self._act(notice.t_us, None)
 
-    def _radiate_anew(self, notice: RadiatedAnew) -> None:
+    def _radiate_anew(self, notice: events.RadiatedAnew) -> None:
         """Keep what is radiated under other settings; faults of the plan show from a latch on."""
         if self._ramp is not None:
             self._follow_ramp(notice.t_us)
@@ -148,7 +148,14 @@ class BackdoorPinCapture:
             weights = full * np.divide(codes, sizes, out=np.zeros_like(sizes), where=sizes > 0)
             self._act(t_us, weights, is_latch=False)
 
-    def _act(self, t_us: int, weights: ComplexArray | None, *, is_latch: bool = True) -> None:
+    def _act(
+        self,
+        t_us: int,
+        weights: ComplexArray | None,
+        *,
+        is_latch: bool = True,
+        carrier: CarrierState = CarrierState.STEADY,
+    ) -> None:
         if weights is None and self._is_silent:
             return
         if not self._is_within(t_us):
@@ -156,7 +163,7 @@ class BackdoorPinCapture:
             return
         if self._acts and self._acts[-1][0] > t_us:
             self._acts.pop()  # settings that were to show in the carrier period after this one
-        self._acts.append((t_us, weights, is_latch and weights is not None))
+        self._acts.append((t_us, weights, is_latch and weights is not None, carrier))
         self._is_silent = weights is None
 
     def _is_within(self, t_us: float) -> bool:
@@ -213,14 +220,18 @@ class BackdoorPinCapture:
         signals = PinWaveformSampler(_SIGNALS, samples)
         silent = PinWaveformPulses.of_weights(np.zeros(self._count, np.complex128))
         lines = self._line_edges(first_us - _QUIET_PERIODS * self._period_us, samples)
-        for begin, end, pulses, is_latch in self._pieces(first_us, silent):
+        for begin, end, pulses, is_latch, carrier in self._pieces(first_us, silent):
+            starts = starts_of_periods(carrier, begin, end)
+            # the timer of an Arduino goes on, where its outputs miss every second period
+            is_halved = carrier is CarrierState.HALVED
+            clock = starts_of_periods(CarrierState.STEADY, begin, end) if is_halved else starts
             latched = 0.5 if is_latch else 0.0
             once = PinWaveformPulses(np.array([0.0, begin % 1.0]), np.array([0.5, latched]))
-            pieces = [pins.edges(pulses, begin, end)]
+            pieces = [pins.edges(pulses, begin, end, starts)]
             split = min(end, begin + 1.0)
-            pieces.append(signals.edges(once, begin, split))
+            pieces.append(signals.edges(once, begin, split, clock))
             idle = PinWaveformPulses(np.array([0.0, 0.0]), np.array([0.5, 0.0]))
-            pieces.append(signals.edges(idle, split, end))
+            pieces.append(signals.edges(idle, split, end, clock))
             bounds = np.ceil(np.array([begin, end]) * samples).astype(np.int64)
             low, high = np.searchsorted(lines[0], bounds)  # of another type, all are converted
             pieces.append((lines[0][low:high], lines[1][low:high], lines[2][low:high]))
@@ -245,9 +256,7 @@ class BackdoorPinCapture:
         order = np.argsort(times, kind="stable")
         return times[order], channels[order], levels[order]
 
-    def _pieces(
-        self, first_us: int, silent: PinWaveformPulses
-    ) -> Iterator[tuple[float, float, PinWaveformPulses, bool]]:
+    def _pieces(self, first_us: int, silent: PinWaveformPulses) -> Iterator[_Piece]:
         """Yield begin, end and pulses of every piece in which no pin changes its drive."""
         lead = _QUIET_PERIODS
         end = self._config.capture_ms * 1000.0 / self._period_us + lead
@@ -257,9 +266,10 @@ class BackdoorPinCapture:
                 self._acts[-1][0] + min(float(self._lingering.max()), _SECOND_US), carried_us
             )
             end = min(end, (last_us - first_us) / self._period_us + 2.0 * lead)
-        yield 0.0, (self._acts[0][0] - first_us) / self._period_us + lead, silent, False
+        carrier = CarrierState.STEADY
+        yield 0.0, (self._acts[0][0] - first_us) / self._period_us + lead, silent, False, carrier
         pulses = silent
-        for place, (t_us, weights, is_latch) in enumerate(self._acts):
+        for place, (t_us, weights, is_latch, carrier) in enumerate(self._acts):
             begin = (t_us - first_us) / self._period_us + lead
             until = end
             if place + 1 < len(self._acts):
@@ -268,9 +278,9 @@ class BackdoorPinCapture:
             behind = self._lingering if weights is None else self._late
             for late, old in self._late_pins(pulses, after, behind):
                 moment = min(begin + late, until)
-                yield begin, moment, old, is_latch
+                yield begin, moment, old, is_latch, carrier
                 begin, is_latch = moment, False
-            yield begin, until, after, is_latch
+            yield begin, until, after, is_latch, carrier
             pulses = after
 
     def _late_pins(
@@ -290,8 +300,8 @@ class BackdoorPinCapture:
             passed = late / self._period_us
 
 
-def _pin_weights_of(latch: AnyLatch) -> ComplexArray:
-    if isinstance(latch, Latch):
+def _pin_weights_of(latch: events.AnyLatch) -> ComplexArray:
+    if isinstance(latch, events.Latch):
         return latch.radiated.weights()
     if latch.radiated is None:
         raise TypeError("a unit's own latch; only a dialect knows which emitters its pulses drive")

@@ -9,12 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
+
+from ..board.events import CarrierState
+
+#: Of a period: delays up to it leave half of the fundamental in the 0.5 ms that transducers ring.
+_DRAWN_OUT: Final = 0.72
+_LONGEST: Final = 0.55  # by which a byte draws a period out: 614 cycles for 396
+_SHARE: Final = 0.29  # of the periods, in which one of the bytes of 115 200 baud arrives
 
 Samples: TypeAlias = NDArray[np.int64]
 Edges: TypeAlias = tuple[Samples, Samples, NDArray[np.bool_]]
@@ -50,11 +57,30 @@ class PinWaveformPulses:
         centres = np.angle(weights) / math.tau + 0.25
         return cls(np.remainder(centres - duties / 2.0, 1.0), duties)
 
-    def levels(self, periods: float) -> NDArray[np.bool_]:
-        """Return the level of each pin *periods* after a carrier boundary."""
-        passed = np.remainder(periods - self.rises + 1e-9, 1.0)
-        high: NDArray[np.bool_] = (passed < self.duties) & (self.duties > 0.0)
-        return high
+    def levels(self, at: float, starts: FloatArray) -> NDArray[np.bool_]:
+        """Return the level of each pin at a time, if periods of the carrier begin at *starts*."""
+        near = starts[(starts > at - 2.0) & (starts <= at)]
+        passed = at - near[:, None] - self.rises + 1e-9
+        high = (passed >= 0.0) & (passed < self.duties)
+        return np.asarray(high.any(axis=0))
+
+
+def starts_of_periods(carrier: CarrierState, begin: float, end: float) -> FloatArray:
+    """Return when periods of a carrier begin, from before *begin* to *end*.
+
+    Those that are drawn out move by up to _DRAWN_OUT of a period, until one is left out.
+    """
+    first = 2 * math.floor(begin / 2.0) - 2
+    starts = np.arange(first, math.ceil(end) + 1, dtype=np.float64)
+    if carrier is CarrierState.HALVED:
+        return starts[::2]
+    if carrier is CarrierState.DRAWN_OUT:
+        random = np.random.default_rng(first & 0xFFFFFFFF)
+        longer = random.uniform(0.0, _LONGEST, len(starts)) * (random.random(len(starts)) < _SHARE)
+        late = np.cumsum(np.where(starts >= begin, longer, 0.0))
+        is_whole = np.diff(late // _DRAWN_OUT, prepend=0.0) == 0.0
+        starts = (starts + late % _DRAWN_OUT)[is_whole]
+    return starts
 
 
 class PinWaveformSampler:
@@ -72,15 +98,17 @@ class PinWaveformSampler:
         self._levels = np.zeros(count, np.bool_)
         self._samples = samples
 
-    def edges(self, pulses: PinWaveformPulses, begin: float, end: float) -> Edges:
+    def edges(
+        self, pulses: PinWaveformPulses, begin: float, end: float, starts: FloatArray
+    ) -> Edges:
         """Return sample, pin and level of each edge from *begin* until *end*, in periods, in order.
 
         An edge shows in the first sample at or after it.
         """
-        first = pulses.levels(begin)
+        first = pulses.levels(begin, starts)
         changed = np.flatnonzero(first != self._levels)
         found = [(np.full(len(changed), begin), changed, first[changed])]
-        found += self._periodic(pulses, begin, end)
+        found += self._periodic(pulses, begin, end, starts[:, None])
         times, pins, levels = (np.concatenate(parts) for parts in zip(*found, strict=True))
         samples = np.ceil(times * self._samples - 1e-6).astype(np.int64)
         order = np.argsort(times, kind="stable")
@@ -89,13 +117,12 @@ class PinWaveformSampler:
         return samples, pins, levels
 
     def _periodic(
-        self, pulses: PinWaveformPulses, begin: float, end: float
+        self, pulses: PinWaveformPulses, begin: float, end: float, starts: FloatArray
     ) -> Iterator[tuple[FloatArray, Samples, NDArray[np.bool_]]]:
         sounding = np.flatnonzero(pulses.duties > 0.0)
         rises, duties = pulses.rises[sounding], pulses.duties[sounding]
-        number = np.arange(math.floor(begin) - 1, math.ceil(end) + 1)[:, None]
         for offsets, level in ((rises, True), (rises + duties, False)):
-            times = (number + offsets).ravel()
-            pins = np.tile(sounding, len(number))
+            times = (starts + offsets).ravel()
+            pins = np.tile(sounding, len(starts))
             inside = (times > begin + 1e-9) & (times < end - 1e-9)
             yield times[inside], pins[inside], np.full(int(inside.sum()), level)

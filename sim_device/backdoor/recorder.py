@@ -14,27 +14,12 @@ from haptogram.acoustics.reconstruct.patterns.found import Pattern
 from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, FrameKey, Observation
 
-from ..board.events import (
-    AnyLatch,
-    FaultsCounted,
-    Latch,
-    LineCounted,
-    Modulation,
-    Notice,
-    PulseLatch,
-)
+from ..board import events
 from ..board.settings import BoardSettings
-from .records import (
-    Record,
-    backdoor_board_record,
-    backdoor_end_record,
-    backdoor_latch_record,
-    backdoor_output_record,
-    backdoor_pulse_record,
-)
+from . import records
 
 _Estimate = TypeVar("_Estimate")
-_Latch = TypeVar("_Latch", Latch, PulseLatch, AnyLatch)
+_Latch = TypeVar("_Latch", events.Latch, events.PulseLatch, events.AnyLatch)
 
 _AT_ONCE: Final = 512  # latches whose fields are rebuilt together
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
@@ -55,11 +40,11 @@ class BackdoorEstimator:
         self._classifiers: dict[int, PatternClassifier] = {}
         self._patterns: OrderedDict[Hashable, Pattern] = OrderedDict()
 
-    def estimate(self, latch: AnyLatch) -> Reconstruction:
+    def estimate(self, latch: events.AnyLatch) -> Reconstruction:
         """Return the reconstruction of the radiated drive, which knows no target."""
         return _remembered(self._seen, latch, self._reconstruct)
 
-    def estimate_all(self, latches: Sequence[Latch]) -> list[Reconstruction]:
+    def estimate_all(self, latches: Sequence[events.Latch]) -> list[Reconstruction]:
         """Return the result of :meth:`estimate` for each; new drives are rebuilt at once."""
         keys = [_radiated_by_latch_record(latch) for latch in latches]
         known = self._seen
@@ -84,22 +69,22 @@ class BackdoorEstimator:
         """Do now what the first drive would wait for."""
         self._reconstructor.warm_up()
 
-    def pattern(self, latch: PulseLatch) -> Pattern:
+    def pattern(self, latch: events.PulseLatch) -> Pattern:
         """Return the pattern of the radiated drive: nobody says what was meant."""
         return _remembered(self._patterns, latch, self._classified)
 
-    def _classified(self, latch: PulseLatch) -> Pattern:
+    def _classified(self, latch: events.PulseLatch) -> Pattern:
         steps = self._coarsest(latch)
         if steps not in self._classifiers:
             self._classifiers[steps] = PatternClassifier(self._model, steps)
         return self._classifiers[steps].classify(_weights_of_latch_record(latch))
 
-    def _coarsest(self, latch: PulseLatch) -> int:
+    def _coarsest(self, latch: events.PulseLatch) -> int:
         known = (latch.pulses.steps, self._phase_steps, latch.phase_steps)
         return min(steps for steps in known if steps is not None)
 
-    def _reconstruct(self, latch: AnyLatch) -> Reconstruction:
-        if isinstance(latch, Latch):
+    def _reconstruct(self, latch: events.AnyLatch) -> Reconstruction:
+        if isinstance(latch, events.Latch):
             return self._reconstructor.reconstruct(
                 latch.radiated, ramping=latch.ramping, phase_bits=latch.commanded_bits
             )
@@ -121,15 +106,15 @@ def _remembered(
     return known[key]
 
 
-def _weights_of_latch_record(latch: PulseLatch) -> ComplexArray:
+def _weights_of_latch_record(latch: events.PulseLatch) -> ComplexArray:
     if latch.radiated is None:
         raise TypeError("a unit's own latch; only a dialect knows which emitters its pulses drive")
     return latch.radiated
 
 
-def _radiated_by_latch_record(latch: AnyLatch) -> Hashable:
+def _radiated_by_latch_record(latch: events.AnyLatch) -> Hashable:
     """Return the key that latches with the same radiated drive share."""
-    if isinstance(latch, Latch):
+    if isinstance(latch, events.Latch):
         drive = latch.radiated  # as bytes, whose hash is computed once
         codes = (drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes(), drive.phase_bits)
         return *codes, latch.commanded_bits, latch.ramping
@@ -137,7 +122,7 @@ def _radiated_by_latch_record(latch: AnyLatch) -> Hashable:
 
 
 def _observation_of_latch(
-    latch: Latch, record: Record, estimate: Reconstruction | None
+    latch: events.Latch, record: records.Record, estimate: Reconstruction | None
 ) -> Observation:
     """Return the observation that *record* is read as."""
     key = FrameKey(latch.session, latch.key.sequence, latch.key.loop, latch.key.index)
@@ -173,46 +158,48 @@ class InlineReconstructionWorker:
     def __init__(
         self,
         settings: BoardSettings,
-        write: Callable[[Record], object],
+        write: Callable[[records.Record], object],
         *,
         reconstruct: bool = True,
         told: list[Observation] | None = None,
     ) -> None:
         self._write = write
         self._told = told
-        self._owed: list[tuple[Latch, Record]] = []
+        self._owed: list[tuple[events.Latch, records.Record]] = []
         wiring = settings.wiring
         steps = None if wiring is None else wiring.steps
         self._estimator = BackdoorEstimator(settings.truth, steps) if reconstruct else None
         self._latched = self._reconstructed = 0
-        self._faults: FaultsCounted | None = None
-        self._line: LineCounted | None = None
-        self._modulation: Modulation | None = None
-        write(backdoor_board_record(settings))
+        self._faults: events.FaultsCounted | None = None
+        self._line: events.LineCounted | None = None
+        self._modulation: events.Modulation | None = None
+        write(records.backdoor_board_record(settings))
 
     def warm_up(self) -> None:
         """Make ready, so that the first latch takes no longer than the next one."""
         if self._estimator is not None:
             self._estimator.warm_up()
 
-    def latch(self, latch: AnyLatch) -> None:
+    def latch(self, latch: events.AnyLatch) -> None:
         """Take down a latch."""
         self._latched += 1
-        if self._told is not None and isinstance(latch, Latch):
+        if self._told is not None and isinstance(latch, events.Latch):
             self._owe(latch)
             return
         estimator = self._estimator  # once: a signal may take it away at any time
         estimate = estimator.estimate(latch) if estimator else None
         self._reconstructed += estimate is not None
-        if isinstance(latch, PulseLatch):
+        if isinstance(latch, events.PulseLatch):
             changed, self._modulation = latch.modulation != self._modulation, latch.modulation
             pattern = estimator.pattern(latch) if estimator else None
-            self._write(backdoor_pulse_record(latch, estimate, pattern, modulation_changed=changed))
+            self._write(
+                records.backdoor_pulse_record(latch, estimate, pattern, modulation_changed=changed)
+            )
         else:
-            self._write(backdoor_latch_record(latch, estimate))
+            self._write(records.backdoor_latch_record(latch, estimate))
 
-    def _owe(self, latch: Latch) -> None:
-        record = backdoor_latch_record(latch, None)
+    def _owe(self, latch: events.Latch) -> None:
+        record = records.backdoor_latch_record(latch, None)
         self._write(record)
         self._owed.append((latch, record))
         if len(self._owed) >= _AT_ONCE:
@@ -237,20 +224,20 @@ class InlineReconstructionWorker:
         """Leave the field out from now on: there is no time left for it."""
         self._estimator = None
 
-    def notice(self, notice: Notice) -> None:
+    def notice(self, notice: events.Notice) -> None:
         """Take down a change of the output; counts belong to the last record."""
-        if isinstance(notice, FaultsCounted):
+        if isinstance(notice, events.FaultsCounted):
             self._faults = notice
-        elif isinstance(notice, LineCounted):
+        elif isinstance(notice, events.LineCounted):
             self._line = notice
         else:
-            self._write(backdoor_output_record(notice))
+            self._write(records.backdoor_output_record(notice))
 
     def finish(self, *, dropped: int = 0, notices_dropped: int = 0, clean: bool = True) -> None:
         """Write the totals; *dropped* latches and *notices_dropped* notices never came here."""
         self.settle()
         self._write(
-            backdoor_end_record(
+            records.backdoor_end_record(
                 latched=self._latched + dropped,
                 reconstructed=self._reconstructed,
                 dropped=dropped,

@@ -13,24 +13,7 @@ from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
 from haptogram.records.latch import LatchRecord
 from haptogram.records.model import calibration_record_fields, model_record_fields
 
-from ..board.events import (
-    ClientLeft,
-    FaultsCounted,
-    Latch,
-    LineCounted,
-    Notice,
-    PlaybackEnd,
-    PowerDown,
-    PulseLatch,
-    RadiatedAnew,
-    RampBegan,
-    RampEnded,
-    Remark,
-    SessionOpened,
-    StateChange,
-    StreamDropped,
-    WireCompared,
-)
+from ..board import events
 from ..board.settings import BoardSettings
 
 VERSION: Final = 1
@@ -38,18 +21,18 @@ VERSION: Final = 1
 Record: TypeAlias = dict[str, Any]
 
 #: Event of each notice in an ``output`` record, and the fields of the notice that it holds.
-_OUTPUT_EVENTS: Final[dict[type[Notice], tuple[str, ...]]] = {
-    SessionOpened: ("session", "session"),
-    StateChange: ("state", "state", "reason", "requested"),
-    StreamDropped: ("dropped", "session", "index", "counter"),
-    RampBegan: ("ramp_began", "reason"),
-    RampEnded: ("ramp_ended", "restored"),
-    RadiatedAnew: ("radiated_anew",),
-    PlaybackEnd: ("playback_ended", "sequence", "loops", "frames"),
-    PowerDown: ("power_down",),
-    Remark: ("remark", "about", "text"),
-    ClientLeft: ("client_left",),
-    WireCompared: ("wire_compared", "is_own"),
+_OUTPUT_EVENTS: Final[dict[type[events.Notice], tuple[str, ...]]] = {
+    events.SessionOpened: ("session", "session"),
+    events.StateChange: ("state", "state", "reason", "requested"),
+    events.StreamDropped: ("dropped", "session", "index", "counter"),
+    events.RampBegan: ("ramp_began", "reason"),
+    events.RampEnded: ("ramp_ended", "restored"),
+    events.RadiatedAnew: ("radiated_anew",),
+    events.PlaybackEnd: ("playback_ended", "sequence", "loops", "frames"),
+    events.PowerDown: ("power_down",),
+    events.Remark: ("remark", "about", "text"),
+    events.ClientLeft: ("client_left",),
+    events.WireCompared: ("wire_compared", "is_own"),
 }
 
 
@@ -73,14 +56,14 @@ def backdoor_board_record(settings: BoardSettings) -> Record:
     }
 
 
-def backdoor_latch_record(latch: Latch, reconstruction: Reconstruction | None) -> Record:
+def backdoor_latch_record(latch: events.Latch, reconstruction: Reconstruction | None) -> Record:
     """Return the record of one latch, with the field that it made where that was rebuilt."""
     estimate = None if reconstruction is None else reconstruction.as_dict()
     return LatchRecord.of(latch).as_record(estimate)
 
 
 def backdoor_pulse_record(
-    latch: PulseLatch,
+    latch: events.PulseLatch,
     reconstruction: Reconstruction | None,
     pattern: Pattern | None = None,
     *,
@@ -125,7 +108,7 @@ def backdoor_pulse_record(
     }
 
 
-def backdoor_output_record(notice: Notice) -> Record:
+def backdoor_output_record(notice: events.Notice) -> Record:
     """Return the record of a change of the output, of a session or of the end of a sequence."""
     event, *names = _OUTPUT_EVENTS[type(notice)]
     told = {name: _backdoor_value(getattr(notice, name)) for name in names}
@@ -146,8 +129,8 @@ def backdoor_end_record(
     dropped: int,
     notices_dropped: int,
     clean: bool,
-    faults: FaultsCounted | None = None,
-    line: LineCounted | None = None,
+    faults: events.FaultsCounted | None = None,
+    line: events.LineCounted | None = None,
 ) -> Record:
     """Return the last record: how many latches there were, and how many records are missing."""
     plan = {} if faults is None else {"faults": faults.counts, "fault_plan": faults.plan}

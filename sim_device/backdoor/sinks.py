@@ -25,20 +25,16 @@ class RecordSink(Protocol):
 
     def write(self, line: bytes) -> None:
         """Take one line."""
-        ...
 
     def serve(self) -> None:
         """Do what is due towards those who listen; never wait for them."""
-        ...
 
     @property
     def pending(self) -> int:
         """Bytes that those who listen have not taken yet."""
-        ...
 
     def close(self) -> None:
         """Close; what is pending is lost."""
-        ...
 
 
 def open_backdoor_sink(target: str, wait: Callable[[], bool] | None = None) -> RecordSink:

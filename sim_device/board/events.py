@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -70,6 +71,19 @@ class Modulation:
     samples: bytes
 
 
+class CarrierState(enum.Enum):
+    """How the periods of the carrier follow each other, and the level that is left at it."""
+
+    STEADY = "steady", 1.0
+    DRAWN_OUT = "drawn out", 0.5
+    HALVED = "halved", 0.5
+
+    @property
+    def level(self) -> float:
+        """Share of the amplitude that a transducer hears."""
+        return self.value[1]
+
+
 @dataclass(frozen=True, slots=True)
 class PulseLatch:
     """The pulses of a board of another dialect changed; nobody knows which frame was meant.
@@ -99,7 +113,9 @@ class PulseLatch:
     radiated : (N,) complex numpy.ndarray or None
         Weight of each emitter of the array, after faults; None until the dialect has set it.
     is_faulty : bool
-        Whether faults on purpose changed *radiated*.
+        Whether faults on purpose, or the carrier, changed *radiated*.
+    carrier : CarrierState
+        How its periods follow each other.
     """
 
     t_latch_us: int
@@ -112,6 +128,7 @@ class PulseLatch:
     counted: Mapping[str, int] = field(default_factory=dict)
     radiated: ComplexArray | None = None
     is_faulty: bool = False
+    carrier: CarrierState = CarrierState.STEADY
 
 
 @dataclass(frozen=True, slots=True)

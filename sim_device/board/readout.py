@@ -9,26 +9,8 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from haptogram.acoustics import Drive
+from haptogram_protocol import messages
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
-from haptogram_protocol.messages import (
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Counters,
-    DriveKind,
-    DriveReply,
-    Element,
-    ErrorCode,
-    Flag,
-    GeometryReply,
-    GetGeometry,
-    HelloReply,
-    LatchKey,
-    Message,
-    ReadDrive,
-    ReadTrace,
-    TraceRecord,
-    TraceReply,
-)
 from haptogram_protocol.rules import READ_CAPABILITIES
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -38,15 +20,15 @@ from .refusal import RefusalError
 from .settings import BoardSettings
 
 StatusFields: TypeAlias = tuple[
-    OutputState, MuteReason, int, int, int, int, int, int, int, int, Counters
+    OutputState, MuteReason, int, int, int, int, int, int, int, int, messages.Counters
 ]
 
 _CLOCK_HZ: Final = 1_000_000
 _U32: Final = 0xFFFFFFFF
-_NO_LATCH: Final = LatchKey(sequence=0, loop=0, index=0)
+_NO_LATCH: Final = messages.LatchKey(sequence=0, loop=0, index=0)
 
 
-def board_identity(board: Board) -> HelloReply:
+def board_identity(board: Board) -> messages.HelloReply:
     """Return identity and capabilities of the board for the open session."""
     settings, array = board.settings, board.settings.model.array
     nx, ny = array.grid_shape or (0, 0)
@@ -54,10 +36,10 @@ def board_identity(board: Board) -> HelloReply:
     times = ("latch_lead_us", "point_time_us")
     limits = ("max_sequence_frames", "max_upload_bytes", "max_playback_rate_hz")
     uploads = ("max_unattended_ms", "upload_window", "max_chunk", "boot_id", "firmware")
-    return HelloReply(
+    return messages.HelloReply(
         **{name: getattr(settings, name) for name in same_names + times + limits + uploads},
-        major=VERSION_MAJOR,
-        minor=VERSION_MINOR,
+        major=messages.VERSION_MAJOR,
+        minor=messages.VERSION_MINOR,
         nonce=board.session,
         reserved=0,
         features=int(settings.features),
@@ -81,7 +63,7 @@ def board_counters(board: Board, link: Mapping[str, int], trace_dropped: int) ->
     fields = dataclasses.fields(board.counters)
     own = {field.name: getattr(board.counters, field.name) for field in fields}
     merged = {**link, **own, "trace_dropped": trace_dropped}
-    return {name: merged[name] & _U32 for name in Counters.WIRE}
+    return {name: merged[name] & _U32 for name in messages.Counters.WIRE}
 
 
 def board_status(board: Board, counts: Mapping[str, int], *, free_bytes: int) -> StatusFields:
@@ -99,32 +81,36 @@ def board_status(board: Board, counts: Mapping[str, int], *, free_bytes: int) ->
         _clip_readout_i32(least_us),
         _clip_readout_i32(mean_us),
         board.config_crc,
-        Counters(**counts),
+        messages.Counters(**counts),
     )
 
 
-def board_geometry(settings: BoardSettings, request: GetGeometry) -> GeometryReply:
+def board_geometry(
+    settings: BoardSettings, request: messages.GetGeometry
+) -> messages.GeometryReply:
     """Return positions and normals of some transducers, as many as fit one frame."""
-    first, stop = _readout_span(request, settings.count, GeometryReply, Element.LAYOUT.size)
+    first, stop = _readout_span(
+        request, settings.count, messages.GeometryReply, messages.Element.LAYOUT.size
+    )
     positions_um = settings.model.array.positions_um()[first:stop].tolist()
     normals = np.rint(settings.model.array.normals[first:stop] * 32767).astype(int).tolist()
     rows = zip(positions_um, normals, strict=True)
-    elements = tuple(Element(*position, *normal) for position, normal in rows)
-    return GeometryReply(total=settings.count, first=first, elements=elements)
+    elements = tuple(messages.Element(*position, *normal) for position, normal in rows)
+    return messages.GeometryReply(total=settings.count, first=first, elements=elements)
 
 
-def board_drive(board: Board, request: ReadDrive) -> DriveReply:
+def board_drive(board: Board, request: messages.ReadDrive) -> messages.DriveReply:
     """Return the codes of some transducers, latched or radiated, as many as fit one frame."""
     if not READ_CAPABILITIES[request.kind] & board.settings.features:
         text = f"no read-back of the {request.kind.name} drive"
-        raise RefusalError(ErrorCode.UNSUPPORTED, int(request.TYPE), text)
-    first, stop = _readout_span(request, board.settings.count, DriveReply, 2)
+        raise RefusalError(messages.ErrorCode.UNSUPPORTED, int(request.TYPE), text)
+    first, stop = _readout_span(request, board.settings.count, messages.DriveReply, 2)
     latch = board.latched
-    if request.kind is DriveKind.RADIATED:
+    if request.kind is messages.DriveKind.RADIATED:
         shown = board.radiated(board.now_us)
     else:
         shown = latch.drive if latch else Drive.muted(board.settings.count)
-    return DriveReply(
+    return messages.DriveReply(
         kind=request.kind,
         key=latch.key if latch else _NO_LATCH,
         t_latch_us=latch.t_latch_us & _U32 if latch else 0,
@@ -133,15 +119,17 @@ def board_drive(board: Board, request: ReadDrive) -> DriveReply:
     )
 
 
-def board_trace(board: Board, request: ReadTrace) -> TraceReply:
+def board_trace(board: Board, request: messages.ReadTrace) -> messages.TraceReply:
     """Return latches of the trace ring, from the number asked for on, as many as fit one frame."""
     ring = board.output.ring
     oldest = ring[0].number if ring else board.output.latches
-    room = _room_of_readout(TraceReply) // TraceRecord.LAYOUT.size
+    room = _room_of_readout(messages.TraceReply) // messages.TraceRecord.LAYOUT.size
     asked = range(request.first, request.first + request.count)
     kept = [latch for latch in ring if latch.number in asked][:room]
     records = tuple(map(_trace_readout_of, kept))
-    return TraceReply(oldest=oldest & _U32, next=board.output.latches & _U32, records=records)
+    return messages.TraceReply(
+        oldest=oldest & _U32, next=board.output.latches & _U32, records=records
+    )
 
 
 def register_codes(shown: Drive, first: int = 0, stop: int | None = None) -> bytes:
@@ -150,27 +138,30 @@ def register_codes(shown: Drive, first: int = 0, stop: int | None = None) -> byt
     return phases.tobytes() + amplitudes.tobytes()
 
 
-def _trace_readout_of(latch: Latch) -> TraceRecord:
-    return TraceRecord(
+def _trace_readout_of(latch: Latch) -> messages.TraceRecord:
+    return messages.TraceRecord(
         number=latch.number & _U32,
         key=latch.key,
         t_latch_us=latch.t_latch_us & _U32,
         crc=latch.drive.digest(),
-        flags=int(Flag.LATE) if latch.late else 0,
+        flags=int(messages.Flag.LATE) if latch.late else 0,
     )
 
 
-def _room_of_readout(reply: type[Message]) -> int:
+def _room_of_readout(reply: type[messages.Message]) -> int:
     """Return the bytes that one frame leaves for the tail of *reply*."""
     return MAX_BODY_BYTES - HEADER_BYTES - reply.LAYOUT.size
 
 
 def _readout_span(
-    request: GetGeometry | ReadDrive, total: int, reply: type[Message], unit: int
+    request: messages.GetGeometry | messages.ReadDrive,
+    total: int,
+    reply: type[messages.Message],
+    unit: int,
 ) -> tuple[int, int]:
     """Return first and last-but-one of the transducers that a reply shows."""
     if request.first >= total:
-        raise RefusalError(ErrorCode.NOT_FOUND, total, f"no transducer {request.first}")
+        raise RefusalError(messages.ErrorCode.NOT_FOUND, total, f"no transducer {request.first}")
     fits = _room_of_readout(reply) // unit
     return request.first, min(total, request.first + min(request.count, fits))
 

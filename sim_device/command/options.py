@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig, PinCaptureConfig
 from haptogram.settings.command_line import add_setting_options, given_options
-from haptogram.settings.dialects import DIALECT_TITLES
 from haptogram.settings.faults.kinds import described_faults
 from haptogram.settings.line import LineSettings
 from haptogram.settings.option import options_of
@@ -59,7 +58,8 @@ exit status:
 def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) -> None:
     """Describe the command and add its options."""
     parser.description = "A virtual ultrasonic phased array at the far end of a serial line."
-    parser.epilog = _board_epilog(parser.prog)
+    parser.epilog = _EPILOG.replace("PROGRAM", parser.prog)
+    parser.listed = _listed_faults_and_dialects
     parser.main_options = "link tcp array dialect baud fault seed backdoor record view"
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument(
@@ -123,13 +123,14 @@ def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) ->
     )
 
 
-def _board_epilog(program: str) -> str:
-    """Return examples, the faults with their parameters, and the dialects."""
-    dialects = "\n".join(f"  {name:<23}{title}" for name, title in DIALECT_TITLES.items())
+def _listed_faults_and_dialects() -> str:
+    """Return the faults with their parameters, and the dialects, whose codecs are loaded here."""
+    from haptogram_protocol.dialects.table import DIALECTS
+
+    dialects = "\n".join(f"  {name:<23}{one.title}" for name, one in DIALECTS.items())
     faults = "\n".join(f"  {text}" for text in described_faults())
     return (
-        f"{_EPILOG.replace('PROGRAM', program)}\n"
-        "faults, their parameters and defaults (all but those of the clock also take\n"
+        "\nfaults, their parameters and defaults (all but those of the clock also take\n"
         "from=500ms until=2s, those of the line direction=down or up; see docs/faults.md):\n"
         f"{faults}\n"
         "\ndialects; their options are in docs/dialects.md, and packages may bring more:\n"

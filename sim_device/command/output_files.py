@@ -7,12 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from haptogram.errors import ConfigurationError, unwritable_file
-from haptogram.machine.files import (
-    STANDARD_OUTPUT,
-    check_distinct_files,
-    check_files_writable,
-    make_folder_of,
-)
+from haptogram.machine import files
 from haptogram.settings.board import is_grid_setting
 
 SOCKET: Final = "unix:"  # a back door that is no file
@@ -33,14 +28,14 @@ def check_board_outputs(options: argparse.Namespace) -> None:
         ("--calibration", options.calibration),
         ("--fault-plan", options.fault_plan),
     )
-    check_distinct_files(
+    files.check_distinct_files(
         outputs, [(option, Path(path)) for option, path in inputs if path is not None]
     )
     for option, path in outputs.items():
-        if path == STANDARD_OUTPUT:
+        if path == files.STANDARD_OUTPUT:
             raise ConfigurationError(f"{option} -: standard output names the port; name a file")
     outputs.pop("--link", None)  # which looks after itself
-    check_files_writable(outputs, in_place=True)
+    files.check_files_writable(outputs, in_place=True)
 
 
 def _board_outputs_of(options: argparse.Namespace) -> dict[str, Path]:
@@ -70,6 +65,6 @@ def make_board_folders(options: argparse.Namespace) -> None:
         outputs["--backdoor"] = Path(options.backdoor.removeprefix(SOCKET))
     for option, path in outputs.items():
         try:
-            make_folder_of(path)
+            files.make_folder_of(path)
         except OSError as error:
             raise unwritable_file(path, error, option) from error

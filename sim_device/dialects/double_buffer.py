@@ -11,20 +11,15 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
-from haptogram_protocol.dialects.fpga_bytes.operations import (
-    Begin,
-    Clocks,
-    ModulationStep,
-    SetAmplitudes,
-    SetPhases,
-    Swap,
-)
+from haptogram_protocol.dialects.fpga_bytes import operations
 from haptogram_protocol.dialects.fpga_bytes.rules import FpgaByteRules
 
 from ..board.events import Modulation, PulseLatch
 from .unit import LatchingUnit
 
 POWER_UP: Final = "power-up"
+_OUTPUTS: Final = 8  # of a shift register
+_LAST_OUTPUT: Final = 3  # the channel, modulo 8, whose bit is shifted last
 
 
 @dataclass(frozen=True)
@@ -45,6 +40,8 @@ class Registers:
         Added to the code of each channel, modulo :attr:`FpgaByteRules.off`, if it is not off.
     modulation : callable or None
         From a :class:`ModulationStep` to the modulation that all channels have.
+    late : bool
+        Whether the last bit of each shift register comes one step late: channels n mod 8 = 3.
     """
 
     rules: FpgaByteRules
@@ -53,6 +50,7 @@ class Registers:
     at_power_up: int = 0
     correction: bytes = b""
     modulation: Callable[[int], Modulation] | None = None
+    late: bool = False
 
 
 class DoubleBuffer(LatchingUnit):
@@ -94,12 +92,12 @@ class DoubleBuffer(LatchingUnit):
         self._clocked = True
         self._step = modulation_step
         self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
-            Begin: self._begin,
-            SetPhases: self._set_phases,
-            SetAmplitudes: self._set_amplitudes,
-            Swap: self._swap,
-            Clocks: self._set_clocks,
-            ModulationStep: self._set_modulation,
+            operations.Begin: self._begin,
+            operations.SetPhases: self._set_phases,
+            operations.SetAmplitudes: self._set_amplitudes,
+            operations.Swap: self._swap,
+            operations.Clocks: self._set_clocks,
+            operations.ModulationStep: self._set_modulation,
         }
         self._latch(POWER_UP, now_us)
 
@@ -109,11 +107,11 @@ class DoubleBuffer(LatchingUnit):
             handler(operation, t_us)
         return []
 
-    def _begin(self, _: Begin, __: int) -> None:
+    def _begin(self, _: operations.Begin, __: int) -> None:
         """Give all channels of the next frame the full amplitude, until they get another one."""
         self._next_widths[:] = self._registers.width
 
-    def _set_phases(self, operation: SetPhases, _: int) -> None:
+    def _set_phases(self, operation: operations.SetPhases, _: int) -> None:
         codes = np.frombuffer(operation.codes, np.uint8).astype(np.uint16)
         place = slice(operation.first, operation.first + len(codes))
         if self._registers.correction:
@@ -124,14 +122,14 @@ class DoubleBuffer(LatchingUnit):
             self._next[board, place] = codes
         self._written = True
 
-    def _set_amplitudes(self, operation: SetAmplitudes, _: int) -> None:
+    def _set_amplitudes(self, operation: operations.SetAmplitudes, _: int) -> None:
         widths = np.frombuffer(operation.codes, np.uint8)
         place = slice(operation.first, operation.first + len(widths))
         for board in operation.boards:
             self._next_widths[board, place] = np.minimum(widths, self._registers.steps)
         self._written = True
 
-    def _swap(self, _: Swap, t_us: int) -> None:
+    def _swap(self, _: operations.Swap, t_us: int) -> None:
         if not self._written:
             self.counters["commits_of_old_codes"] += 1
         self._shown, self._next = self._next, self._shown
@@ -139,12 +137,12 @@ class DoubleBuffer(LatchingUnit):
         self._written = False
         self._latch("swap", t_us)
 
-    def _set_clocks(self, operation: Clocks, t_us: int) -> None:
+    def _set_clocks(self, operation: operations.Clocks, t_us: int) -> None:
         if operation.on != self._clocked:
             self._clocked = operation.on
             self._latch("clocks on" if operation.on else "clocks off", t_us)
 
-    def _set_modulation(self, operation: ModulationStep, t_us: int) -> None:
+    def _set_modulation(self, operation: operations.ModulationStep, t_us: int) -> None:
         if operation.step != self._step:
             self._step = operation.step
             self._latch("modulation", t_us)
@@ -161,8 +159,10 @@ class DoubleBuffer(LatchingUnit):
         if not self._clocked:  # the shift registers stand still, and so do their outputs
             return PulseDrive.off(len(codes), registers.steps)
         off = registers.rules.off
+        late = (np.arange(len(codes)) % _OUTPUTS == _LAST_OUTPUT) & registers.late
+        rises = (codes * registers.steps // off + late) % registers.steps
         return PulseDrive(
-            _buffered_values_where_on(codes, codes * registers.steps // off, off),
+            _buffered_values_where_on(codes, rises, off),
             _buffered_values_where_on(codes, widths.astype(np.uint16), off),
             registers.steps,
         )

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 
 from ..board.clock import earliest_board_time
-from ..board.events import Notice, PulseLatch
+from ..board.events import CarrierState, Notice, PulseLatch
 from .client_remarks import ClientRemarks, UnshownToClient
-from .unit import HoldsBackUnit, RunsAheadUnit, Unit
+from .unit import HearsBytesUnit, HoldsBackUnit, RunsAheadUnit, Unit
 
 PAUSE_US: Final = 30_000  # between bytes: what comes then may be another frame
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
@@ -64,6 +64,12 @@ class VirtualForeignDialect:
         self.line_free_us = now_us
         self._dialect, self._unit, self._channels = dialect, unit, channels
         self.ahead = unit if isinstance(unit, RunsAheadUnit) else None
+        self.announce: Callable[[float, bytes], None] | None = None
+        if self.ahead is not None:
+            self.announce = self.ahead.announce
+        elif isinstance(unit, HearsBytesUnit):
+            hear = unit.hear
+            self.announce = lambda begin_us, data: hear(begin_us, begin_us + byte_us * len(data))
         self._new_end = end
         self._connect()
         self._now_us = now_us
@@ -224,7 +230,8 @@ class VirtualForeignDialect:
                     latch,
                     number=self._latched,
                     counted=counted,
-                    radiated=latch.pulses.weights()[self._channels],
+                    radiated=latch.pulses.weights()[self._channels] * latch.carrier.level,
+                    is_faulty=latch.carrier is not CarrierState.STEADY,
                 )
             )
             self._latched += 1

@@ -9,59 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, TypeAlias
 
-from haptogram_protocol.connection import (
-    NEED_DATA,
-    BoardConnection,
-    BoardEvent,
-    RequestReceived,
-    StreamReceived,
-)
+from haptogram_protocol import connection, messages
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import end_of_frame
-from haptogram_protocol.messages import (
-    Arm,
-    ArmReply,
-    ConfigReply,
-    Disarm,
-    DisarmReply,
-    Drives,
-    Flag,
-    GetConfig,
-    GetGeometry,
-    GetStatus,
-    Hello,
-    Message,
-    Mute,
-    MuteReply,
-    Phases,
-    Ping,
-    Play,
-    PlaybackEnded,
-    PlayReply,
-    Points,
-    Pong,
-    ReadDrive,
-    ReadTrace,
-    SetConfig,
-    SetConfigReply,
-    StateChanged,
-    Status,
-    StatusReply,
-    Stop,
-    StopReply,
-    Trace,
-    TraceDrive,
-    TraceMode,
-    TracePlayback,
-    UploadBegin,
-    UploadBeginReply,
-    UploadChunk,
-    UploadChunkReply,
-    UploadCommit,
-    UploadCommitReply,
-    drive_codes,
-    unwrap,
-)
 
 from ..board import readout
 from ..board.board import Board
@@ -75,7 +25,7 @@ OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbau
 _STATUS_LIMIT: Final = OUTPUT_LIMIT * 3 // 4  # the last quarter is for responses: HG-9.6
 
 # What comes under which type: the table below sees to it, so that the type checker need not.
-_Handler: TypeAlias = Callable[[Any, RequestReceived], Message]
+_Handler: TypeAlias = Callable[[Any, connection.RequestReceived], messages.Message]
 
 
 class VirtualHaptogramDialect:
@@ -101,12 +51,13 @@ class VirtualHaptogramDialect:
     """
 
     ahead: Final = None
+    announce: Final = None
 
     def __init__(
         self,
         board: Board,
-        link: BoardConnection,
-        watch: Callable[[BoardEvent], None] | None = None,
+        link: connection.BoardConnection,
+        watch: Callable[[connection.BoardEvent], None] | None = None,
     ) -> None:
         self.board = board
         self.line_free_us = board.now_us
@@ -120,22 +71,24 @@ class VirtualHaptogramDialect:
         self._is_next_known = False
         self._latches: list[Latch] = []
         self._notices: list[Notice] = []
-        self._handlers: dict[type[Message], _Handler] = {
-            Arm: self._arm,
-            Mute: self._mute,
-            Disarm: self._disarm,
-            Ping: self._ping,
-            GetStatus: lambda _, __: StatusReply(*self._status()),
-            GetConfig: lambda _, __: ConfigReply(board.config_crc, board.config),
-            SetConfig: self._set_config,
-            GetGeometry: lambda message, _: readout.board_geometry(board.settings, message),
-            ReadDrive: lambda message, _: readout.board_drive(board, message),
-            ReadTrace: lambda message, _: readout.board_trace(board, message),
-            UploadBegin: self._begin_upload,
-            UploadChunk: self._store_chunk,
-            UploadCommit: self._commit_upload,
-            Play: self._play,
-            Stop: self._stop,
+        self._handlers: dict[type[messages.Message], _Handler] = {
+            messages.Arm: self._arm,
+            messages.Mute: self._mute,
+            messages.Disarm: self._disarm,
+            messages.Ping: self._ping,
+            messages.GetStatus: lambda _, __: messages.StatusReply(*self._status()),
+            messages.GetConfig: lambda _, __: messages.ConfigReply(board.config_crc, board.config),
+            messages.SetConfig: self._set_config,
+            messages.GetGeometry: lambda message, _: readout.board_geometry(
+                board.settings, message
+            ),
+            messages.ReadDrive: lambda message, _: readout.board_drive(board, message),
+            messages.ReadTrace: lambda message, _: readout.board_trace(board, message),
+            messages.UploadBegin: self._begin_upload,
+            messages.UploadChunk: self._store_chunk,
+            messages.UploadCommit: self._commit_upload,
+            messages.Play: self._play,
+            messages.Stop: self._stop,
         }
 
     # --- time and bytes ------------------------------------------------------------------------
@@ -176,7 +129,7 @@ class VirtualHaptogramDialect:
         self.advance_to(t_us)
         self._is_next_known = False
         self._link.receive_data(data, t_us)
-        while (event := self._link.next_event()) is not NEED_DATA:
+        while (event := self._link.next_event()) is not connection.NEED_DATA:
             if self._watch is not None:
                 self._watch(event)
             self._dispatch(event)
@@ -225,17 +178,19 @@ class VirtualHaptogramDialect:
 
     # --- events of the link --------------------------------------------------------------------
 
-    def _dispatch(self, event: BoardEvent) -> None:
+    def _dispatch(self, event: connection.BoardEvent) -> None:
         if event.renews_lease:
             self.board.output.renew_lease()
-        if isinstance(event, StreamReceived):
+        if isinstance(event, connection.StreamReceived):
             self._stream(event)
-        elif isinstance(event, RequestReceived) and isinstance(event.message, Hello):
+        elif isinstance(event, connection.RequestReceived) and isinstance(
+            event.message, messages.Hello
+        ):
             self._greet(event.message, event)
-        elif isinstance(event, RequestReceived):
+        elif isinstance(event, connection.RequestReceived):
             self._answer(event)
 
-    def _stream(self, event: StreamReceived) -> None:
+    def _stream(self, event: connection.StreamReceived) -> None:
         dropped: str | None
         try:
             content = self._content(event.message)
@@ -248,18 +203,18 @@ class VirtualHaptogramDialect:
             now_us, session = self.board.now_us, self.board.session
             self._notices.append(StreamDropped(now_us, session, event.index, str(dropped)))
 
-    def _content(self, message: Phases | Drives | Points) -> Content:
+    def _content(self, message: messages.Phases | messages.Drives | messages.Points) -> Content:
         count = self.board.settings.count
-        if isinstance(message, Points):
+        if isinstance(message, messages.Points):
             _refuse_by_dialect_unless(
                 len(message.points) <= self.board.settings.max_points, "too many points"
             )
             return message.points
-        codes = drive_codes(message, count)
+        codes = messages.drive_codes(message, count)
         assert codes is not None  # of PHASES and DRIVES
         return drive_of_registers(*codes)
 
-    def _greet(self, hello: Hello, request: RequestReceived) -> None:
+    def _greet(self, hello: messages.Hello, request: connection.RequestReceived) -> None:
         self.board.open_session(hello.nonce)
         self._link.open_session(hello.nonce)
         self._traced = 0
@@ -267,7 +222,7 @@ class VirtualHaptogramDialect:
         reply = readout.board_identity(self.board)
         self._link.reply(request, reply, self._first_byte_us)  # before any event of the session
 
-    def _answer(self, request: RequestReceived) -> None:
+    def _answer(self, request: connection.RequestReceived) -> None:
         try:
             reply = self._handlers[type(request.message)](request.message, request)
         except RefusalError as refusal:
@@ -276,7 +231,7 @@ class VirtualHaptogramDialect:
             self._link.reply(request, reply, self._first_byte_us)
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:
-        return None if t_wire_us is None else unwrap(t_wire_us, self.board.now_us, 32)
+        return None if t_wire_us is None else messages.unwrap(t_wire_us, self.board.now_us, 32)
 
     @property
     def _first_byte_us(self) -> int:
@@ -287,40 +242,50 @@ class VirtualHaptogramDialect:
 
     # --- requests ------------------------------------------------------------------------------
 
-    def _arm(self, _: Arm, __: RequestReceived) -> Message:
+    def _arm(self, _: messages.Arm, __: connection.RequestReceived) -> messages.Message:
         self.board.arm()
-        return ArmReply(self.board.state)
+        return messages.ArmReply(self.board.state)
 
-    def _mute(self, _: Mute, request: RequestReceived) -> Message:
+    def _mute(self, _: messages.Mute, request: connection.RequestReceived) -> messages.Message:
         self.board.mute(requested=request.renews_lease)  # another session's surprises the host
-        return MuteReply(self.board.state)
+        return messages.MuteReply(self.board.state)
 
-    def _disarm(self, _: Disarm, __: RequestReceived) -> Message:
+    def _disarm(self, _: messages.Disarm, __: connection.RequestReceived) -> messages.Message:
         self.board.disarm()
-        return DisarmReply(self.board.state)
+        return messages.DisarmReply(self.board.state)
 
-    def _ping(self, ping: Ping, request: RequestReceived) -> Message:
+    def _ping(self, ping: messages.Ping, request: connection.RequestReceived) -> messages.Message:
         t_rx_us, t_tx_us = (t & 0xFFFFFFFF for t in (request.t_rx_us, self._first_byte_us))
-        return Pong(echo=ping.echo, t_rx_us=t_rx_us, t_tx_us=t_tx_us)
+        return messages.Pong(echo=ping.echo, t_rx_us=t_rx_us, t_tx_us=t_tx_us)
 
-    def _set_config(self, message: SetConfig, _: RequestReceived) -> Message:
+    def _set_config(
+        self, message: messages.SetConfig, _: connection.RequestReceived
+    ) -> messages.Message:
         self.board.configure(message.config)
         self._traced = 0
         self._schedule_status()
-        return SetConfigReply(self.board.config_crc, self.board.config)
+        return messages.SetConfigReply(self.board.config_crc, self.board.config)
 
-    def _begin_upload(self, begin: UploadBegin, _: RequestReceived) -> Message:
+    def _begin_upload(
+        self, begin: messages.UploadBegin, _: connection.RequestReceived
+    ) -> messages.Message:
         self.board.begin_upload(begin)
         settings = self.board.settings
-        return UploadBeginReply(max_chunk=settings.max_chunk, window=settings.upload_window)
+        return messages.UploadBeginReply(
+            max_chunk=settings.max_chunk, window=settings.upload_window
+        )
 
-    def _store_chunk(self, chunk: UploadChunk, _: RequestReceived) -> Message:
-        return UploadChunkReply(received=self.board.store_chunk(chunk))
+    def _store_chunk(
+        self, chunk: messages.UploadChunk, _: connection.RequestReceived
+    ) -> messages.Message:
+        return messages.UploadChunkReply(received=self.board.store_chunk(chunk))
 
-    def _commit_upload(self, commit: UploadCommit, _: RequestReceived) -> Message:
-        return UploadCommitReply(frames=self.board.commit_upload(commit))
+    def _commit_upload(
+        self, commit: messages.UploadCommit, _: connection.RequestReceived
+    ) -> messages.Message:
+        return messages.UploadCommitReply(frames=self.board.commit_upload(commit))
 
-    def _play(self, play: Play, request: RequestReceived) -> Message:
+    def _play(self, play: messages.Play, request: connection.RequestReceived) -> messages.Message:
         self.board.play(
             play.sequence,
             start_us=None if request.immediate else self._unwrap(request.t_wire_us),
@@ -328,11 +293,11 @@ class VirtualHaptogramDialect:
             loops=play.loops,
             unattended_ms=play.unattended_ms,
         )
-        return PlayReply(self.board.state)
+        return messages.PlayReply(self.board.state)
 
-    def _stop(self, _: Stop, __: RequestReceived) -> Message:
+    def _stop(self, _: messages.Stop, __: connection.RequestReceived) -> messages.Message:
         self.board.stop()
-        return StopReply(self.board.state)
+        return messages.StopReply(self.board.state)
 
     # --- events of the board -------------------------------------------------------------------
 
@@ -349,23 +314,23 @@ class VirtualHaptogramDialect:
     def _trace(self, latch: Latch) -> None:
         message = self._trace_message(latch)
         if message is not None:
-            flags = Flag.LATE if latch.late else 0
+            flags = messages.Flag.LATE if latch.late else 0
             t_us = latch.t_latch_us
             sent = self._link.send_event(message, now_us=t_us, flags=flags, droppable=True)
             self._trace_dropped += not sent
 
-    def _trace_message(self, latch: Latch) -> Message | None:
+    def _trace_message(self, latch: Latch) -> messages.Message | None:
         config, key = self.board.output.config, latch.key
-        if config.trace_mode is TraceMode.DRIVE:
+        if config.trace_mode is messages.TraceMode.DRIVE:
             self._traced += 1
             due = (self._traced - 1) % config.trace_divider == 0
             data = readout.register_codes(latch.drive)
-            return TraceDrive(key=key, data=data) if due else None
-        if config.trace_mode is not TraceMode.CRC:
+            return messages.TraceDrive(key=key, data=data) if due else None
+        if config.trace_mode is not messages.TraceMode.CRC:
             return None
         if key.sequence:
-            return TracePlayback(key=key, crc=latch.drive.digest())
-        return Trace(index=key.index, crc=latch.drive.digest())
+            return messages.TracePlayback(key=key, crc=latch.drive.digest())
+        return messages.Trace(index=key.index, crc=latch.drive.digest())
 
     def _schedule_status(self) -> None:
         period_us = self.board.config.status_period_ms * 1000
@@ -373,7 +338,7 @@ class VirtualHaptogramDialect:
 
     def _send_status(self, t_us: int) -> None:
         if self._link.output_bytes < _STATUS_LIMIT:
-            self._link.send_event(Status(*self._status()), now_us=t_us)
+            self._link.send_event(messages.Status(*self._status()), now_us=t_us)
         self._schedule_status()
 
     def _status(self) -> readout.StatusFields:
@@ -386,12 +351,12 @@ def _refuse_by_dialect_unless(holds: bool, text: str, reason: str = "bad_value")
         raise RemoteProtocolError(text, reason=reason)
 
 
-def _event_of_notice(notice: Notice) -> Message | None:
+def _event_of_notice(notice: Notice) -> messages.Message | None:
     """Return what the host is told of *notice*: nothing that it asked for itself."""
     if isinstance(notice, StateChange) and not notice.requested:
-        return StateChanged(state=notice.state, reason=notice.reason)
+        return messages.StateChanged(state=notice.state, reason=notice.reason)
     if isinstance(notice, PlaybackEnd):
-        return PlaybackEnded(
+        return messages.PlaybackEnded(
             sequence=notice.sequence, loops=notice.loops, frames=notice.frames & 0xFFFFFFFF
         )
     return None

@@ -168,3 +168,4 @@ INTERACTLAB: Final = Emulation(
     unit=lambda _, now_us: InteractlabUnit(now_us),
     layout=lambda _: LAYOUT,
 )
+EMULATIONS: Final = (INTERACTLAB,)

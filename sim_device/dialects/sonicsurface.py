@@ -8,6 +8,7 @@ there.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -29,6 +30,7 @@ MODULATION_AT_POWER_UP: Final = 10
 _EMITTERS: Final = wire.CHANNELS
 _TICKS_HZ: Final = 640_000  # of the tactile firmware: one emitter is switched every (step + 1)
 
+_IN_TIME, _LATE = "in-time", "late"
 _PRIMARY: Final = Registers(wire.RULES, steps=32, width=16)
 
 
@@ -50,7 +52,24 @@ _TACTILE: Final = Registers(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stack(Settings):
+class ShiftRegisters(Settings):
+    """Options of every firmware."""
+
+    last_bit: str = option(
+        _IN_TIME,
+        unit="NAME",
+        choices=(_IN_TIME, _LATE),
+        help="when the last bit of each shift register comes: in time, or one step late, as the "
+        "pins of the firmware have it in simulators",
+    )
+
+    def of_firmware(self, registers: Registers) -> Registers:
+        """Return the *registers* of a firmware, with these options."""
+        return dataclasses.replace(registers, late=self.last_bit == _LATE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stack(ShiftRegisters):
     """Options of primary and secondary firmware."""
 
     boards: int = option(1, unit="N", low=1, high=2, help="1: a primary; 2: also a secondary")
@@ -66,7 +85,9 @@ def sonicsurface_dialect_mounting(array: TransducerArray) -> Calibration:
 SONICSURFACE: Final = Emulation(
     dialect=wire.SONICSURFACE,
     end=lambda options: wire.SONICSURFACE.board(boards=options.boards),
-    unit=lambda options, now_us: DoubleBuffer(_PRIMARY, options.boards, now_us),
+    unit=lambda options, now_us: DoubleBuffer(
+        options.of_firmware(_PRIMARY), options.boards, now_us
+    ),
     layout=lambda options: SONICSURFACE_STACK if options.boards == 2 else ONE_SONICSURFACE,
     options=Stack,
     boards=lambda options: options.boards,
@@ -74,7 +95,11 @@ SONICSURFACE: Final = Emulation(
 TACTILE: Final = Emulation(
     dialect=wire.TACTILE,
     end=lambda _: wire.TACTILE.board(),
-    unit=lambda _, now_us: DoubleBuffer(_TACTILE, 1, now_us, MODULATION_AT_POWER_UP),
+    unit=lambda options, now_us: DoubleBuffer(
+        options.of_firmware(_TACTILE), 1, now_us, MODULATION_AT_POWER_UP
+    ),
     layout=lambda _: ONE_SONICSURFACE,
+    options=ShiftRegisters,
     mounting=sonicsurface_dialect_mounting,
 )
+EMULATIONS: Final = (SONICSURFACE, TACTILE)

@@ -1,4 +1,7 @@
-"""Every dialect of a foreign board that the virtual board speaks; packages may add more."""
+"""Every dialect of a foreign board that the virtual board speaks; packages may add more.
+
+Each module here lists its own in ``EMULATIONS``.
+"""
 
 from __future__ import annotations
 
@@ -6,37 +9,21 @@ import logging
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import did_you_mean
 from haptogram.settings.option import Settings, options_of
+from haptogram_protocol.dialects.table import listed_in_modules
 
-from .autd3.emulation import AUTD3
 from .emulation import INTERFACE, Emulation
-from .interactlab import INTERACTLAB
-from .sonicsurface import SONICSURFACE, TACTILE
-from .ultraino.arduino import MEGA64, NANO8, NANO16
-from .ultraino.fpga import CHAINED, SIMPLE, SIMPLE_128
 
 GROUP: Final = "haptogram.dialects"
+_FOUND: Final = listed_in_modules(Path(__file__).parent, __name__.rpartition(".")[0], "EMULATIONS")
 EMULATIONS: Final[Mapping[str, Emulation]] = MappingProxyType(
-    {
-        emulation.dialect.name: emulation
-        for emulation in (
-            SONICSURFACE,
-            TACTILE,
-            SIMPLE,
-            SIMPLE_128,
-            CHAINED,
-            MEGA64,
-            NANO8,
-            NANO16,
-            INTERACTLAB,
-            AUTD3,
-        )
-    }
+    {emulation.dialect.name: emulation for emulation in _FOUND}
 )
 _LOG: Final = logging.getLogger(__name__)
 

@@ -23,19 +23,15 @@ class Unit(Protocol):
     @property
     def counters(self) -> Counter[str]:
         """Counts of the operations that the boards cannot do, by kind."""
-        ...
 
     def take(self, operation: Operation, t_us: int) -> Sequence[Reply | bytes]:
         """Do *operation*, whose last byte is complete at *t_us*; return what the boards answer."""
-        ...
 
     def next_event_us(self) -> int | None:
         """Return when the boards next do something by themselves, or None."""
-        ...
 
     def advance_to(self, t_us: int) -> Sequence[Reply | bytes]:
         """Let everything happen that is due up to *t_us*; return what the boards say by it."""
-        ...
 
     def take_latches(self) -> list[PulseLatch]:
         """Return the latches since the last call, in order.
@@ -43,7 +39,6 @@ class Unit(Protocol):
         A unit sets time, pulses, cause, and index and modulation where it has them; the dialect
         adds the rest.
         """
-        ...
 
 
 @runtime_checkable
@@ -53,6 +48,14 @@ class HoldsBackUnit(Protocol):
     @property
     def room_bytes(self) -> int:
         """Bytes that the boards take now."""
+
+
+@runtime_checkable
+class HearsBytesUnit(Protocol):
+    """A unit whose output changes while bytes arrive."""
+
+    def hear(self, begin_us: float, end_us: float) -> None:
+        """Learn that bytes arrive from one device time to another."""
         ...
 
 
@@ -62,15 +65,12 @@ class RunsAheadUnit(Protocol):
 
     def announce(self, begin_us: float, data: bytes) -> None:
         """Take bytes that come back to back, the start bit of the first at a device time."""
-        ...
 
     def run_ahead(self, until_us: int) -> None:
         """Find out what the board does up to *until_us*: until then nothing else comes."""
-        ...
 
     def power_down(self) -> None:
         """Switch the board off."""
-        ...
 
 
 class LatchingUnit:

@@ -13,15 +13,9 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
+from haptogram_protocol import framing
+from haptogram_protocol.cobs import cobs_encode
 from haptogram_protocol.errors import ProtocolError
-from haptogram_protocol.framing import (
-    CRC_BYTES,
-    DELIMITER,
-    HEADER_BYTES,
-    cobs_encode,
-    decode_frame,
-    encode_frame,
-)
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header
 
 from .line import Acted, FaultChunk, LineFault, Values
@@ -48,40 +42,40 @@ def fault_on_frames(rewrite: Rewrite) -> LineFault:
 def _fault_on_frames_of(
     data: bytes, rewrite: Rewrite, values: Values, source: random.Random
 ) -> tuple[bytes, int]:
-    pieces, fired = data.split(DELIMITER), 0
+    pieces, fired = data.split(framing.DELIMITER), 0
     for place in range(1, len(pieces) - 1):  # what has a delimiter on both sides
         if not pieces[place] or source.random() >= values["p"]:
             continue
         try:
-            new = rewrite(decode_frame(pieces[place]), values, source)
+            new = rewrite(framing.decode_frame(pieces[place]), values, source)
         except ProtocolError:  # damaged already, no message, or too long to be sent
             continue
         if new is not None:
             pieces[place], fired = new, fired + 1
-    return DELIMITER.join(pieces), fired
+    return framing.DELIMITER.join(pieces), fired
 
 
 def sealed_by_fault(body: bytes) -> bytes:
     """Return the stuffed bytes of *body*, as they stand between the delimiters."""
-    return encode_frame(body)[1:-1]
+    return framing.encode_frame(body)[1:-1]
 
 
 def _crc_fault(body: bytes, _: Values, source: random.Random) -> bytes:
-    wrong = zlib.crc32(body) ^ 1 << source.randrange(8 * CRC_BYTES)
-    return cobs_encode(body + wrong.to_bytes(CRC_BYTES, "little"))
+    wrong = zlib.crc32(body) ^ 1 << source.randrange(8 * framing.CRC_BYTES)
+    return cobs_encode(body + wrong.to_bytes(framing.CRC_BYTES, "little"))
 
 
 def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
     more = round(values["bytes"])
     if more < 0:
-        cut = body[: max(HEADER_BYTES, len(body) + more)]
+        cut = body[: max(framing.HEADER_BYTES, len(body) + more)]
         return sealed_by_fault(cut) if cut != body else None
     return sealed_by_fault(body + source.randbytes(more)) if more else None
 
 
 def _header_fault(change: _Change) -> Rewrite:
     def rewrite(body: bytes, values: Values, _: random.Random) -> bytes | None:
-        header, payload = Header.unpack(body[:HEADER_BYTES]), body[HEADER_BYTES:]
+        header, payload = Header.unpack(body[: framing.HEADER_BYTES]), body[framing.HEADER_BYTES :]
         fields = {name: getattr(header, name) for name in Header.WIRE}
         changed = Header(**{**fields, **change(header, values)})
         return None if changed == header else sealed_by_fault(changed.pack() + payload)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from board_differential import main as differential
-from haptogram.start import main as haptogram
+from haptogram.cli import main as haptogram
 
 pytestmark = pytest.mark.nightly
 

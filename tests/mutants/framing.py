@@ -6,17 +6,14 @@ import binascii
 from typing import Any, Final
 
 from haptogram.records.frame import Evidence
-from haptogram_protocol.cobs import BLOCK
+from haptogram_protocol.cobs import BLOCK, Cobs, cobs_decode, cobs_encode
 from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import (
     CRC_BYTES,
     DELIMITER,
     HEADER_BYTES,
-    Cobs,
     FrameDecoder,
-    cobs_decode,
-    cobs_encode,
     encode_frame,
 )
 from haptogram_protocol.messages import MESSAGES, Error, ErrorCode, MessageType

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 import haptogram.driver.session
 import sim_device.assembly
 from haptogram.driver.driver import Driver
+from haptogram_protocol.cobs import PURE_PYTHON, Cobs, fastest_cobs
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import PURE_PYTHON, Cobs, FrameDecoder, encode_frame, fastest_cobs
+from haptogram_protocol.framing import FrameDecoder, encode_frame
 from virtual_ports import BoardPort
 
 EXTENSION = "cobs.cobs._cobs_ext"

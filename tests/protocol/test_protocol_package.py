@@ -32,7 +32,10 @@ PURE = {
     "typing",
     "zlib",
 }
-OPTIONAL = {"cobs.py": {"cobs"}}  # COBS in C, taken where it is installed
+OPTIONAL = {
+    "cobs.py": {"cobs"},  # COBS in C, taken where it is installed
+    "dialects/table.py": {"importlib", "pathlib", "pkgutil"},  # finds the modules of the package
+}
 # From two rooms further down an import of ours is written in full; random is seeded.
 EXPORT = PURE | {
     "argparse",

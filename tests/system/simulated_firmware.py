@@ -24,12 +24,12 @@ def period_text(weights):
     """Return the changes of a period with the pulses of *weights*, which begins a quarter late."""
     count = len(weights)
     if not weights.any():
-        return "|\n"
+        return ""
     pulses = PinWaveformPulses.of_weights(weights)
     rises = np.rint(pulses.rises * PERIOD_NS).astype(int) % PERIOD_NS
     falls = np.rint((pulses.rises + pulses.duties) * PERIOD_NS).astype(int) % PERIOD_NS
     on = pulses.duties > 0
-    lines = ["|"]
+    lines = []
     for t_ns in sorted({*rises[on].tolist(), *falls[on].tolist()}):
         since, width = (t_ns - rises) % PERIOD_NS, (falls - rises) % PERIOD_NS
         high = sum(1 << pin for pin in np.flatnonzero(on & (since < width)).tolist())
@@ -91,9 +91,10 @@ class Firmware:
 
     def lines_up_to(self, now, lines):
         while self.period <= now:
+            if self.period:
+                lines.append(f"{self.text}|\n")
             while self.changes and self.changes[0][0] - BOOT_US <= self.period // 1000:
                 self.text = self.changes.pop(0)[1]
-            lines.append(self.text)
             self.period += PERIOD_NS
 
 

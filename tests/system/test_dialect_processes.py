@@ -63,7 +63,7 @@ def test_the_field_is_rebuilt_in_the_model_of_the_board():
 
 
 def test_what_is_no_dialect_is_one_line():
-    with pytest.raises(ConfigurationError, match="'sonic'; known are sonicsurface") as refused:
+    with pytest.raises(ConfigurationError, match="'sonic'; known are autd3") as refused:
         VirtualBoard(dialect="sonic")
     assert "\n" not in str(refused.value)
 

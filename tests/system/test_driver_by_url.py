@@ -10,7 +10,8 @@ import pytest
 import sim_device
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import BackdoorFileReader, observations_of_backdoor
+from haptogram.evidence.backdoor import observations_of_backdoor
+from haptogram.evidence.backdoor_stream import BackdoorReader
 from haptogram.verification import verify_run
 from haptogram_protocol.messages import TraceMode
 
@@ -28,9 +29,8 @@ def run(backdoor, seed, points=CIRCLE, rate_hz=1000):
     with Driver(url, seed=seed, trace=TraceMode.CRC) as driver:
         driver.arm()
         report = driver.stream(points, rate_hz)
-    file = BackdoorFileReader(backdoor)
-    file.read()
-    return driver, report, observations_of_backdoor(file.records, driver.session)
+    with BackdoorReader(str(backdoor)) as file:
+        return driver, report, observations_of_backdoor(file.read(), driver.session)
 
 
 def test_a_run_in_virtual_time_is_exact_and_passes(tmp_path):

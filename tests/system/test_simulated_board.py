@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import serial
 
-from haptogram.start import main
+from haptogram.cli import main
 from sim_device.dialects.table import EMULATIONS
 
 EVERY = Path(__file__).with_name("simulated_firmware.py")

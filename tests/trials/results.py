@@ -161,10 +161,8 @@ _PAGE_HEAD: Final = """\
 # Is the verdict ever wrong?
 
 Written by `ci/trials --seed {seed}`, of {honest} correct and {wrong} wrong frames, which go
-from the driver over bytes to the virtual board, are latched and judged. The truth beside each
-shares no code with the program: a field of its own, and a dense search for the place where the
-waves arrive in phase, for the peaks next to several foci, and for the pressure at every target.
-`ci/trials` prints each kind; here families of fewer than 800 trials are *others*.
+from the driver over bytes to the virtual board. The truth beside each shares no code with the
+program: a field and a search of its own. Families of fewer than 800 trials are *others*.
 
 - *False pass*: on target, although the effect exceeds what the verdict says that it would show.
 - *False fail*: a correct frame that fails. With a tolerance, a correct host takes up to all of it:

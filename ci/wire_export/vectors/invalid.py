@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.framing import CRC_BYTES, HEADER_BYTES, MAX_ENCODED_BYTES, cobs_encode
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import CRC_BYTES, HEADER_BYTES, MAX_ENCODED_BYTES
 from haptogram_protocol.record import Record
 
 from .samples import vector_sample

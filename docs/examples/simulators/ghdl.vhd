@@ -21,7 +21,7 @@ begin
         variable said : line;
         variable word : string(1 to 2);
         variable digit : character;
-        variable number, sample, until_at, period_at, edge, bit_time : time := 0 ns;
+        variable number, sample, until_at, edge, bit_time : time := 0 ns; variable period_at : time := PERIOD_NS * 1 ns;
         variable value : std_logic_vector(7 downto 0);
         variable sent : std_logic_vector(9 downto 0);
         variable level, shown : std_logic_vector(COUNT - 1 downto 0) := (others => '0');

@@ -22,7 +22,7 @@ module simulator;
     reg [63:0] begins [0:4095];
     reg [7:0] bytes [0:4095];
     integer first = 0, last = 0, n, sending = 0;
-    reg [63:0] number, now = 0, until_ps = 0, period = 0, sample = 0, bit_ps = 0;
+    reg [63:0] number, now = 0, until_ps = 0, period = PERIOD_PS, sample = 0, bit_ps = 0;
 
     `MODEL board (
         .`CLK(clk),

@@ -15,34 +15,49 @@
 
 static avr_t *avr;
 static const char *ports;
-static uint64_t period_ns, period = 0, until = 0;
+static uint64_t period_ns, period, same = 0, until = 0;  // end of this period; those like the last, not told
 static double ns_per_clock;
 static uint8_t levels[32];
-static int stops;
+static struct change { uint64_t since; uint8_t levels[32]; } *changes, *before;  // in this period, in the last
+static size_t count = 0, counted = 0;  // changes in these
+static int stops, sent;
 static struct { uint64_t begin; uint8_t value; } line[65536];  // bytes that come; a ring
 static uint16_t first, last;
 
 static uint64_t now_ns(void) { return (uint64_t)(avr->cycle * ns_per_clock); }
 
+static void tell_same(void) {
+    if (same) printf("= %" PRIu64 "\n", same);
+    same = 0;
+}
+
 static void tell_periods(uint64_t up_to) {
-    for (; up_to >= period; period += period_ns) puts("|");
+    for (; up_to >= period; period += period_ns, count = 0) {
+        if (count == counted && !memcmp(changes, before, count * sizeof *changes) && ++same) continue;
+        tell_same();
+        for (size_t at = 0; at < count; at++) {
+            printf("P %" PRIu64 " ", changes[at].since);
+            for (int n = strlen(ports) - 1; n >= 0; n--) printf("%02x", changes[at].levels[n]);
+            puts("");
+        }
+        puts("|");
+        memcpy(before, changes, count * sizeof *changes);
+        counted = count;
+    }
 }
 
 static void on_port(struct avr_irq_t *irq, uint32_t value, void *port) {
-    uint64_t now = now_ns();
     uint8_t *level = port;
     if (*level == (uint8_t)value) return;
     *level = value;
-    tell_periods(now);
-    printf("P %" PRIu64 " ", now + period_ns - period);
-    for (int n = strlen(ports) - 1; n >= 0; n--) printf("%02x", levels[n]);
-    puts("");
+    tell_periods(now_ns());
+    changes[count].since = now_ns() + period_ns - period;
+    memcpy(changes[count++].levels, levels, sizeof levels);
 }
 
 static void on_byte(struct avr_irq_t *irq, uint32_t value, void *unused) {
     until = now_ns();
-    tell_periods(until);
-    printf("R %" PRIu64 " %02x\n", until, (uint8_t)value);
+    sent = value;
     stops = 1;
 }
 
@@ -60,7 +75,9 @@ int main(int count, char **words) {
     avr_load_firmware(avr, &firmware);
     avr->frequency = strtoul(words[2], 0, 10);
     ns_per_clock = 1e9 / avr->frequency;
-    period_ns = strtoull(words[3], 0, 10);
+    period = period_ns = strtoull(words[3], 0, 10);
+    changes = calloc(2 * (period_ns / ns_per_clock + 3), sizeof *changes);  // one in a clock at most
+    before = changes + (size_t)(period_ns / ns_per_clock) + 2;
     ports = words[5];
     uint32_t flags = 0;
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
@@ -87,6 +104,8 @@ int main(int count, char **words) {
                 if (avr_run(avr) == cpu_Crashed) return fprintf(stderr, "the AVR crashed\n"), 1;
             }
             tell_periods(until);
+            tell_same();
+            if (stops) printf("R %" PRIu64 " %02x\n", until, sent);
             printf(". %" PRIu64 "\n", until);
         }
         fflush(stdout);

@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <cstring>
 #include <deque>
+#include <vector>
 #include "verilated.h"
 #define TEXT_OF(name) #name
 #define TEXT(name) TEXT_OF(name)
@@ -28,10 +29,33 @@ template <std::size_t N> static void read_pins(const VlWide<N> &pins, uint32_t *
     memcpy(words, pins.data(), sizeof(uint32_t) * WORDS);
 }
 
+// The changes of this period, and of the last: the time of each, and all pins.
+static std::vector<uint32_t> changes, last;
+static u64 period = (u64)PERIOD * FS, same = 0;  // end of this period; those like the last, not told yet
+
+static void tell_same() {
+    if (same) printf("= %llu\n", (unsigned long long)same);
+    same = 0;
+}
+
+static void tell_periods(u64 up_to) {
+    for (; up_to >= period; period += (u64)PERIOD * FS, changes.clear()) {
+        if (changes == last && ++same) continue;
+        tell_same();
+        for (size_t at = 0; at < changes.size(); at += 1 + WORDS) {
+            printf("P %u ", changes[at]);
+            for (int n = WORDS; n > 0; n--) printf("%0*x", n == WORDS ? (COUNT + 3) / 4 - 8 * n + 8 : 8, changes[at + n]);
+            puts("");
+        }
+        puts("|");
+        last = changes;
+    }
+}
+
 int main() {
     MODEL *model = new MODEL;
     const u64 clock = 1000000000000000ull / HZ;
-    u64 t = 0, period = 0, bit = 0, until = 0, rising = 0;
+    u64 t = 0, bit = 0, until = 0, rising = 0;
     uint32_t pins[WORDS] = {0}, now[WORDS];
     std::deque<Byte> line;
     unsigned sending = 0, sent = 0;  // the bits that have come from the board, and which is next
@@ -63,24 +87,25 @@ int main() {
             model->eval();
             model->CLK = 0;
             model->eval();
-            for (; t >= period; period += (u64)PERIOD * FS) puts("|");
+            tell_periods(t);
             read_pins(model->PINS, now);
             if (memcmp(now, pins, sizeof pins)) {
                 memcpy(pins, now, sizeof pins);
-                printf("P %d ", (int)((t + (u64)PERIOD * FS - period) / FS));
-                for (int n = WORDS - 1; n >= 0; n--) printf("%0*x", n == WORDS - 1 ? (COUNT + 3) / 4 - 8 * n : 8, pins[n]);
-                puts("");
+                changes.push_back((t + (u64)PERIOD * FS - period) / FS);
+                changes.insert(changes.end(), pins, pins + WORDS);
             }
 #ifdef TX
             if (!sending && !model->TX) rising = t + bit + bit / 2, sending = 9, sent = 0;
             else if (sending && t >= rising) {
                 rising += bit;
                 if (--sending) sent |= model->TX << (8 - sending);
-                else printf("R %llu %02x\n", (unsigned long long)(t / FS), sent), stops = true, until = t;
+                else stops = true, until = t;
             }
 #endif
         }
-        for (; until >= period; period += (u64)PERIOD * FS) puts("|");
+        tell_periods(until);
+        tell_same();
+        if (stops) printf("R %llu %02x\n", (unsigned long long)(until / FS), sent);
         printf(". %llu\n", (unsigned long long)(until / FS));
         fflush(stdout);
     }

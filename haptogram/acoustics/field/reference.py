@@ -41,11 +41,9 @@ class FieldEngine(Protocol):
     @property
     def model(self) -> AcousticModel:
         """The model whose field this is."""
-        ...
 
     def pressure(self, weights: ArrayLike, points_m: ArrayLike) -> ComplexArray:
         """Return the result of :func:`pressure` for the model of this engine."""
-        ...
 
 
 class NumpyEngine:

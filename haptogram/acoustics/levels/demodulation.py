@@ -25,15 +25,9 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray, check_computed_number
 from haptogram.acoustics.field.reference import FieldEngine
+from haptogram.acoustics.levels import exposure
 from haptogram.acoustics.levels.average import periodic_resonator_start
 from haptogram.acoustics.levels.dynamics import Resonator
-from haptogram.acoustics.levels.exposure import (
-    AUDIBLE_LIMIT_HZ,
-    LOWEST_AUDIBLE_HZ,
-    MAX_DIRECTIONS,
-    a_weighting_db,
-    half_sphere_directions,
-)
 from haptogram.acoustics.levels.force import level_db_spl
 from haptogram.acoustics.levels.harmonic import NONLINEARITY
 from haptogram.acoustics.memory import check_array_memory
@@ -128,9 +122,11 @@ def demodulated_lines(
     check_positive("absorption_np_m", medium.absorption_np_m)
     check_positive("time_constant_s", resonator.time_constant_s)
     period_s = len(drives) * check_positive("frame_s", frame_s)
-    highest = check_computed_number("highest line", AUDIBLE_LIMIT_HZ * period_s)
+    highest = check_computed_number("highest line", exposure.AUDIBLE_LIMIT_HZ * period_s)
     check_array_memory("lines", (math.ceil(highest),), 64)
-    orders = np.arange(max(1, math.ceil(LOWEST_AUDIBLE_HZ * period_s)), math.floor(highest) + 1)
+    orders = np.arange(
+        max(1, math.ceil(exposure.LOWEST_AUDIBLE_HZ * period_s)), math.floor(highest) + 1
+    )
     rate = 2.0 * np.pi * orders / period_s
     power = _demodulated_power_lines(engine, drives, frame_s, resonator, orders, directions)
     spread = 8.0 * np.pi * medium.sound_speed_m_s**3 * medium.absorption_np_m
@@ -164,7 +160,7 @@ def demodulated_level_db_a(
     True
     """
     frequency_hz, pressure_pa = demodulated_lines(engine, weights, distance_m, frame_s, resonator)
-    weighting = 10.0 ** (a_weighting_db(frequency_hz) / 20.0)
+    weighting = 10.0 ** (exposure.a_weighting_db(frequency_hz) / 20.0)
     return level_db_spl(math.sqrt(float(np.sum((weighting * pressure_pa) ** 2))))
 
 
@@ -211,13 +207,13 @@ def _demodulated_frame_sums(
 
 def _demodulation_sphere(engine: FieldEngine, directions: int) -> tuple[FloatArray, float]:
     """Return places on a half sphere, and the power that each of them stands for, per Pa^2."""
-    check_whole("directions", directions, 10, MAX_DIRECTIONS)
+    check_whole("directions", directions, 10, exposure.MAX_DIRECTIONS)
     model, array = engine.model, engine.model.array
     aperture_m = float(np.linalg.norm(array.positions_m - array.centre_m, axis=1).max())
     radius_m = max(_APERTURES * aperture_m, 10.0 * model.wavelength_m)
     area_m2 = 2.0 * np.pi * radius_m**2 / directions
     undone = math.exp(2.0 * model.medium.absorption_np_m * radius_m)
-    places = array.centre_m + radius_m * half_sphere_directions(
+    places = array.centre_m + radius_m * exposure.half_sphere_directions(
         array.facing, directions, array.axes[0]
     )
     return places, undone * area_m2 / (2.0 * model.medium.impedance)

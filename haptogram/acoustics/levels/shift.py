@@ -15,14 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import FloatArray, as_coordinates, as_float_vector
-from haptogram.acoustics.field.reference import (
-    MIN_DISTANCE_M,
-    FieldEngine,
-    check_field_points,
-    points_clear_of_elements,
-    points_in_front,
-    propagators,
-)
+from haptogram.acoustics.field import reference
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
@@ -111,7 +104,7 @@ def predict_focal_shift(
         np.ones(count) if amplitudes is None else as_float_vector("amplitudes", amplitudes, count)
     )
     stencil = target + _GRADIENT_STEP_M * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    shares = np.abs(propagators(model, stencil)) * np.abs(levels)
+    shares = np.abs(reference.propagators(model, stencil)) * np.abs(levels)
     sums = shares.sum(axis=1)
     if not sums.min() > 0.0:
         raise ConfigurationError("no element is heard at the target")
@@ -147,7 +140,9 @@ def focal_shift_covariance(
     return covariance
 
 
-def find_pressure_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLike) -> FloatArray:
+def find_pressure_peak(
+    engine: reference.FieldEngine, weights: ArrayLike, start_m: ArrayLike
+) -> FloatArray:
     """Return the local maximum of |p| next to a point, by Newton's method on ln |p|^2.
 
     Parameters
@@ -179,7 +174,7 @@ def find_pressure_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLi
     """
     drive = as_drive(weights, engine.model.array.count)
     position = as_coordinates("start_m", start_m).copy()
-    check_field_points(engine.model, position[None])
+    reference.check_field_points(engine.model, position[None])
     longest = engine.model.wavelength_m / 4.0
     # A wide stencil while far away, a narrow one for the last digits.
     for width in (engine.model.wavelength_m / 50.0, engine.model.wavelength_m / 250.0):
@@ -204,16 +199,16 @@ def find_pressure_peak(engine: FieldEngine, weights: ArrayLike, start_m: ArrayLi
 
 def _is_pressure_peak_clear(model: AcousticModel, position: FloatArray) -> bool:
     """Return True if a whole stencil around *position* is in front of the array, and off it."""
-    margin_m = MIN_DISTANCE_M + model.wavelength_m / 25.0
+    margin_m = reference.MIN_DISTANCE_M + model.wavelength_m / 25.0
     around = position + margin_m * _pressure_peak_stencil()
     return bool(
-        points_clear_of_elements(model, position[None], margin_m)[0]
-        and points_in_front(model, around).all()
+        reference.points_clear_of_elements(model, position[None], margin_m)[0]
+        and reference.points_in_front(model, around).all()
     )
 
 
 def _peak_ascent_step(
-    engine: FieldEngine, drive: ArrayLike, position: FloatArray, width: float
+    engine: reference.FieldEngine, drive: ArrayLike, position: FloatArray, width: float
 ) -> FloatArray:
     """Return the Newton step, its sign turned wherever the field curves upward."""
     pressure = engine.pressure(drive, position + width * _pressure_peak_stencil())

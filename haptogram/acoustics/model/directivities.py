@@ -36,7 +36,6 @@ class OrientedDirectivity(Protocol):
         self, directions: FloatArray, normals: FloatArray, wavenumber: float
     ) -> FloatArray:
         """Return the (M, N) gain in (M, N, 3) unit *directions* of (N, 3) unit *normals*."""
-        ...
 
 
 @dataclass(frozen=True, eq=False, slots=True)

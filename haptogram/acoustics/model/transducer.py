@@ -32,11 +32,9 @@ class Directivity(Protocol):
     @property
     def baffled(self) -> bool:
         """True if the directivity is undefined in the half-space behind."""
-        ...
 
     def gain(self, cos_theta: FloatArray, wavenumber: float) -> FloatArray:
         """Return the gain at the cosine of the angle to the axis; *wavenumber* in rad/m."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,26 +12,13 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.driver.line.budget import (
-    frame_bytes_on_line,
-    highest_line_rate_hz,
-    line_transmission_ns,
-)
+from haptogram.driver.line import budget
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.errors import ConfigurationError
 from haptogram.machine.posix import posix_module
 from haptogram.machine.process import real_time_process
-from haptogram_protocol import FrameDecoder, encode_frame
-from haptogram_protocol.framing import Stuffing, fastest_cobs
-from haptogram_protocol.messages import (
-    Drives,
-    FocalPoint,
-    Message,
-    Phases,
-    Points,
-    build_body,
-    parse_body,
-)
+from haptogram_protocol import FrameDecoder, encode_frame, messages
+from haptogram_protocol.cobs import Stuffing, fastest_cobs
 
 _TIMES: Final = 400  # repetitions of a stage, of which the median counts
 _TICKS: Final = 100
@@ -80,21 +67,21 @@ class FrameBudget:
         return sum(parts)
 
 
-def bench_frame_formats(transducers: int) -> dict[str, Message]:
+def bench_frame_formats(transducers: int) -> dict[str, messages.Message]:
     """Return a message of every frame format with contents as varied as those of a focus."""
     codes = np.random.default_rng(0).integers(0, 256, transducers, dtype=np.uint8)
-    formats: dict[str, Message] = {
-        "phases": Phases(codes.tobytes()),
-        "phases and amplitudes": Drives(codes.tobytes() * 2),
+    formats: dict[str, messages.Message] = {
+        "phases": messages.Phases(codes.tobytes()),
+        "phases and amplitudes": messages.Drives(codes.tobytes() * 2),
     }
     for count in (1, 8):
-        point = FocalPoint(12_345, -23_456, 150_000, 65_535, 0)
+        point = messages.FocalPoint(12_345, -23_456, 150_000, 65_535, 0)
         name = "1 focal point" if count == 1 else f"{count} focal points"
-        formats[name] = Points((point,) * count)
+        formats[name] = messages.Points((point,) * count)
     return formats
 
 
-def measure_frame_budget(name: str, message: Message, *, baudrate: int) -> FrameBudget:
+def measure_frame_budget(name: str, message: messages.Message, *, baudrate: int) -> FrameBudget:
     """Measure the cost of a frame of *message*.
 
     Raises
@@ -111,15 +98,17 @@ def measure_frame_budget(name: str, message: Message, *, baudrate: int) -> Frame
     decode_ns = _median_budget_ns(lambda: _decode_budget_frame(decoder, wire))
     with _drained_budget_pty() as (fd, drain):
         write_ns = _median_budget_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
-    size = frame_bytes_on_line(len(build_body(message, flags=0, seq=0, time_us=0, session=1)) - 10)
+    size = budget.frame_bytes_on_line(
+        len(messages.build_body(message, flags=0, seq=0, time_us=0, session=1)) - 10
+    )
     return FrameBudget(
         name=name,
         size=size,
         encode_ns=encode_ns,
         write_ns=write_ns,
-        wire_ns=line_transmission_ns(size, baudrate),
+        wire_ns=budget.line_transmission_ns(size, baudrate),
         decode_ns=decode_ns,
-        line_hz=highest_line_rate_hz(size, baudrate),
+        line_hz=budget.highest_line_rate_hz(size, baudrate),
         host_hz=1e9 / (encode_ns + write_ns),
     )
 
@@ -143,15 +132,15 @@ def _sleep_until_budget_deadline(deadline_ns: int) -> None:
         time.sleep(wait_ns / 1e9)
 
 
-def _encode_budget_frame(message: Message, stuff: Stuffing) -> bytes:
-    body = build_body(message, flags=0, seq=4711, time_us=123_456_789, session=77)
+def _encode_budget_frame(message: messages.Message, stuff: Stuffing) -> bytes:
+    body = messages.build_body(message, flags=0, seq=4711, time_us=123_456_789, session=77)
     return encode_frame(body, stuff)
 
 
 def _decode_budget_frame(decoder: FrameDecoder, wire: bytes) -> None:
     for body in decoder.feed(wire):
         assert isinstance(body, bytes)
-        parse_body(body)
+        messages.parse_body(body)
 
 
 def _median_budget_ns(

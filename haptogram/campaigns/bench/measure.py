@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.campaigns.bench.attribution import (
-    MISS_LIMITS_US,
-    BenchLatenessParts,
-    LatenessMisses,
-    attribute_bench_lateness,
-    count_late_bench_frames,
-    split_bench_lateness,
-)
+from haptogram.campaigns.bench import attribution
 from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.campaigns.bench.control import NoiseFloorLoop
 from haptogram.campaigns.bench.focus_error import BenchFocusError, bench_focus_error
@@ -69,7 +62,7 @@ class BenchRun:
     board: str
     report: StreamReport
     stages_us: dict[str, NDArray[np.float64]]
-    misses: dict[str, list[LatenessMisses]]
+    misses: dict[str, list[attribution.LatenessMisses]]
     focus: BenchFocusError
     latched: int
     environment: dict[str, Any]
@@ -182,7 +175,7 @@ def _bench_run_of(
     left_ns = ticks.stamp_ns("line_free" if paced else "done")
     received_ns = _bench_host_times(driver, received_us)
     board_ns = received_ns - left_ns
-    parts = split_bench_lateness(
+    parts = attribution.split_bench_lateness(
         ticks, line_transmission_ns, np.nan_to_num(board_ns).astype(np.int64)
     )
     stages = _bench_stages(parts, ticks.lateness_us(), line_transmission_ns, sent)
@@ -209,7 +202,7 @@ def _bench_run_of(
 
 
 def _bench_stages(
-    parts: BenchLatenessParts,
+    parts: attribution.BenchLatenessParts,
     lateness_us: NDArray[np.float64],
     line_transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
@@ -226,14 +219,17 @@ def _bench_stages(
 
 
 def _bench_misses(
-    parts: BenchLatenessParts, stalled: NDArray[np.bool_]
-) -> dict[str, list[LatenessMisses]]:
+    parts: attribution.BenchLatenessParts, stalled: NDArray[np.bool_]
+) -> dict[str, list[attribution.LatenessMisses]]:
     return {
         place: [
-            count_late_bench_frames(
-                some.total_ns, attribute_bench_lateness(some), limit_us=limit_us, stalled=stalled
+            attribution.count_late_bench_frames(
+                some.total_ns,
+                attribution.attribute_bench_lateness(some),
+                limit_us=limit_us,
+                stalled=stalled,
             )
-            for limit_us in MISS_LIMITS_US
+            for limit_us in attribution.MISS_LIMITS_US
         ]
         for place, some in (("at_port", parts.at_port()), ("at_board", parts))
     }

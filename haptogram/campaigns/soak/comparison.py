@@ -13,7 +13,7 @@ from typing import Protocol, Self
 from haptogram.errors import HaptogramError
 from haptogram.records.latch import LatchRecord, LatchSeen
 from haptogram.settings.faults.plan import FaultPlan
-from haptogram_protocol.messages import Hello, Mute, signed_difference
+from haptogram_protocol import messages as m
 
 from .excerpts import SoakExcerpts
 from .line import Sent, SoakLine
@@ -50,7 +50,6 @@ class MakeBoard(Protocol):
 
     def __call__(self, *, seed: int, baud: int, plan: FaultPlan, running_us: int) -> BoardUnderSoak:
         """Return it."""
-        ...
 
 
 class SoakComparison:
@@ -124,10 +123,10 @@ class SoakComparison:
             self._tally.count("gap", self._line.explain_gap(sent), column="lost")
             self._judge_lateness(sent, due, t_ns)
         self._last = sent
-        return sent.type in (Hello.TYPE, Mute.TYPE) and due == "request"
+        return sent.type in (m.Hello.TYPE, m.Mute.TYPE) and due == "request"
 
     def _judge_lateness(self, sent: Sent, index: int, t_ns: int) -> None:
-        late_us = signed_difference(self._board.device_us(t_ns), sent.due_us, 32)
+        late_us = m.signed_difference(self._board.device_us(t_ns), sent.due_us, 32)
         if late_us <= 0:
             return
         self._tally.note_lateness(late_us)

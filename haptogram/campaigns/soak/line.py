@@ -20,8 +20,8 @@ from typing import Final, TypeAlias
 
 from haptogram.driver.line.budget import line_transmission_ns
 from haptogram.settings.faults.kinds import FAULT_KINDS
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
-from haptogram_protocol.messages import EVENT_RANGE, STREAM_RANGE
 
 from .tally import DAMAGE, UNEXPLAINED, SoakHit, SoakTally
 
@@ -110,7 +110,7 @@ class Sent:
     @property
     def is_numbered(self) -> bool:
         """True if the next one tells that this one is missing."""
-        return self.type in STREAM_RANGE or self.type in EVENT_RANGE
+        return self.type in m.STREAM_RANGE or self.type in m.EVENT_RANGE
 
 
 class SoakLine:

@@ -10,6 +10,8 @@ from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram_protocol import NEED_DATA, HostConnection
+from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import (
     EventReceived,
     FrameDropped,
@@ -18,15 +20,6 @@ from haptogram_protocol.connection import (
     RequestTimedOut,
 )
 from haptogram_protocol.connection.events import NeedData
-from haptogram_protocol.framing import fastest_cobs
-from haptogram_protocol.messages import (
-    Arm,
-    ArmReply,
-    Drives,
-    MuteReply,
-    Phases,
-    Status,
-)
 
 from .comparison import BoardUnderSoak, Hopeless, SoakComparison
 from .excerpts import SoakExcerpts
@@ -89,7 +82,7 @@ class SoakHost(HostConnection):
         if event.gap != lost:
             text = f"the host misses {event.gap} events, and {lost} were lost"
             self._tally.violate(UNEXPLAINED, text)
-        if isinstance(event.message, Status):
+        if isinstance(event.message, m.Status):
             if event.message.free_bytes < self._free_bytes:
                 self._tally.violate("memory leak", "the board has fewer free bytes than before")
             self._free_bytes = event.message.free_bytes
@@ -168,11 +161,11 @@ class SoakRig:
 
     def arm(self) -> None:
         """Let the board sound."""
-        self.link.request(Arm(), ArmReply)
+        self.link.request(m.Arm(), m.ArmReply)
 
     def silence(self) -> None:
         """Mute the board."""
-        self.link.mute(MuteReply, self.link.timeout_ns)
+        self.link.mute(m.MuteReply, self.link.timeout_ns)
 
     def stream_frame(self, due_us: int) -> None:
         """Send the next frame now; it is due at *due_us* of the board's clock."""
@@ -257,12 +250,12 @@ class SoakRig:
             self.up.send(sent, self._now_ns, spared=is_old)
 
 
-def _soak_drives(count: int) -> list[Phases | Drives]:
+def _soak_drives(count: int) -> list[m.Phases | m.Drives]:
     """Return frames of random codes, some with amplitudes: no half of one is a half of another."""
     source = random.Random(_DRIVES)
     return [
-        Phases(source.randbytes(count))
+        m.Phases(source.randbytes(count))
         if number % _AMPLITUDES_EVERY
-        else Drives(source.randbytes(2 * count))
+        else m.Drives(source.randbytes(2 * count))
         for number in range(_DRIVES)
     ]

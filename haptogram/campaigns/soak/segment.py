@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 
 from haptogram.errors import DeviceError, NoAnswerError
 from haptogram.settings.faults.plan import Fault, FaultPlan
-from haptogram_protocol.messages import Config, SetConfig, SetConfigReply
+from haptogram_protocol import messages as m
 
 from .comparison import Hopeless, MakeBoard
 from .excerpts import SoakExcerpts
@@ -139,7 +139,7 @@ class _SoakSegment:
         rig, source = self._rig, self._source
         rig.new_session()
         self._calm(False)
-        config = Config(
+        config = m.Config(
             hold_ms=source.choice((100, 200, 400)),
             ramp_ms=source.choice((0, 20, 50)),
             host_timeout_ms=source.choice((100, 200, 500)),
@@ -148,7 +148,7 @@ class _SoakSegment:
         )
         self._timers_ms = min(config.hold_ms, config.host_timeout_ms)
         self._ramp_ms = config.ramp_ms
-        rig.link.request(SetConfig(config), SetConfigReply)
+        rig.link.request(m.SetConfig(config), m.SetConfigReply)
         rig.pinger.synchronise()
         rig.arm()
 

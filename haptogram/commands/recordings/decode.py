@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from haptogram.settings.dialects import DIALECT_TITLES, OWN_DIALECT
 from haptogram.settings.parser import file_name_option
 
 from .sources import FORMATS, Source, open_recorded_source
@@ -40,6 +39,16 @@ exit status:
 """
 
 
+class _WireNames:
+    """The names of all wires; their codecs are loaded for somebody who asks."""
+
+    def __iter__(self) -> Iterator[str]:
+        from haptogram_protocol.dialects.looks_like import HAPTOGRAM
+        from haptogram_protocol.dialects.table import DIALECTS
+
+        return iter((HAPTOGRAM, *DIALECTS))
+
+
 def set_up_decode(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
@@ -56,10 +65,9 @@ def set_up_decode(parser: Parser) -> None:
     )
     parser.add_argument(
         "--dialect",
-        choices=(OWN_DIALECT, *DIALECT_TITLES),
+        choices=_WireNames(),
         metavar="NAME",
-        help=f"the wire: {OWN_DIALECT}, {', '.join(DIALECT_TITLES)} "
-        "[what the first bytes look like]",
+        help="the wire: %(choices)s [what the first bytes look like]",
     )
     parser.add_argument(
         "--input",

@@ -41,19 +41,15 @@ class ProgramBoards(Protocol):
 
     def prepare_simulator(self, config: VerifyConfig) -> BoardConfig:
         """Return the settings of the virtual board, checked before anything starts."""
-        ...
 
     def board_in_virtual_time(self, config: BoardConfig) -> AbstractContextManager[BoardUnderTest]:
         """Make a virtual board in this program."""
-        ...
 
     def board_behind_url(self, url: str) -> AbstractContextManager[BoardUnderTest]:
         """Make the board in this program that a ``haptogram://`` URL describes."""
-        ...
 
     def boards_of_dialect(self, config: VerifyConfig) -> DialectBoardsUnderTest:
         """Return the boards of the dialect that the settings name."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from haptogram.errors import ConfigurationError
 
 from ..shell.captures import read_capture_arguments, wait_for_capture_arguments
 from ..shell.exit_status import USAGE
-from ..shell.output_files import announce_output_file, print_command_error
+from ..shell.output_files import print_command_error
 from ..shell.progress import progress_bar
 from .files import verify_seen_by_number, write_run_files
 
@@ -63,34 +63,22 @@ def verify_run_by_captures(
 
 
 def verified_captures_at_port(
-    config: VerifyConfig,
-    found: RunRecord,
-    result: dict[str, object],
-    since_s: float,
-    outputs: CommandOutputs,
-    *,
-    quiet: bool,
-) -> dict[str, object] | None:
-    """Return *result* with the verdict of the captures of a run at a port, and print that.
+    config: VerifyConfig, found: RunRecord, since_s: float, *, quiet: bool
+) -> JoinedCaptureVerdict | None:
+    """Return the verdict of the captures of a run at a port.
 
-    None: a capture did not come, or cannot be judged; that was said, and the result stands.
+    None: a capture did not come, or cannot be judged; that was said, and the run stands alone.
     """
-    from haptogram.report import run as report
-
     try:
         if found.interrupted:
             raise KeyboardInterrupt
         wait_for_capture_arguments(config.captures, since_s)
-        verdict = verify_run_by_captures(config, found.model, found.intended, quiet=quiet)
+        return verify_run_by_captures(config, found.model, found.intended, quiet=quiet)
     except KeyboardInterrupt:
         print("haptogram verify: interrupted; --capture was not judged", file=sys.stderr)
-        return None
     except ConfigurationError as error:
         print_command_error("haptogram verify", error)
-        return None
-    outputs.print(f"drive pins\n{verdict}")
-    _write_pin_calibration(config, verdict, found.model)
-    return report.run_result_with_captures(result, verdict, is_run_judged=True)
+    return None
 
 
 def verify_recorded_captures(config: VerifyConfig, outputs: CommandOutputs, *, quiet: bool) -> int:
@@ -126,33 +114,10 @@ def verify_recorded_captures(config: VerifyConfig, outputs: CommandOutputs, *, q
     )
     result = report.run_result_with_captures(result, verdict, is_run_judged=verdict.run is not None)
     outputs.print(str(verdict))
-    _write_pin_calibration(config, verdict, recorded.model)
     seen = verify_seen_by_number(recorded.intended, verdict.observations)
-    if not write_run_files(config, run, result, recorded.model, seen, outputs):
+    if not write_run_files(config, run, result, recorded.model, seen, outputs, verdict):
         return USAGE
     return verdict.exit_status
-
-
-def _write_pin_calibration(
-    config: VerifyConfig, verdict: JoinedCaptureVerdict, model: AcousticModel
-) -> None:
-    """Write what the captured pins show of the elements, if that was asked for.
-
-    Raises
-    ------
-    ConfigurationError
-        They show nothing, or the file cannot be written.
-    """
-    from haptogram.verification.pins.elements.offsets import calibration_of_pins
-
-    path = config.outputs.pin_calibration
-    if path is None:
-        return
-    shown = [one.offsets for one in verdict.pins if one.offsets is not None]
-    if not shown:
-        raise ConfigurationError(f"--pin-calibration {path}: the captures show no element")
-    calibration_of_pins(shown, model.array).to_file(path)
-    announce_output_file(path)
 
 
 def _verify_without_field(verdict: JoinedCaptureVerdict, model: AcousticModel) -> RunVerdict:

@@ -189,15 +189,16 @@ def _run_verify(
         outputs.print(f"  {line}")
     for warning in found.warnings:
         outputs.print(f"  warning   {warning}")
-    is_judged = True
+    captures = None
     if config.captures.capture:
-        joined = verified_captures_at_port(config, found, result, begin_s, outputs, quiet=quiet)
-        is_judged, result = joined is not None, joined or result
+        captures = verified_captures_at_port(config, found, begin_s, quiet=quiet)
+    if captures is not None:
+        outputs.print(f"drive pins\n{captures}")
+        result = report.run_result_with_captures(result, captures, is_run_judged=True)
     is_shown = config.outputs.html is not None
     seen = verify_seen_by_number(found.intended, found.observations) if is_shown else {}
-    if not write_run_files(config, verdict, result, found.model, seen, outputs):
-        return USAGE
-    if not is_judged:
+    is_written = write_run_files(config, verdict, result, found.model, seen, outputs, captures)
+    if not is_written or (config.captures.capture and captures is None):
         return USAGE
     status = Verdict(result["verdict"]).exit_status
     return INTERRUPTED if found.interrupted and status == INCONCLUSIVE else status

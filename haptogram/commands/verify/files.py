@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from haptogram.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from haptogram.acoustics import AcousticModel
     from haptogram.records.frame import Intended, Observation
     from haptogram.settings.run.verify import VerifyConfig
     from haptogram.verification import RunVerdict
+    from haptogram.verification.pins.joined import JoinedCaptureVerdict
 
     from ..shell.output_files import CommandOutputs
 
@@ -22,6 +26,7 @@ def write_run_files(
     model: AcousticModel,
     seen: Mapping[int, Observation],
     outputs: CommandOutputs,
+    captures: JoinedCaptureVerdict | None = None,
 ) -> bool:
     """Write every file that was asked for; return False if one could not be written.
 
@@ -36,7 +41,26 @@ def write_run_files(
         in_virtual_time=is_virtual,
         frames=lambda path: report.write_run_frame_lines(path, verdict),
         json=lambda path: report.write_run_json(path, result),
+        pin_calibration=lambda path: _write_pin_calibration(path, captures, model),
     )
+
+
+def _write_pin_calibration(
+    path: Path, captures: JoinedCaptureVerdict | None, model: AcousticModel
+) -> None:
+    """Write what the captured pins show of the elements.
+
+    Raises
+    ------
+    ConfigurationError
+        They show nothing, or the file cannot be written.
+    """
+    from haptogram.verification.pins.elements.offsets import calibration_of_pins
+
+    shown = [one.offsets for one in captures.pins if one.offsets] if captures is not None else []
+    if not shown:
+        raise ConfigurationError(f"--pin-calibration {path}: the captures show no element")
+    calibration_of_pins(shown, model.array).to_file(path)
 
 
 def verify_seen_by_number(

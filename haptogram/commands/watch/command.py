@@ -308,10 +308,13 @@ class _WatchRun:
 
 def _assumed_layout(arguments: argparse.Namespace) -> str:
     """Return what is assumed of the emitters of a board that the command has; empty: nothing."""
-    from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
+    from haptogram.acoustics.model.boards.table import LAYOUTS
+    from haptogram_protocol.dialects.table import DIALECTS
 
-    layout = LAYOUT_OF_DIALECT.get(arguments.dialect or "")
-    return "" if layout is None or arguments.array is not None else layout.assumed
+    dialect = DIALECTS.get(arguments.dialect or "")
+    if dialect is None or arguments.array is not None:
+        return ""
+    return LAYOUTS[dialect.layout].assumed
 
 
 def _shows_no_pattern(result: WatchResult) -> bool:

@@ -35,12 +35,14 @@ class LatchLines:
         self._printed_s = -math.inf
         self._left_out = 0
         self._levels: list[float] = []  # of the samples of a modulation that are not told yet
+        self._cause = ""  # of these samples
 
     def print(self, seen: WatchedLatch) -> None:
         """Print a latch, unless one was printed a moment ago and nothing is strange about it."""
         if self._quiet:
             return
         if seen.latch.is_sample:
+            self._cause = seen.latch.cause
             self._levels.append(seen.latch.level)
             if len(self._levels) < _MOST_SAMPLES:
                 return
@@ -61,11 +63,11 @@ class LatchLines:
         self._printed_s, self._left_out = now_s, 0
 
     def print_modulation(self) -> None:
-        """Print what the samples of a modulation since the last line had in common."""
+        """Print what samples of a modulation or an upload had in common since the last line."""
         if levels := self._levels:
             low, high = (round(100.0 * level) for level in (min(levels), max(levels)))
             noun = "latch" if len(levels) == 1 else "latches"
-            self.print_remark(f"modulation  {len(levels)} {noun}, amplitude {low} to {high} %")
+            self.print_remark(f"{self._cause}  {len(levels)} {noun}, amplitude {low} to {high} %")
             self._levels = []
 
     def print_remark(self, text: str) -> None:

@@ -9,45 +9,8 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final, NoReturn, TypeVar
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    GROWING_COUNTERS,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Arm,
-    ArmReply,
-    Config,
-    ConfigReply,
-    Counters,
-    Disarm,
-    DisarmReply,
-    Element,
-    Error,
-    Feature,
-    FocalPoint,
-    GeometryReply,
-    GetConfig,
-    GetGeometry,
-    GetStatus,
-    Header,
-    Hello,
-    HelloReply,
-    Message,
-    Mute,
-    MuteReply,
-    Phases,
-    Points,
-    SetConfig,
-    SetConfigReply,
-    StatusReply,
-    Stop,
-    TraceMode,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-    UploadKind,
-)
 from haptogram_protocol.state import OutputState
 
 from ..outcome import (
@@ -68,9 +31,9 @@ from .request_client import PROCESSED_US, RequestClient
 from .wire import RawFrameClient, ReceivedByClient
 
 _T = TypeVar("_T")
-_M = TypeVar("_M", bound=Message)
+_M = TypeVar("_M", bound=m.Message)
 #: Counters that grow although a host did nothing wrong.
-_HARMLESS: Final = GROWING_COUNTERS | {"late", "trace_dropped"}
+_HARMLESS: Final = m.GROWING_COUNTERS | {"late", "trace_dropped"}
 #: Counters of what became of the frames that `frames` counts: HG-3.9/2.
 PARTS_OF_FRAMES: Final = (
     "accepted",
@@ -140,8 +103,8 @@ class BoardClient:
         Pieces and recording of the dialogue of all requests; None: nobody has held it yet.
     """
 
-    identity: HelloReply
-    config: Config
+    identity: m.HelloReply
+    config: m.Config
     thorough: bool = True
     explore_us: int = 0
     correction: bytes | None = None
@@ -149,7 +112,7 @@ class BoardClient:
     raise_fault: Callable[[], None] | None = None
     restart: Callable[[], BoardClient] | None = None
     last_boot_id: int | None = None
-    last_config: Config | None = None
+    last_config: m.Config | None = None
     dialogue: tuple[list[ReceivedByClient], DialogueRecording] | None = None
 
     def __init__(
@@ -177,21 +140,21 @@ class BoardClient:
         self.nonces.add(nonce)
         return nonce
 
-    def hello_message(self, nonce: int) -> Hello:
+    def hello_message(self, nonce: int) -> m.Hello:
         """Return the HELLO of this version."""
-        return Hello(VERSION_MAJOR, VERSION_MINOR, nonce)
+        return m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, nonce)
 
-    def hello(self, nonce: int | None = None, **header: Any) -> HelloReply:
+    def hello(self, nonce: int | None = None, **header: Any) -> m.HelloReply:
         """Open a session, with a new nonce unless *nonce* is given; FAILED if the board refuses."""
         nonce = self.new_nonce() if nonce is None else nonce
-        reply = self.link.call(self.hello_message(nonce), HelloReply, session=0, **header)
+        reply = self.link.call(self.hello_message(nonce), m.HelloReply, session=0, **header)
         self.adopt(reply)
         return reply
 
-    def adopt(self, reply: HelloReply) -> None:
+    def adopt(self, reply: m.HelloReply) -> None:
         """Go on in the session that a HELLO_REPLY names."""
         if reply.nonce != self.link.session:
-            self.link.stream_next = FIRST_STREAM_SEQ
+            self.link.stream_next = m.FIRST_STREAM_SEQ
         self.link.session, self.identity = reply.nonce, reply
         self.link.rx_window = max(reply.rx_window, MAX_ENCODED_BYTES + 2)  # judged by HG-4.3/8
         self.clock.carrier_us = 1_000_000 // max(1, reply.carrier_hz)
@@ -220,48 +183,48 @@ class BoardClient:
         self.clock.forget_exchange()
         if self.hello().state is OutputState.FAULT and not self.leaves_fault():
             inconclusive("the board is in FAULT, and DISARM does not lead out")
-        self.link.ask(Arm())  # the only way out of MUTED
-        self.link.ask(Disarm())
-        self.config = Config(sound_speed_mm_s=self.identity.sound_speed_mm_s)
-        answer = self.link.ask(GetConfig()).message
-        if isinstance(answer, ConfigReply):
+        self.link.ask(m.Arm())  # the only way out of MUTED
+        self.link.ask(m.Disarm())
+        self.config = m.Config(sound_speed_mm_s=self.identity.sound_speed_mm_s)
+        answer = self.link.ask(m.GetConfig()).message
+        if isinstance(answer, m.ConfigReply):
             self.config = answer.config
-        if self.has(Feature.CONFIG):
-            answer = self.link.ask(SetConfig(self.base_config)).message
-        if isinstance(answer, (ConfigReply, SetConfigReply)):
+        if self.has(m.Feature.CONFIG):
+            answer = self.link.ask(m.SetConfig(self.base_config)).message
+        if isinstance(answer, (m.ConfigReply, m.SetConfigReply)):
             self._prepare_correction(answer)
         with contextlib.suppress(CaseEndedError):
             self.clock.device_us()
 
-    def _prepare_correction(self, reply: ConfigReply | SetConfigReply) -> None:
+    def _prepare_correction(self, reply: m.ConfigReply | m.SetConfigReply) -> None:
         """Note the configuration in force, and set a correction of 0."""
         self.config = reply.config
         none = bytes(self.identity.transducers)
         wanted = zlib.crc32(reply.config.pack() + none)
-        if self.has(Feature.CORRECTION) and reply.config_crc != wanted:
+        if self.has(m.Feature.CORRECTION) and reply.config_crc != wanted:
             size = max(1, self.identity.max_chunk)
             starts = range(0, len(none), size)
-            self.link.ask(UploadBegin(UploadKind.CORRECTION, 0, 0, len(none), zlib.crc32(none)))
-            for chunk in (UploadChunk(start, none[start : start + size]) for start in starts):
+            self.link.ask(m.UploadBegin(m.UploadKind.CORRECTION, 0, 0, len(none), zlib.crc32(none)))
+            for chunk in (m.UploadChunk(start, none[start : start + size]) for start in starts):
                 self.link.ask(chunk)
-            self.link.ask(UploadCommit(0))
+            self.link.ask(m.UploadCommit(0))
         self.correction = none
 
     # --- phases --------------------------------------------------------------------------------
 
-    def phases(self, registers: bytes) -> Phases:
+    def phases(self, registers: bytes) -> m.Phases:
         """Return the PHASES frame after which the registers hold *registers*."""
-        return Phases(registers)
+        return m.Phases(registers)
 
-    def flat_phases(self, code: int = 0) -> Phases:
+    def flat_phases(self, code: int = 0) -> m.Phases:
         """Return a PHASES frame with the same code for all."""
         return self.phases(bytes([code]) * self.identity.transducers)
 
-    def shortest_stream(self) -> Message:
+    def shortest_stream(self) -> m.Message:
         """Return the stream frame that takes the least time on the line."""
-        frames: list[Message] = [self.flat_phases()]
-        if self.has(Feature.POINTS):
-            frames.append(Points((FocalPoint(10_000, 5_000, 150_000, 0xFFFF, 0),)))
+        frames: list[m.Message] = [self.flat_phases()]
+        if self.has(m.Feature.POINTS):
+            frames.append(m.Points((m.FocalPoint(10_000, 5_000, 150_000, 0xFFFF, 0),)))
         return min(frames, key=lambda frame: len(frame.serialize()))
 
     def bytes_of_frames(self, number: int) -> bytes:
@@ -273,7 +236,7 @@ class BoardClient:
         return self.random.randbytes(self.identity.transducers)
 
     @property
-    def base_config(self) -> Config:
+    def base_config(self) -> m.Config:
         """The configuration that cases begin with."""
         return dataclasses.replace(
             self.config,
@@ -282,24 +245,24 @@ class BoardClient:
             host_timeout_ms=10_000,
             status_period_ms=0,
             late_window_us=0,
-            trace_mode=TraceMode.OFF,
+            trace_mode=m.TraceMode.OFF,
             amplitude_ceiling=255,
             trace_divider=1,
         )
 
-    def configure(self, **changes: Any) -> Config:
+    def configure(self, **changes: Any) -> m.Config:
         """Set the base configuration with *changes*; UNIMPLEMENTED without CONFIG."""
-        self.need(Feature.CONFIG)
+        self.need(m.Feature.CONFIG)
         wanted = dataclasses.replace(self.base_config, **changes)
-        self.config = self.link.call(SetConfig(wanted), SetConfigReply).config
+        self.config = self.link.call(m.SetConfig(wanted), m.SetConfigReply).config
         check_equal(
             self.config, wanted, "SET_CONFIG_REPLY shows another configuration than was sent"
         )
         return self.config
 
-    def read_config(self) -> Config:
+    def read_config(self) -> m.Config:
         """Ask for the configuration in force."""
-        return self.link.call(GetConfig(), ConfigReply).config
+        return self.link.call(m.GetConfig(), m.ConfigReply).config
 
     @property
     def most_points(self) -> int:
@@ -309,25 +272,25 @@ class BoardClient:
         board computes them in 100 ms, one at least; 0 if the board takes points neither in the
         stream nor in a sequence.
         """
-        if not self.identity.features & (Feature.POINTS | Feature.SEQUENCE_POINTS):
+        if not self.identity.features & (m.Feature.POINTS | m.Feature.SEQUENCE_POINTS):
             return 0
-        room = (MAX_BODY_BYTES - HEADER_BYTES) // FocalPoint.LAYOUT.size
+        room = (MAX_BODY_BYTES - HEADER_BYTES) // m.FocalPoint.LAYOUT.size
         computed = _COMPUTED_US // max(1, self.identity.point_time_us)
-        carried = _CARRIED_US // max(1, self.wire.line_us(FocalPoint.LAYOUT.size))
+        carried = _CARRIED_US // max(1, self.wire.line_us(m.FocalPoint.LAYOUT.size))
         return min(self.identity.max_points, room, max(1, computed), max(1, carried))
 
-    def has(self, features: Feature) -> bool:
+    def has(self, features: m.Feature) -> bool:
         """Return True if the board advertises all of *features*."""
         return self.identity.features & features == features
 
-    def need(self, features: Feature) -> None:
+    def need(self, features: m.Feature) -> None:
         """End the case as UNIMPLEMENTED unless the board advertises all of *features*."""
         # Among whole numbers: Python 3.11.0 to 3.11.3 invert a flag wrongly.
-        lacking = Feature(int(features) & ~self.identity.features)
+        lacking = m.Feature(int(features) & ~self.identity.features)
         if lacking:
             unimplemented(f"the board does not advertise {lacking.name or lacking!r}")
 
-    def need_any(self, features: Feature) -> None:
+    def need_any(self, features: m.Feature) -> None:
         """End the case as UNIMPLEMENTED unless the board advertises one of *features*."""
         if not self.identity.features & features:
             unimplemented(f"the board advertises none of {features.name or features!r}")
@@ -344,21 +307,21 @@ class BoardClient:
         """
         if changes:
             self.configure(**changes)
-        state = self.link.call(Arm(), ArmReply).state
+        state = self.link.call(m.Arm(), m.ArmReply).state
         check_equal(state, OutputState.ARMED, f"ARM_REPLY says {state.name}")
         return self.link.mark()
 
     @property
     def graded_ramp_ms(self) -> int:
         """Length of the ramp in force; without AMPLITUDE it has none (HG-6.11/3)."""
-        return self.config.ramp_ms * self.has(Feature.AMPLITUDE)
+        return self.config.ramp_ms * self.has(m.Feature.AMPLITUDE)
 
     def arm_with_timer(self, name: str, length_ms: int) -> int:
         """Arm with a timer of *length_ms*, or without CONFIG of the length in force; return that.
 
         NOT-OBSERVED if that is not *length_ms* and longer than a case waits.
         """
-        if self.has(Feature.CONFIG):
+        if self.has(m.Feature.CONFIG):
             self.arm(**{name: length_ms})
             return length_ms
         length_ms = getattr(self.config, name)
@@ -375,7 +338,7 @@ class BoardClient:
 
     def arm_at(self, seq: int) -> None:
         """Arm by a request with the number *seq*."""
-        self.link.call(Arm(), ArmReply, seq=seq)
+        self.link.call(m.Arm(), m.ArmReply, seq=seq)
         self.link.seq = seq
 
     def bring_to(self, state: OutputState) -> None:
@@ -384,26 +347,26 @@ class BoardClient:
         if state is OutputState.DISARMED:
             self.disarm()
         elif state is OutputState.MUTED:
-            self.link.ask(Mute())
+            self.link.ask(m.Mute())
 
     def disarm(self) -> OutputState:
         """Disarm, and return the state; FAILED if it is ARMED."""
-        state = self.link.call(Disarm(), DisarmReply).state
+        state = self.link.call(m.Disarm(), m.DisarmReply).state
         check(state is not OutputState.ARMED, "DISARM_REPLY says ARMED; due is DISARMED or MUTED")
         return state
 
-    def mute(self, **header: Any) -> MuteReply:
+    def mute(self, **header: Any) -> m.MuteReply:
         """Mute, whatever the session, and return the reply; FAILED if there is none."""
-        return self.link.call(Mute(), MuteReply, **header)
+        return self.link.call(m.Mute(), m.MuteReply, **header)
 
     def stop(self) -> ReceivedByClient:
         """Send STOP, which a board without playback refuses, and return its answer."""
-        return self.link.ask(Stop())
+        return self.link.ask(m.Stop())
 
     def leaves_fault(self) -> bool:
         """Ask for DISARM until it leads out of FAULT; return False if the fault lasts longer."""
         end_us = self.wire.now_us() + _FAULT_US
-        while isinstance(self.link.ask(Disarm()).message, Error):
+        while isinstance(self.link.ask(m.Disarm()).message, m.Error):
             if self.wire.now_us() > end_us:
                 return False
             self.wire.idle(_FAULT_US // 50)
@@ -416,11 +379,11 @@ class BoardClient:
         board.hello()
         return board
 
-    def read_geometry(self) -> list[Element]:
+    def read_geometry(self) -> list[m.Element]:
         """Return position and normal of every transducer; FAILED if a reply shows none."""
-        elements: list[Element] = []
+        elements: list[m.Element] = []
         while len(elements) < self.identity.transducers:
-            reply = self.link.call(GetGeometry(len(elements), 0xFFFF), GeometryReply)
+            reply = self.link.call(m.GetGeometry(len(elements), 0xFFFF), m.GeometryReply)
             check(bool(reply.elements), f"GET_GEOMETRY from {len(elements)} shows nothing")
             elements += reply.elements
         return elements
@@ -439,7 +402,7 @@ class BoardClient:
         """
         good = self.shortest_stream()
         frames = number + others
-        points = frames * (len(good.points) if isinstance(good, Points) else 0)
+        points = frames * (len(good.points) if isinstance(good, m.Points) else 0)
         size = frames * len(self.link.stream_wire(good, 0, seq=0)) + _STATUS_BYTES
         start_us = self.clock.soon_us(bytes(size), points=points) + ahead_us
         times = [start_us + 1000 * place for place in range(number)]
@@ -470,9 +433,9 @@ class BoardClient:
         """Return the device time of the last latch, by the status."""
         return self.clock.unwrap(self.status().last_latch_us)
 
-    def status(self) -> StatusReply:
+    def status(self) -> m.StatusReply:
         """Return the status, without the pauses of the client in its counters."""
-        status, pauses = self.link.call(GetStatus(), StatusReply), self.link.pauses
+        status, pauses = self.link.call(m.GetStatus(), m.StatusReply), self.link.pauses
         if not pauses:
             return status
         counted = {
@@ -485,7 +448,7 @@ class BoardClient:
         """Return all of *items*, at a wall clock, where each takes its time, the first of them."""
         return list(items) if self.wire.is_virtual else list(items)[:at_wall]
 
-    def check_status(self, text: str, **due: object) -> StatusReply:
+    def check_status(self, text: str, **due: object) -> m.StatusReply:
         """Return the status; FAILED, with *text*, unless the fields named have these values."""
         status = self.status()
         check_fields(status, f"{text}: STATUS_REPLY", **due)
@@ -500,7 +463,7 @@ class BoardClient:
 
     def require_hold(self, lasts_us: int, what: str) -> None:
         """End the case as NOT-OBSERVED if a hold that no SET_CONFIG extends ends within that."""
-        if lasts_us >= 1000 * self.config.hold_ms and not self.has(Feature.CONFIG):
+        if lasts_us >= 1000 * self.config.hold_ms and not self.has(m.Feature.CONFIG):
             hold_ms = self.config.hold_ms
             not_observed(f"{what}, and a hold of {hold_ms} ms that no SET_CONFIG extends")
 
@@ -528,18 +491,20 @@ class BoardClient:
 
     def due_event(
         self, kind: type[_M], since: int, timeout_us: int, name: str = ""
-    ) -> tuple[Header, _M]:
+    ) -> tuple[m.Header, _M]:
         """Return the first event of a kind from piece *since* on; FAILED if none comes in time."""
         found = self.link.await_event(kind, since, timeout_us)
         return found or self.lacks_event(kind, since, timeout_us, name)
 
-    def lacks_event(self, kind: type[Message], since: int, timeout_us: int, name: str) -> NoReturn:
+    def lacks_event(
+        self, kind: type[m.Message], since: int, timeout_us: int, name: str
+    ) -> NoReturn:
         """FAILED, as no such event has come; tell what did, and the state."""
         came, status = self.link.text_since(since), self.status()
         text = f"{name and f'{name}: '}no {kind.TYPE.name} within {timeout_us / 1000:g} ms; {came}"
         fail(f"{text}; STATUS_REPLY says {status.state.name}, {status.reason.name}")
 
-    def check_counters_kept(self, before: Counters, name: str) -> Counters:
+    def check_counters_kept(self, before: m.Counters, name: str) -> m.Counters:
         """FAILED unless no counter went back since *before*; return the counters."""
         after = self.status().counters
         fell = [counter for counter, step in counter_steps(before, after).items() if step >> 31]
@@ -547,7 +512,7 @@ class BoardClient:
         check(not less, f"{name}: counters went back: {less}")
         return after
 
-    def counted_since(self, before: Counters) -> dict[str, int]:
+    def counted_since(self, before: m.Counters) -> dict[str, int]:
         """Return by how much every counter grew, less the GET_STATUS of this call."""
         after = self.status().counters
         counted = counter_steps(before, after)
@@ -555,7 +520,7 @@ class BoardClient:
         counted["requests"] -= 1
         return counted
 
-    def check_counted(self, before: Counters, text: str, *due: Mapping[str, int]) -> None:
+    def check_counted(self, before: m.Counters, text: str, *due: Mapping[str, int]) -> None:
         """FAILED, with *text*, unless the counters have grown as in one of *due* since *before*."""
         counted = self.counted_since(before)
         got = {name: counted[name] for name in due[0]}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import Ping, Pong, unwrap
+from haptogram_protocol import messages as m
 
 from ..outcome import HeldUpError, not_observed, require
 from .request_client import NO_TIME_US, RequestClient
@@ -63,13 +63,13 @@ class ClockClient:
     def device_us(self) -> int:
         """Ask for the device time and return it, unwrapped as far as that is known."""
         sent_us = self._wire.now_us()
-        answer = self._link.ask(Ping(self._link.random.getrandbits(64)))
-        pong = self._link.reply_in(answer, Pong, Ping.TYPE)
+        answer = self._link.ask(m.Ping(self._link.random.getrandbits(64)))
+        pong = self._link.reply_in(answer, m.Pong, m.Ping.TYPE)
         passed_us = 0 if self._asked_us is None else sent_us - self._asked_us
-        self._device_us = unwrap(pong.t_rx_us, self._device_us + passed_us, 32)
+        self._device_us = m.unwrap(pong.t_rx_us, self._device_us + passed_us, 32)
         self._asked_us = sent_us
         done_us = self._wire.line_us(len(answer.piece) + 2)
-        left_us = unwrap(pong.t_tx_us, self._device_us, 32)
+        left_us = m.unwrap(pong.t_tx_us, self._device_us, 32)
         self._behind_us = left_us + done_us - self._wire.now_us()
         return self._device_us
 
@@ -83,7 +83,7 @@ class ClockClient:
 
     def unwrap(self, t_wire_us: int) -> int:
         """Return a device time from a frame, unwrapped."""
-        return unwrap(t_wire_us, self.device_estimate_us(), 32)
+        return m.unwrap(t_wire_us, self.device_estimate_us(), 32)
 
     def ahead_us(self, ahead_us: int) -> int:
         """Return the device time in *ahead_us*; NOT-OBSERVED if that is beyond the horizon."""

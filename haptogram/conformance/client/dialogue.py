@@ -4,22 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Arm,
-    Disarm,
-    Feature,
-    GetConfig,
-    GetGeometry,
-    GetStatus,
-    Mute,
-    Ping,
-    Play,
-    ReadDrive,
-    ReadTrace,
-    Stop,
-    TraceMode,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 
 from .board_client import BoardClient
 from .capabilities import TRACE_MODES, drive_kinds
@@ -52,25 +37,25 @@ def _hold_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
     since = board.link.mark()
     board.hello(board.link.session)
     _ask_in_client_dialogue(board)
-    board.link.ask(Arm())
+    board.link.ask(m.Arm())
     for feature, mode in TRACE_MODES:
-        if board.has(feature | Feature.CONFIG):
+        if board.has(feature | m.Feature.CONFIG):
             board.configure(trace_mode=mode, status_period_ms=board.quick_status_ms)
             _stream_in_client_dialogue(board)
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         _play_in_client_dialogue(board)
     _be_refused_in_client_dialogue(board)
     _time_out_in_client_dialogue(board)
-    board.link.ask(Disarm())
-    board.link.ask(Mute())
+    board.link.ask(m.Disarm())
+    board.link.ask(m.Mute())
     return board.wire.received[since:]
 
 
 def _ask_in_client_dialogue(board: BoardClient) -> None:
-    board.link.ask(Ping(0x0102030405060708))
-    board.link.ask(GetStatus())
-    board.link.ask(GetConfig())
-    board.link.ask(GetGeometry(0, 0xFFFF))
+    board.link.ask(m.Ping(0x0102030405060708))
+    board.link.ask(m.GetStatus())
+    board.link.ask(m.GetConfig())
+    board.link.ask(m.GetGeometry(0, 0xFFFF))
 
 
 def _stream_in_client_dialogue(board: BoardClient) -> None:
@@ -78,35 +63,35 @@ def _stream_in_client_dialogue(board: BoardClient) -> None:
     latch_now(board, board.flat_phases(0x88))
     latch_now(board, board.phases(board.random_registers()))
     for kind in drive_kinds(board):
-        board.link.ask(ReadDrive(kind, 0, 0xFFFF))
-    if board.has(Feature.TRACE_RING):
-        board.link.ask(ReadTrace(0, 0xFFFF))
+        board.link.ask(m.ReadDrive(kind, 0, 0xFFFF))
+    if board.has(m.Feature.TRACE_RING):
+        board.link.ask(m.ReadTrace(0, 0xFFFF))
     board.wire.idle(1200 * board.quick_status_ms)  # for a STATUS
 
 
 def _play_in_client_dialogue(board: BoardClient) -> None:
     frames = phases_that_fit(board, _FRAMES)
     data = b"".join(board.random_registers() for _ in range(frames))
-    upload_to_board(board, UploadKind.PHASES, _SEQUENCE, data)
-    if board.has(Feature.CONFIG | Feature.TRACE):
-        board.configure(trace_mode=TraceMode.CRC)
-    board.link.ask(Play(_SEQUENCE, _PERIOD_US, 1, _UNATTENDED_MS), flags=0x10)
+    upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, data)
+    if board.has(m.Feature.CONFIG | m.Feature.TRACE):
+        board.configure(trace_mode=m.TraceMode.CRC)
+    board.link.ask(m.Play(_SEQUENCE, _PERIOD_US, 1, _UNATTENDED_MS), flags=0x10)
     board.wire.idle(2 * _FRAMES * _PERIOD_US)
-    board.link.ask(Stop())
+    board.link.ask(m.Stop())
 
 
 def _be_refused_in_client_dialogue(board: BoardClient) -> None:
     board.link.ask_raw(_UNKNOWN_REQUEST)
-    board.link.ask_raw(GetGeometry.TYPE, b"\x00")
-    board.link.ask(Ping(1), session=board.link.session ^ 0x5555)
+    board.link.ask_raw(m.GetGeometry.TYPE, b"\x00")
+    board.link.ask(m.Ping(1), session=board.link.session ^ 0x5555)
 
 
 def _time_out_in_client_dialogue(board: BoardClient) -> None:
     """Let the hold mute the board, so that the board sends STATE_CHANGED."""
-    if not board.has(Feature.CONFIG):
+    if not board.has(m.Feature.CONFIG):
         return
     board.configure(hold_ms=20)
-    board.link.ask(Arm())
+    board.link.ask(m.Arm())
     latch_now(board, board.flat_phases())
     board.wire.idle(40_000)
 

@@ -7,15 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import (
-    Feature,
-    Message,
-    Phases,
-    Points,
-    Stop,
-    UploadKind,
-    drive_codes,
-)
+from haptogram_protocol import messages as m
 
 from .board_client import BoardClient
 from .latching import latch_in_time, latch_now
@@ -27,7 +19,7 @@ _SEQUENCE: Final = 6
 _FRAMES: Final = 3
 
 #: Latches a random drive and returns the message that carried it.
-LatchDrive: TypeAlias = Callable[[], Message]
+LatchDrive: TypeAlias = Callable[[], m.Message]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,55 +40,55 @@ class DrivePath:
 
 def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
     """Yield every path of every kind of drive that the board takes; the last goes on playing."""
-    board.link.ask(Stop())
+    board.link.ask(m.Stop())
     for kind in stream_kinds(board):
         yield DrivePath(f"{kind.name}, at once", partial(_drive_path_at_once, board, kind))
         yield DrivePath(f"{kind.name}, at its time", partial(_drive_path_in_time, board, kind))
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         yield DrivePath("PHASES, played", partial(_drive_path_of_played_phases, board))
-    if board.has(Feature.SEQUENCE_POINTS):
+    if board.has(m.Feature.SEQUENCE_POINTS):
         for number in sorted({1, board.most_points}):
             name = f"POINTS ({number}), played"
             yield DrivePath(name, partial(_drive_path_of_played_points, board, number))
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         yield DrivePath("PHASES, while they play", partial(_drive_path_while_phases_play, board))
-        board.link.ask(Stop())
+        board.link.ask(m.Stop())
 
 
-def _drive_path_at_once(board: BoardClient, kind: StreamKind) -> Message:
+def _drive_path_at_once(board: BoardClient, kind: StreamKind) -> m.Message:
     message = kind.make()
     latch_now(board, message)
     return message
 
 
-def _drive_path_in_time(board: BoardClient, kind: StreamKind) -> Message:
+def _drive_path_in_time(board: BoardClient, kind: StreamKind) -> m.Message:
     message = kind.make()
     latch_in_time(board, message)
     return message
 
 
-def _drive_path_of_played_phases(board: BoardClient) -> Message:
+def _drive_path_of_played_phases(board: BoardClient) -> m.Message:
     frames = [board.random.randbytes(board.identity.transducers) for _ in range(_FRAMES)]
-    upload_to_board(board, UploadKind.PHASES, _SEQUENCE, b"".join(frames))
+    upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, b"".join(frames))
     _play_points_on_drive_path(board)
-    return Phases(frames[-1])
+    return m.Phases(frames[-1])
 
 
-def _drive_path_while_phases_play(board: BoardClient) -> Message:
+def _drive_path_while_phases_play(board: BoardClient) -> m.Message:
     frame = board.random.randbytes(board.identity.transducers)
-    upload_to_board(board, UploadKind.PHASES, _SEQUENCE, frame)
+    upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, frame)
     play_now(board, _SEQUENCE, loops=0)
     let_play(board, 5)
-    return Phases(frame)
+    return m.Phases(frame)
 
 
-def _drive_path_of_played_points(board: BoardClient, number: int) -> Message:
+def _drive_path_of_played_points(board: BoardClient, number: int) -> m.Message:
     frames = [
-        Points(tuple(random_point_to_send(board, number) for _ in range(number)))
+        m.Points(tuple(random_point_to_send(board, number) for _ in range(number)))
         for _ in range(_FRAMES)
     ]
     data = b"".join(frame.serialize() for frame in frames)
-    upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, number)
+    upload_to_board(board, m.UploadKind.POINTS, _SEQUENCE, data, number)
     _play_points_on_drive_path(board, number)
     return frames[-1]
 
@@ -105,6 +97,6 @@ def _play_points_on_drive_path(board: BoardClient, points: int = 0) -> None:
     play_out(board, _SEQUENCE, _FRAMES, period_us=period_to_play(board, points))
 
 
-def registers_asked_for(board: BoardClient, message: Message) -> tuple[bytes, bytes] | None:
+def registers_asked_for(board: BoardClient, message: m.Message) -> tuple[bytes, bytes] | None:
     """Return the phase and amplitude codes of a message; None where the board computes them."""
-    return drive_codes(message, board.identity.transducers)
+    return m.drive_codes(message, board.identity.transducers)

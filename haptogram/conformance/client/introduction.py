@@ -5,17 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram.machine.terminal import printable_on_terminal
-from haptogram_protocol.messages import (
-    Arm,
-    Disarm,
-    Error,
-    ErrorCode,
-    Feature,
-    GetStatus,
-    HelloReply,
-    Ping,
-    StatusReply,
-)
+from haptogram_protocol import messages as m
 
 from .board_client import BoardClient
 
@@ -25,7 +15,7 @@ _CLEAR_US: Final = 10_000  # a shorter delay may be the host's own
 _CLEARLY_LESS: Final = 0.8
 
 
-def introduce_to_board(board: BoardClient) -> HelloReply | Error | None:
+def introduce_to_board(board: BoardClient) -> m.HelloReply | m.Error | None:
     """Say HELLO to a board of unknown state; None if nothing answers."""
     link = board.link
     hello = board.hello_message(board.new_nonce())
@@ -34,16 +24,16 @@ def introduce_to_board(board: BoardClient) -> HelloReply | Error | None:
     link.send(wire)
     link.knock(wire, seq, since)
     answer = link.await_answer(seq, since)
-    if answer is None or not isinstance(answer.message, HelloReply | Error):
+    if answer is None or not isinstance(answer.message, m.HelloReply | m.Error):
         return None
-    if isinstance(answer.message, HelloReply):
+    if isinstance(answer.message, m.HelloReply):
         board.adopt(answer.message)
     return answer.message
 
 
-def is_introduced_version_error(reply: HelloReply | Error | None) -> bool:
+def is_introduced_version_error(reply: m.HelloReply | m.Error | None) -> bool:
     """Return True if a board refused HELLO because it speaks another major version."""
-    return isinstance(reply, Error) and reply.code == ErrorCode.VERSION
+    return isinstance(reply, m.Error) and reply.code == m.ErrorCode.VERSION
 
 
 def board_rate_at_introduction(board: BoardClient) -> int:
@@ -63,10 +53,10 @@ def board_rate_at_introduction(board: BoardClient) -> int:
 
 def _introduction_answered_after_us(board: BoardClient, size: int) -> int:
     """Return the time to the answer to a PING behind *size* bytes that are no frame."""
-    ping, seq = board.link.request_wire(Ping(0))
+    ping, seq = board.link.request_wire(m.Ping(0))
     since, sent_us = board.link.mark(), board.wire.now_us()
     board.link.send(b"\x00" + b"\x01" * size + b"\x00", ping)
-    board.link.answer_to(Ping.TYPE, seq, since)
+    board.link.answer_to(m.Ping.TYPE, seq, since)
     return board.wire.now_us() - sent_us
 
 
@@ -79,11 +69,11 @@ def learn_clock_wraps_at_introduction(board: BoardClient) -> None:
     clock = board.clock
     if clock.booted:
         return
-    board.link.ask(Arm())
+    board.link.ask(m.Arm())
     board.link.send(board.link.stream_wire(board.flat_phases()))
-    answer = board.link.ask(GetStatus()).message
-    board.link.ask(Disarm())
-    if isinstance(answer, StatusReply) and answer.last_seq:
+    answer = board.link.ask(m.GetStatus()).message
+    board.link.ask(m.Disarm())
+    if isinstance(answer, m.StatusReply) and answer.last_seq:
         wraps = range(clock.carrier_us)
         fits = (k for k in wraps if (answer.last_latch_us + (k << 32)) % clock.carrier_us == 0)
         clock.set_device_us(answer.last_latch_us + (next(fits, 0) << 32))
@@ -104,9 +94,9 @@ def explain_silent_board(board: BoardClient) -> str:
     return "frames came, but no answer to HELLO"
 
 
-def describe_introduced_board(reply: HelloReply) -> dict[str, object]:
+def describe_introduced_board(reply: m.HelloReply) -> dict[str, object]:
     """Return firmware, version, size and capabilities of a board, for reports."""
-    known = Feature(reply.features & sum(Feature))
+    known = m.Feature(reply.features & sum(m.Feature))
     return {
         "firmware": printable_on_terminal(reply.firmware),
         "protocol": f"{reply.major}.{reply.minor}",

@@ -7,24 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import (
-    DriveKind,
-    DriveReply,
-    Feature,
-    Flag,
-    Header,
-    LatchKey,
-    Message,
-    Ping,
-    Pong,
-    ReadDrive,
-    ReadTrace,
-    Trace,
-    TraceDrive,
-    TraceMode,
-    TracePlayback,
-    TraceReply,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import TRACE_CAPABILITIES
 
 from ..outcome import check_equal, check_fields, unimplemented
@@ -52,7 +35,7 @@ class ClientDrive:
 
     phases: bytes
     amplitudes: bytes
-    reply: DriveReply
+    reply: m.DriveReply
 
     @property
     def loudest(self) -> int:
@@ -65,23 +48,23 @@ class ClientDrive:
         return zlib.crc32(self.phases + self.amplitudes)
 
 
-def client_drive_of_reply(reply: DriveReply) -> ClientDrive:
+def client_drive_of_reply(reply: m.DriveReply) -> ClientDrive:
     """Return the drive in a read-back of all transducers."""
     half = len(reply.data) // 2
     return ClientDrive(reply.data[:half], reply.data[half:], reply)
 
 
 def read_drive(
-    board: BoardClient, kind: DriveKind, first: int = 0, count: int = 0xFFFF
-) -> DriveReply:
+    board: BoardClient, kind: m.DriveKind, first: int = 0, count: int = 0xFFFF
+) -> m.DriveReply:
     """Ask for the drive of so many transducers."""
-    return board.link.call(ReadDrive(kind, first, count), DriveReply)
+    return board.link.call(m.ReadDrive(kind, first, count), m.DriveReply)
 
 
-def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> ClientDrive:
+def read_back(board: BoardClient, kind: m.DriveKind = m.DriveKind.LATCHED) -> ClientDrive:
     """Ask for the drive of all transducers; UNIMPLEMENTED without the capability."""
-    latched = kind is DriveKind.LATCHED
-    board.need(Feature.READ_LATCHED if latched else Feature.READ_RADIATED)
+    latched = kind is m.DriveKind.LATCHED
+    board.need(m.Feature.READ_LATCHED if latched else m.Feature.READ_RADIATED)
     count = board.identity.transducers
     shown = client_drive_of_reply(read_drive(board, kind, 0, count))
     check_equal(
@@ -94,16 +77,16 @@ def read_back(board: BoardClient, kind: DriveKind = DriveKind.LATCHED) -> Client
 
 def read_back_radiated(board: BoardClient) -> ClientDrive:
     """Ask for the radiated drive of all transducers."""
-    return read_back(board, DriveKind.RADIATED)
+    return read_back(board, m.DriveKind.RADIATED)
 
 
 def check_silent(board: BoardClient, text: str) -> None:
     """FAILED if a read-back shows that a transducer is driven; without one nothing is known."""
-    if board.has(Feature.READ_RADIATED):
+    if board.has(m.Feature.READ_RADIATED):
         check_fields(read_back_radiated(board), f"{text}: the radiated drive", loudest=0)
 
 
-def latch_now(board: BoardClient, message: Message | None = None) -> int:
+def latch_now(board: BoardClient, message: m.Message | None = None) -> int:
     """Send a stream frame that is latched as soon as complete; return its unwrapped number.
 
     None: a drive of equal phases.
@@ -114,7 +97,7 @@ def latch_now(board: BoardClient, message: Message | None = None) -> int:
     return index
 
 
-def latch_timed(board: BoardClient, message: Message | None = None) -> int:
+def latch_timed(board: BoardClient, message: m.Message | None = None) -> int:
     """Latch a frame as soon as complete, see :func:`latch_now`; return the time of the latch."""
     latch_now(board, message)
     return board.last_latch_us()
@@ -128,7 +111,7 @@ def latch_random(board: BoardClient, number: int) -> list[bytes]:
     return drives
 
 
-def latch_in_time(board: BoardClient, message: Message, ahead_us: int = 0) -> int:
+def latch_in_time(board: BoardClient, message: m.Message, ahead_us: int = 0) -> int:
     """Latch a stream frame at its time, so far behind a carrier boundary; return that time."""
     size = 2 * len(board.link.stream_wire(message, 0, seq=0)) + _PING_BYTES
     t_us = board.clock.soon_us(bytes(size), ahead_us=ahead_us)
@@ -137,7 +120,7 @@ def latch_in_time(board: BoardClient, message: Message, ahead_us: int = 0) -> in
     return t_us
 
 
-def time_for_frames(board: BoardClient, messages: Sequence[Message], ahead_us: int = 0) -> int:
+def time_for_frames(board: BoardClient, messages: Sequence[m.Message], ahead_us: int = 0) -> int:
     """Return *ahead_us* behind a carrier boundary by which all *messages* are certain to be ready.
 
     NOT-OBSERVED if that time is beyond the horizon.
@@ -153,16 +136,18 @@ def queue_frames(board: BoardClient, t_us: int, number: int) -> None:
         board.link.stream(board.flat_phases(), t_us + 1000 * place)
 
 
-def send_between_pings(board: BoardClient, message: Message, at_us: int | None = None) -> list[int]:
+def send_between_pings(
+    board: BoardClient, message: m.Message, at_us: int | None = None
+) -> list[int]:
     """Send a stream frame between two PINGs; return the device times around its arrival."""
-    wires = [board.link.request_wire(Ping(n)) for n in range(2)]
+    wires = [board.link.request_wire(m.Ping(n)) for n in range(2)]
     frame = board.link.stream_wire(message, at_us)
     since = board.link.mark()
     board.link.send(wires[0][0], frame, wires[1][0])
     times = []
     for _, seq in wires:
-        answer = board.link.answer_to(Ping.TYPE, seq, since)
-        times.append(board.clock.unwrap(board.link.reply_in(answer, Pong, Ping.TYPE).t_rx_us))
+        answer = board.link.answer_to(m.Ping.TYPE, seq, since)
+        times.append(board.clock.unwrap(board.link.reply_in(answer, m.Pong, m.Ping.TYPE).t_rx_us))
     return times
 
 
@@ -179,19 +164,19 @@ def drive_crc(registers: bytes) -> int:
     return zlib.crc32(full_client_drive(registers))
 
 
-def streamed_crcs(board: BoardClient, frames: Iterable[Message]) -> list[int]:
+def streamed_crcs(board: BoardClient, frames: Iterable[m.Message]) -> list[int]:
     """Latch frames of the stream, each as soon as complete; return the CRC-32 that TRACE tells."""
     since = board.link.mark()
     for frame in frames:
         latch_now(board, frame)
-    return [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
+    return [latch.crc for latch in latches_received_from_board(board, since, m.TraceMode.CRC)]
 
 
 def played_crcs(
     board: BoardClient,
     sequence: int,
     frames: int,
-    mode: TraceMode = TraceMode.CRC,
+    mode: m.TraceMode = m.TraceMode.CRC,
     period_us: int | None = None,
 ) -> list[int]:
     """Play a stored sequence to its end; return the CRC-32 of each latch that is traced."""
@@ -205,9 +190,9 @@ def full_client_drive(registers: bytes) -> bytes:
     return registers + bytes([FULL]) * len(registers)
 
 
-def read_ring(board: BoardClient, first: int = 0, count: int = 0xFFFF) -> TraceReply:
+def read_ring(board: BoardClient, first: int = 0, count: int = 0xFFFF) -> m.TraceReply:
     """Ask for so many records of the trace ring."""
-    return board.link.call(ReadTrace(first, count), TraceReply)
+    return board.link.call(m.ReadTrace(first, count), m.TraceReply)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,35 +207,37 @@ class ClientLatch:
     loop: int = 0
 
     @property
-    def key(self) -> LatchKey:
+    def key(self) -> m.LatchKey:
         """The key of the latch, as a read-back or the ring shows it."""
-        return LatchKey(self.sequence, self.loop, self.index)
+        return m.LatchKey(self.sequence, self.loop, self.index)
 
 
-def ask_for_board_latches(board: BoardClient, traces: Feature = TRACES) -> TraceMode:
+def ask_for_board_latches(board: BoardClient, traces: m.Feature = TRACES) -> m.TraceMode:
     """Switch on one of *traces*, of every latch; UNIMPLEMENTED if the board has none of them."""
     mode = ask_for_board_latches_if_supported(board, traces)
-    if mode is TraceMode.OFF:
+    if mode is m.TraceMode.OFF:
         unimplemented("the board advertises no trace that can be switched on")
     return mode
 
 
-def ask_for_board_latches_if_supported(board: BoardClient, traces: Feature = TRACES) -> TraceMode:
+def ask_for_board_latches_if_supported(
+    board: BoardClient, traces: m.Feature = TRACES
+) -> m.TraceMode:
     """Switch on one of *traces*, of every latch, and return its mode; OFF: the board has none."""
-    asked = (TraceMode.CRC, TraceMode.RING, TraceMode.DRIVE)
-    modes = trace_modes(board, *asked) if board.has(Feature.CONFIG) else []
-    mode = next((one for one in modes if TRACE_CAPABILITIES[one] & traces), TraceMode.OFF)
-    if mode is not TraceMode.OFF:
+    asked = (m.TraceMode.CRC, m.TraceMode.RING, m.TraceMode.DRIVE)
+    modes = trace_modes(board, *asked) if board.has(m.Feature.CONFIG) else []
+    mode = next((one for one in modes if TRACE_CAPABILITIES[one] & traces), m.TraceMode.OFF)
+    if mode is not m.TraceMode.OFF:
         board.configure(trace_mode=mode)
     return mode
 
 
 def latches_received_from_board(
-    board: BoardClient, since: int, mode: TraceMode
+    board: BoardClient, since: int, mode: m.TraceMode
 ) -> list[ClientLatch]:
     """Return the latches in the events from piece *since* on, or in the trace ring."""
     board.link.barrier()
-    if mode is TraceMode.RING:
+    if mode is m.TraceMode.RING:
         return _latches_received_from_ring(board)
     found = []
     for piece in board.wire.received[since:]:
@@ -261,15 +248,15 @@ def latches_received_from_board(
 
 
 def _latch_received_in_trace(
-    board: BoardClient, header: Header, message: Message
+    board: BoardClient, header: m.Header, message: m.Message
 ) -> ClientLatch | None:
-    t_us, late = board.clock.unwrap(header.time_us), bool(header.flags & Flag.LATE)
-    if isinstance(message, Trace):
+    t_us, late = board.clock.unwrap(header.time_us), bool(header.flags & m.Flag.LATE)
+    if isinstance(message, m.Trace):
         return ClientLatch(message.index, t_us, message.crc, late)
-    if isinstance(message, TracePlayback):
+    if isinstance(message, m.TracePlayback):
         key = message.key
         return ClientLatch(key.index, t_us, message.crc, late, key.sequence, key.loop)
-    if isinstance(message, TraceDrive):
+    if isinstance(message, m.TraceDrive):
         key, crc = message.key, zlib.crc32(message.data)
         return ClientLatch(key.index, t_us, crc, late, key.sequence, key.loop)
     return None
@@ -281,7 +268,7 @@ def _latches_received_from_ring(board: BoardClient) -> list[ClientLatch]:
     while True:
         reply = read_ring(board, first)
         for item in reply.records:
-            t_us, late = board.clock.unwrap(item.t_latch_us), bool(item.flags & Flag.LATE)
+            t_us, late = board.clock.unwrap(item.t_latch_us), bool(item.flags & m.Flag.LATE)
             key = item.key
             found.append(ClientLatch(key.index, t_us, item.crc, late, key.sequence, key.loop))
         if not reply.records or reply.records[-1].number + 1 >= reply.next:

@@ -8,8 +8,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.framing import cobs_encode, encode_frame
-from haptogram_protocol.messages import Mute, Ping
+from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.record import Record
 
 from .request_client import RequestClient
@@ -41,13 +42,13 @@ def malformed_noise(source: random.Random, size: int) -> bytes:
 
 def malformed_ping(link: RequestClient, flip: int = 1) -> bytes:
     """Return a PING of the next number, which it does not use up, with a wrong CRC-32."""
-    body = link.body(Ping.TYPE, bytes(8), seq=link.seq + 1)
+    body = link.body(m.Ping.TYPE, bytes(8), seq=link.seq + 1)
     return malformed_frame(malformed_with_wrong_crc(body, flip))
 
 
 def malformed_by_counter(link: RequestClient) -> dict[str, bytes]:
     """Return bytes that no host may send, by the one counter that counts them."""
-    body = link.body(Ping.TYPE, bytes(8), seq=link.seq + 1)
+    body = link.body(m.Ping.TYPE, bytes(8), seq=link.seq + 1)
     return {
         "crc": malformed_ping(link, 1 << link.random.randrange(32)),
         "cobs": b"\x00\xff\x01\x02\x00",
@@ -64,7 +65,7 @@ def _malformed_mute(link: RequestClient, payload: bytes) -> tuple[bytes, int]:
     this length and content was read.
     """
     seq = link.next_seq()
-    return link.body(Mute.TYPE, payload, seq=seq), seq
+    return link.body(m.Mute.TYPE, payload, seq=seq), seq
 
 
 def malformed_mute_with_run(link: RequestClient, run: int) -> tuple[bytes, int]:

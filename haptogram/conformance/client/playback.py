@@ -4,17 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Error,
-    Feature,
-    Flag,
-    Play,
-    PlaybackEnded,
-    PlayReply,
-    TraceDrive,
-    TraceMode,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 
 from ..outcome import check, not_observed
 from .board_client import BoardClient
@@ -33,7 +23,7 @@ _FLOOD_RATE_HZ: Final = 10_000
 def send_phases_to_store(board: BoardClient, sequence: int, *, frames: int) -> list[bytes]:
     """Upload a sequence of random drives and return the registers that each leads to."""
     registers = [board.random.randbytes(board.identity.transducers) for _ in range(frames)]
-    upload_to_board(board, UploadKind.PHASES, sequence, b"".join(registers))
+    upload_to_board(board, m.UploadKind.PHASES, sequence, b"".join(registers))
     return registers
 
 
@@ -50,7 +40,7 @@ def phases_that_fit(board: BoardClient, frames: int) -> int:
 
 def send_phases_to_store_if_supported(board: BoardClient, sequence: int, *, frames: int) -> None:
     """Upload a sequence of random drives, for requests to name, unless the board takes none."""
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, sequence, frames=frames)
 
 
@@ -82,7 +72,7 @@ def play_request(
     loops: int,
     period_us: int | None = None,
     unattended_ms: int | None = None,
-) -> Play:
+) -> m.Play:
     """Return a PLAY that the board takes while ARMED; NOT-OBSERVED if it plays no *period_us*.
 
     None as period: the usual one, and as unattended time: that of 2000 periods, 2 s at least.  A
@@ -95,7 +85,7 @@ def play_request(
     if unattended_ms is None:
         unattended_ms = max(UNATTENDED_MS, _UNATTENDED_PERIODS * period_us // 1000)
     alone_ms = min(unattended_ms, board.identity.max_unattended_ms)
-    return Play(sequence, period_us, loops, alone_ms)
+    return m.Play(sequence, period_us, loops, alone_ms)
 
 
 def _require_hold(board: BoardClient, period_us: int) -> None:
@@ -110,13 +100,13 @@ def play_now(
     loops: int,
     period_us: int | None = None,
     unattended_ms: int | None = None,
-) -> PlayReply:
+) -> m.PlayReply:
     """Play a sequence of phases from now on; return when its first frame is ready."""
     play = play_request(
         board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
     )
     _require_hold(board, play.period_us)
-    reply = board.link.call(play, PlayReply, flags=Flag.IMMEDIATE)
+    reply = board.link.call(play, m.PlayReply, flags=m.Flag.IMMEDIATE)
     board.wire.idle(board.clock.ready_us(0))
     return reply
 
@@ -129,16 +119,16 @@ def play_at(
     loops: int,
     period_us: int | None = None,
     unattended_ms: int | None = None,
-) -> PlayReply:
+) -> m.PlayReply:
     """Play a sequence from *start_us* on; INCONCLUSIVE if PLAY came too late for that."""
     play = play_request(
         board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
     )
     _require_hold(board, play.period_us)
     answer = board.link.ask(play, time_us=start_us)
-    if isinstance(answer.message, Error):
+    if isinstance(answer.message, m.Error):
         board.clock.require_before(start_us - board.clock.ready_us(0), "PLAY came too late")
-    return board.link.reply_in(answer, PlayReply, Play.TYPE)
+    return board.link.reply_in(answer, m.PlayReply, m.Play.TYPE)
 
 
 def play_later(
@@ -149,13 +139,13 @@ def play_later(
     loops: int = 0,
     period_us: int | None = None,
     unattended_ms: int | None = None,
-) -> PlayReply:
+) -> m.PlayReply:
     """Let a playback wait for its start so far ahead; NOT-OBSERVED if the horizon is nearer."""
     start_us = board.clock.ahead_us(ahead_us)
     play = play_request(
         board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
     )
-    return board.link.call(play, PlayReply, time_us=start_us)
+    return board.link.call(play, m.PlayReply, time_us=start_us)
 
 
 def play_out(
@@ -165,7 +155,7 @@ def play_out(
     *,
     loops: int = 1,
     period_us: int | None = None,
-) -> PlaybackEnded:
+) -> m.PlaybackEnded:
     """Play a stored sequence of so many frames from now on to its end; FAILED if it has none.
 
     NOT-OBSERVED if that outlasts the board, which is left alone meanwhile, or the case.
@@ -210,14 +200,14 @@ def require_time_to_play(board: BoardClient, lasts_us: int) -> None:
         )
 
 
-def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> PlaybackEnded:
+def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> m.PlaybackEnded:
     """Return PLAYBACK_ENDED, from piece *since* on, of a playback of so long; FAILED without it.
 
     NOT-OBSERVED if the board, which is left alone meanwhile, mutes before the end.
     """
     require_time_to_play(board, lasts_us)
     name = f"a playback of {lasts_us / 1000:g} ms"
-    return board.due_event(PlaybackEnded, since, 2 * lasts_us + 300_000, name)[1]
+    return board.due_event(m.PlaybackEnded, since, 2 * lasts_us + 300_000, name)[1]
 
 
 def flood_with_traces(board: BoardClient) -> tuple[int, int]:
@@ -228,7 +218,7 @@ def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     A port of the system may take bytes faster than any line: there the host does not read
     meanwhile, and the traces are more than the buffers on the way hold.
     """
-    board.configure(trace_mode=TraceMode.DRIVE)
+    board.configure(trace_mode=m.TraceMode.DRIVE)
     send_phases_to_store(board, 1, frames=2)
     rate = min(board.identity.max_playback_rate_hz, _FLOOD_RATE_HZ)
     period_us = board.clock.on_carrier(-(-1_000_000 // rate))
@@ -243,7 +233,7 @@ def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     play_now(board, 1, loops=frames // 2, period_us=period_us, unattended_ms=alone_ms)
     board.wire.look_away(frames * period_us)
     timeout_us = frames * period_us * 20 + 500_000
-    found = board.link.await_event(PlaybackEnded, since, timeout_us)
+    found = board.link.await_event(m.PlaybackEnded, since, timeout_us)
     check(found is not None, "PLAYBACK_ENDED is lost among the traces")
     board.link.barrier()
-    return len(board.link.events(TraceDrive, since)), frames
+    return len(board.link.events(m.TraceDrive, since)), frames

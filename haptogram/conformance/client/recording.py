@@ -9,19 +9,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import Annotated, annotated_frame, annotated_frame_text
 from haptogram_protocol.annotation.words import annotated_message_text, annotated_type_name
 from haptogram_protocol.framing import DELIMITER
-from haptogram_protocol.messages import (
-    REQUEST_RANGE,
-    RESPONSE_RANGE,
-    STREAM_RANGE,
-    Counters,
-    Error,
-    ErrorCode,
-    Flag,
-    Message,
-)
 
 _KEPT_TRANSFERS: Final = 200  # from the beginning of a case, and as many from its end
 _SHOWN_BYTES: Final = 96  # of one transfer
@@ -83,7 +74,7 @@ class DialogueRecording:
         if found is None or found.message is None:
             return found.name if found is not None else ""
         header = found.header
-        has_time = header is not None and header.time_us and not header.flags & Flag.IMMEDIATE
+        has_time = header is not None and header.time_us and not header.flags & m.Flag.IMMEDIATE
         return message_text(found.message) + (
             f" for t {header.time_us}" if header is not None and has_time else ""
         )
@@ -103,7 +94,7 @@ class DialogueRecording:
         answers: dict[int | None, str] = {
             frame.header.seq: _answer_name(frame)
             for frame in self._frames(TransferDirection.BOARD)
-            if frame.header is not None and frame.header.type in RESPONSE_RANGE
+            if frame.header is not None and frame.header.type in m.RESPONSE_RANGE
         }
 
         times = Counter(map(_seq_of, self._frames(TransferDirection.HOST)))
@@ -128,51 +119,52 @@ class DialogueRecording:
                 yield from map(annotated_frame, pieces)
 
 
-def counter_steps(before: Counters, after: Counters) -> dict[str, int]:
+def counter_steps(before: m.Counters, after: m.Counters) -> dict[str, int]:
     """Return by how much every counter grew."""
     return {
-        name: (getattr(after, name) - getattr(before, name)) & 0xFFFFFFFF for name in Counters.WIRE
+        name: (getattr(after, name) - getattr(before, name)) & 0xFFFFFFFF
+        for name in m.Counters.WIRE
     }
 
 
-def moved_counters_text(before: Counters, after: Counters) -> str:
+def moved_counters_text(before: m.Counters, after: m.Counters) -> str:
     """Return the counters that grew, and by how much."""
     steps = counter_steps(before, after)
     return ", ".join(f"{name} {step}" for name, step in steps.items() if step) or "nothing"
 
 
-def message_text(message: Message) -> str:
+def message_text(message: m.Message) -> str:
     """Return the type and the first fields of a message."""
     name, text = annotated_type_name(message.TYPE), annotated_message_text(message)
     cut = text if len(text) <= _TOLD_FIELDS else f"{text[:_TOLD_FIELDS].rpartition(',')[0]}, ..."
     return f"{name} ({cut})" if message.serialize() else name
 
 
-def error_name(error: Error) -> str:
+def error_name(error: m.Error) -> str:
     """Return an ERROR with the name of its code."""
-    known = ErrorCode._value2member_map_.get(error.code)
+    known = m.ErrorCode._value2member_map_.get(error.code)
     return f"ERROR({getattr(known, 'name', error.code)})"
 
 
 def _answer_name(frame: Annotated) -> str:
-    return error_name(frame.message) if isinstance(frame.message, Error) else frame.name
+    return error_name(frame.message) if isinstance(frame.message, m.Error) else frame.name
 
 
 def _sent_name(frame: Annotated) -> str:
     if frame.header is None:
         return frame.text
-    return frame.name + " IMMEDIATE" * bool(frame.header.flags & Flag.IMMEDIATE)
+    return frame.name + " IMMEDIATE" * bool(frame.header.flags & m.Flag.IMMEDIATE)
 
 
 def _stream_numbers(run: Sequence[Annotated]) -> str:
     """Return the numbers of alike stream frames and their times: the first and the last."""
-    headers = [h for frame in run if (h := frame.header) is not None and h.type in STREAM_RANGE]
+    headers = [h for frame in run if (h := frame.header) is not None and h.type in m.STREAM_RANGE]
     if not headers:
         return ""
     numbers, times = [h.seq for h in headers], [h.time_us for h in headers]
     in_turn = all((two - one) & 0xFFFF == 1 for one, two in itertools.pairwise(numbers))
     text = " " + (_span_text(numbers) if in_turn else ", ".join(map(str, numbers[:_TOLD_NUMBERS])))
-    return text if headers[0].flags & Flag.IMMEDIATE else f"{text} for t {_span_text(times)}"
+    return text if headers[0].flags & m.Flag.IMMEDIATE else f"{text} for t {_span_text(times)}"
 
 
 def _span_text(numbers: Sequence[int]) -> str:
@@ -181,7 +173,7 @@ def _span_text(numbers: Sequence[int]) -> str:
 
 def _seq_of(frame: Annotated) -> int | None:
     """Return the number of a request; None: the frame is none."""
-    is_request = frame.header is not None and frame.header.type in REQUEST_RANGE
+    is_request = frame.header is not None and frame.header.type in m.REQUEST_RANGE
     return frame.header.seq if frame.header is not None and is_request else None
 
 

@@ -7,32 +7,17 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any, Final, TypeVar
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame, encode_frame
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    REQUEST_RANGE,
-    RESPONSE_OFFSET,
-    Counters,
-    Error,
-    ErrorCode,
-    Flag,
-    Header,
-    Hello,
-    Message,
-    Mute,
-    Ping,
-    Play,
-    Pong,
-)
 from haptogram_protocol.state import OutputState
 
 from ..outcome import check, check_equal, fail
 from .recording import error_name, message_text, moved_counters_text
 from .wire import RawFrameClient, ReceivedByClient
 
-_M = TypeVar("_M", bound=Message)
+_M = TypeVar("_M", bound=m.Message)
 #: Five times the time in which a board answers (HG-4.11/3).
 PROCESSED_US: Final = 50_000
 #: Of a larger window or free room only so much is filled in one burst: it may be 4 GB.
@@ -47,9 +32,9 @@ _PAUSES_KEPT: Final = 256
 _PAUSE_BEHIND: Final = 0x1000
 
 
-def flags_at_once(message: Message) -> int:
+def flags_at_once(message: m.Message) -> int:
     """Return the flags of a request that is carried out as it comes: PLAY begins at once."""
-    return int(Flag.IMMEDIATE) if isinstance(message, Play) else 0
+    return int(m.Flag.IMMEDIATE) if isinstance(message, m.Play) else 0
 
 
 class RequestClient:
@@ -89,7 +74,7 @@ class RequestClient:
         self.random = random_source
         self.session = 0
         self.seq = 0
-        self.stream_next = FIRST_STREAM_SEQ
+        self.stream_next = m.FIRST_STREAM_SEQ
         self.knocks = 0
         self.rx_window = MAX_ENCODED_BYTES + 2  # the least of HG-4.3/8
         self.processed_us = PROCESSED_US
@@ -120,13 +105,13 @@ class RequestClient:
     ) -> bytes:
         """Return header and payload of a frame."""
         if session is None:
-            session = 0 if kind == Hello.TYPE else self.session
+            session = 0 if kind == m.Hello.TYPE else self.session
         return (
-            Header.LAYOUT.pack(kind, flags, seq & 0xFFFF, time_us & 0xFFFFFFFF, session) + payload
+            m.Header.LAYOUT.pack(kind, flags, seq & 0xFFFF, time_us & 0xFFFFFFFF, session) + payload
         )
 
     def request_wire(
-        self, message: Message, *, seq: int | None = None, **header: Any
+        self, message: m.Message, *, seq: int | None = None, **header: Any
     ) -> tuple[bytes, int]:
         """Return a request's bytes and number: the next number unless *seq* is given."""
         seq = self.next_seq() if seq is None else seq
@@ -134,7 +119,7 @@ class RequestClient:
             self.body(message.TYPE, message.serialize(), seq=seq, **header)
         ), seq & 0xFFFF
 
-    def stream_wire(self, message: Message, at_us: int | None = None, **header: Any) -> bytes:
+    def stream_wire(self, message: m.Message, at_us: int | None = None, **header: Any) -> bytes:
         """Return the bytes of a stream frame, to be latched at *at_us* or as soon as complete.
 
         The frame takes the next stream number unless *seq* is given.
@@ -155,9 +140,9 @@ class RequestClient:
         if seq is None:
             seq, self.stream_next = self.stream_next, self.stream_next + 1
         if flags is None:
-            flags = Flag.IMMEDIATE if at_us is None else 0
+            flags = m.Flag.IMMEDIATE if at_us is None else 0
         time_us = at_us or 0
-        if not flags & Flag.IMMEDIATE and time_us >= self.in_time_from_us:
+        if not flags & m.Flag.IMMEDIATE and time_us >= self.in_time_from_us:
             self.in_time_us = min(self.in_time_us, time_us)
         return encode_frame(
             self.body(kind, payload, seq=seq, flags=flags, time_us=time_us, session=session)
@@ -188,7 +173,7 @@ class RequestClient:
             run.append(wire)
         self._put(run)
 
-    def stream(self, message: Message, at_us: int | None = None, **header: Any) -> None:
+    def stream(self, message: m.Message, at_us: int | None = None, **header: Any) -> None:
         """Send a stream frame; see :meth:`stream_wire`."""
         self.send(self.stream_wire(message, at_us, **header))
 
@@ -213,14 +198,14 @@ class RequestClient:
         fits = self._unanswered_bytes + size <= self.rx_window - _PING_BYTES
         if fits or not self._unanswered or not self._unanswered[-1][0].endswith(DELIMITER):
             return
-        self._answers_of_pauses.append(self.answer_to(Ping.TYPE, *self._pause()))
+        self._answers_of_pauses.append(self.answer_to(m.Ping.TYPE, *self._pause()))
         self._forget_unanswered()
 
     def _pause(self) -> tuple[int, int]:
         """Send the PING of no session; return its number and the mark before it."""
         self.pauses += 1
         seq, since = (self.seq - _PAUSE_BEHIND) & 0xFFFF, self.mark()
-        ping = Ping(self.random.getrandbits(_ECHO_BITS))
+        ping = m.Ping(self.random.getrandbits(_ECHO_BITS))
         self._put([encode_frame(self.body(ping.TYPE, ping.serialize(), seq=seq, session=0))])
         return seq, since
 
@@ -258,11 +243,11 @@ class RequestClient:
 
     # --- requests and answers ------------------------------------------------------------------
 
-    def ask(self, message: Message, **header: Any) -> ReceivedByClient:
+    def ask(self, message: m.Message, **header: Any) -> ReceivedByClient:
         """Send a request and return its answer, a refusal too; FAILED if none comes."""
         return self.ask_raw(message.TYPE, message.serialize(), **header)
 
-    def ask_at_once(self, message: Message, **header: Any) -> ReceivedByClient:
+    def ask_at_once(self, message: m.Message, **header: Any) -> ReceivedByClient:
         """Send a request, PLAY to begin at once, and return its answer; see :meth:`ask`."""
         return self.ask(message, flags=flags_at_once(message), **header)
 
@@ -274,7 +259,7 @@ class RequestClient:
         since = self.mark()
         self.send(*wires)
         headers = [header for wire in wires if (header := _header_of_frame(wire)) is not None]
-        requests = [header for header in headers if header.type in REQUEST_RANGE]
+        requests = [header for header in headers if header.type in m.REQUEST_RANGE]
         return [self.answer_to(header.type, header.seq, since) for header in requests]
 
     def ask_raw(
@@ -289,7 +274,7 @@ class RequestClient:
         self._put([wire])
         self.knock(wire, seq, since)
         answer = self.answer_to(kind, seq, since)
-        if kind != Mute.TYPE:  # which may overtake what was sent before (HG-3.8/2)
+        if kind != m.Mute.TYPE:  # which may overtake what was sent before (HG-3.8/2)
             self._forget_unanswered()
         return answer
 
@@ -348,7 +333,7 @@ class RequestClient:
             self.wire.trip_us = max(self.wire.trip_us, self.wire.begun_us(found) - asked_us)
         return found
 
-    def text_since(self, since: int, counted: Counters | None = None) -> str:
+    def text_since(self, since: int, counted: m.Counters | None = None) -> str:
         """Return in words what has come from piece *since* on, and what moved since *counted*."""
         headers = [piece.header for piece in self.wire.received[since:] if piece.header is not None]
         came = sorted({annotated_type_name(header.type) for header in headers})
@@ -358,19 +343,19 @@ class RequestClient:
             return told
         return f"{told}; counted since the STATUS before: {moved_counters_text(counted, now)}"
 
-    def call(self, message: Message, reply: type[_M], **header: Any) -> _M:
+    def call(self, message: m.Message, reply: type[_M], **header: Any) -> _M:
         """Send a request and return its reply; FAILED if it is refused or not answered."""
         return self.reply_in(self.ask(message, **header), reply, message.TYPE)
 
-    def ping(self, echo: int, **header: Any) -> Pong:
+    def ping(self, echo: int, **header: Any) -> m.Pong:
         """Send PING and return PONG; see :meth:`call`."""
-        return self.call(Ping(echo), Pong, **header)
+        return self.call(m.Ping(echo), m.Pong, **header)
 
     def reply_in(self, answer: ReceivedByClient, reply: type[_M], kind: int | None = None) -> _M:
         """Return the reply in *answer*; FAILED if the answer is something else."""
         if isinstance(answer.message, reply):
             return answer.message
-        name = annotated_type_name(reply.TYPE - RESPONSE_OFFSET if kind is None else kind)
+        name = annotated_type_name(reply.TYPE - m.RESPONSE_OFFSET if kind is None else kind)
         if answer.message is None:
             fail(f"the answer to {name} cannot be read: {answer.fault}")
         got = self.answer_text(answer).replace(f") to {name},", "),")  # only another is named
@@ -381,11 +366,11 @@ class RequestClient:
 
     def refused(
         self,
-        message: Message,
-        code: ErrorCode,
+        message: m.Message,
+        code: m.ErrorCode,
         detail: int | None = None,
         **header: Any,
-    ) -> Error:
+    ) -> m.Error:
         """Send a request and return the ERROR; FAILED unless it has this code and detail."""
         return self.refused_raw(message.TYPE, message.serialize(), code, detail, **header)
 
@@ -393,26 +378,26 @@ class RequestClient:
         self,
         kind: int,
         payload: bytes,
-        code: ErrorCode,
+        code: m.ErrorCode,
         detail: int | None = None,
         **header: Any,
-    ) -> Error:
+    ) -> m.Error:
         """Send any request and return the ERROR; FAILED unless it has this code and detail."""
         return self.error_in(self.ask_raw(kind, payload, **header), kind, code, detail)
 
-    def refused_as_used(self, message: Message, seq: int | None = None) -> None:
+    def refused_as_used(self, message: m.Message, seq: int | None = None) -> None:
         """FAILED unless a request with a used number, or the last one, gets SEQUENCE_REUSED."""
         used, flags = (self.seq if seq is None else seq) & 0xFFFF, flags_at_once(message)
-        self.refused(message, ErrorCode.SEQUENCE_REUSED, used, seq=used, flags=flags)
+        self.refused(message, m.ErrorCode.SEQUENCE_REUSED, used, seq=used, flags=flags)
 
     def error_in(
-        self, answer: ReceivedByClient, kind: int, code: ErrorCode, detail: int | None = None
-    ) -> Error:
+        self, answer: ReceivedByClient, kind: int, code: m.ErrorCode, detail: int | None = None
+    ) -> m.Error:
         """Return the ERROR in *answer*; FAILED unless it has this code and detail."""
         wanted = f"ERROR({code.name})" + ("" if detail is None else f", detail {detail:#x}")
         message, seq = answer.message, answer.header.seq if answer.header is not None else 0
-        is_due = isinstance(message, Error) and (message.request, message.code) == (kind, code)
-        if isinstance(message, Error) and is_due and detail in (None, message.detail):
+        is_due = isinstance(message, m.Error) and (message.request, message.code) == (kind, code)
+        if isinstance(message, m.Error) and is_due and detail in (None, message.detail):
             return message
         name = self.wire.recording.request(seq) or annotated_type_name(kind)
         fail(f"{name} should be refused with {wanted}; got {self.answer_text(answer)}")
@@ -422,10 +407,10 @@ class RequestClient:
         """Return an answer in words."""
         if answer.message is None:
             return answer.fault or "nothing"
-        if isinstance(answer.message, Error):
+        if isinstance(answer.message, m.Error):
             request, detail = annotated_type_name(answer.message.request), answer.message.detail
             state = {s.value: f" ({s.name})" for s in OutputState}.get(detail, "")
-            told = state if answer.message.code == ErrorCode.BAD_STATE else ""
+            told = state if answer.message.code == m.ErrorCode.BAD_STATE else ""
             return f"{error_name(answer.message)} to {request}, detail {detail:#x}{told}"
         return message_text(answer.message)
 
@@ -438,10 +423,10 @@ class RequestClient:
     def barrier(self) -> None:
         """Wait until the board has read everything sent so far: frames are taken in order."""
         echo = self.random.getrandbits(_ECHO_BITS)
-        got = self.call(Ping(echo), Pong).echo
+        got = self.call(m.Ping(echo), m.Pong).echo
         check_equal(got, echo, f"PONG carries {got:016x}, not the number of PING")
 
-    def events(self, kind: type[_M], since: int = 0) -> list[tuple[Header, _M]]:
+    def events(self, kind: type[_M], since: int = 0) -> list[tuple[m.Header, _M]]:
         """Return the events of one kind from piece *since* on, with their headers."""
         return [
             (piece.header, piece.message)
@@ -473,7 +458,9 @@ class RequestClient:
             f"{frames} is answered by {self.answer_text(answers[0]) if answers else ''}",
         )
 
-    def await_event(self, kind: type[_M], since: int, timeout_us: int) -> tuple[Header, _M] | None:
+    def await_event(
+        self, kind: type[_M], since: int, timeout_us: int
+    ) -> tuple[m.Header, _M] | None:
         """Return the first event of a kind from piece *since* on; None if none comes in time."""
         timeout_us += 2 * self.wire.limits.slack_us
         found = self.wire.wait_for(lambda piece: isinstance(piece.message, kind), since, timeout_us)
@@ -482,10 +469,10 @@ class RequestClient:
         return found.header, found.message
 
 
-def _header_of_frame(wire: bytes) -> Header | None:
+def _header_of_frame(wire: bytes) -> m.Header | None:
     """Return the header of a frame between delimiters; None if *wire* is none."""
     try:
-        return Header.unpack(decode_frame(wire.strip(DELIMITER))[: Header.LAYOUT.size])
+        return m.Header.unpack(decode_frame(wire.strip(DELIMITER))[: m.Header.LAYOUT.size])
     except RemoteProtocolError:
         return None
 
@@ -493,6 +480,6 @@ def _header_of_frame(wire: bytes) -> Header | None:
 def _number_of_request(wire: bytes) -> int | None:
     """Return the number of a request that is answered in its turn; None if *wire* is none."""
     header = _header_of_frame(wire)
-    if header is None or header.type not in REQUEST_RANGE or header.type == Mute.TYPE:
+    if header is None or header.type not in m.REQUEST_RANGE or header.type == m.Mute.TYPE:
         return None
     return header.seq

@@ -14,18 +14,10 @@ from typing import Final, NoReturn, Protocol, runtime_checkable
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
 from haptogram.machine.process import processes_behind_terminal, threads_waited_us
+from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import cobs_decode
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, cobs_decode, decode_frame
-from haptogram_protocol.messages import (
-    EVENT_RANGE,
-    RESPONSE_RANGE,
-    Counters,
-    Header,
-    Message,
-    Status,
-    StatusReply,
-    parse_payload,
-)
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
 
 from ..outcome import HeldUpError, check, fail, inconclusive, require
 from .recording import DialogueRecording, TransferDirection
@@ -37,7 +29,7 @@ _FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be 
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 _TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
-_STATUS: Final = (Status, StatusReply)
+_STATUS: Final = (m.Status, m.StatusReply)
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 
@@ -47,7 +39,6 @@ class UnreadClientTime(Protocol):
 
     def skip_ns(self, duration_ns: int) -> None:
         """Let so much time pass; what the board sends meanwhile waits at the board."""
-        ...
 
 
 @runtime_checkable
@@ -120,14 +111,14 @@ class ReceivedByClient:
     t_us: int
     piece: bytes
     shared: bool
-    header: Header | None = None
-    message: Message | None = None
+    header: m.Header | None = None
+    message: m.Message | None = None
     body: bytes = b""
     fault: str = ""
     reason: str = ""
 
     @property
-    def frame_header(self) -> Header:
+    def frame_header(self) -> m.Header:
         """The header of a piece that is a frame."""
         assert self.header is not None
         return self.header
@@ -135,12 +126,12 @@ class ReceivedByClient:
     @property
     def is_response(self) -> bool:
         """True for a response."""
-        return self.header is not None and self.header.type in RESPONSE_RANGE
+        return self.header is not None and self.header.type in m.RESPONSE_RANGE
 
     @property
     def is_event(self) -> bool:
         """True for an event."""
-        return self.header is not None and self.header.type in EVENT_RANGE
+        return self.header is not None and self.header.type in m.EVENT_RANGE
 
     @property
     def unstuffed(self) -> bytes:
@@ -191,10 +182,11 @@ class RawFrameClient:
         self.on_sent: Callable[[bytes, int], None] | None = None
         self.ask_time: Callable[[], int | None] | None = None
         self.recording = DialogueRecording()
-        self.heard = self.held_up_us = self.trip_us = self._board_waited_us = 0
-        self.counters: Counters | None = None
+        self.heard = self._board_waited_us = 0
+        self.counters: m.Counters | None = None
         self._transport = transport
         self._board = processes_behind_terminal(transport.url) if limits.slack_us else []
+        self.held_up_us = self.trip_us = 0
         self._begin_delays()
         self._partial = b""
         self.ended_whole = True
@@ -478,9 +470,9 @@ def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> ReceivedByC
         body = decode_frame(piece)
     except RemoteProtocolError as error:
         return ReceivedByClient(t_us, piece, shared, fault=str(error), reason=error.reason)
-    header = Header.of_body(body)
+    header = m.Header.of_body(body)
     try:
-        message = parse_payload(header, body)
+        message = m.parse_payload(header, body)
     except RemoteProtocolError as error:
         return ReceivedByClient(
             t_us, piece, shared, header, None, body, fault=str(error), reason=error.reason

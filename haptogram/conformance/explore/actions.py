@@ -8,18 +8,8 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import FrameDecoder, encode_frame
-from haptogram_protocol.messages import (
-    HelloReply,
-    Message,
-    MessageType,
-    Ping,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-    UploadKind,
-    build_body,
-)
 
 from ..client.malformed_frames import malformed_frame, malformed_noise, malformed_with_crc
 from .host import DialogueHost
@@ -48,21 +38,21 @@ _FOREIGN_SEQ: Final = 0x2000  # and its number: no other request has one near it
 _LONG_NOISE: Final = 70_000  # bytes: more than 16 bits count
 
 
-def has_room_in_dialogue(identity: HelloReply) -> bool:
+def has_room_in_dialogue(identity: m.HelloReply) -> bool:
     """Return True if a board has room for the sequences of a dialogue, and one more."""
     frame = max(identity.transducers, MOST_POINTS * POINT_BYTES)
     return (len(UPLOADED) + 1) * STORED_FRAMES * frame <= identity.max_upload_bytes
 
 
 def upload_in_dialogue(
-    kind: UploadKind, target: int, data: bytes, chunk: int, *, points: int = 0
-) -> list[Message]:
+    kind: m.UploadKind, target: int, data: bytes, chunk: int, *, points: int = 0
+) -> list[m.Message]:
     """Return the requests of an upload, in chunks of *chunk* bytes."""
     parts = range(0, len(data), chunk)
     return [
-        UploadBegin(kind, points, target, len(data), zlib.crc32(data)),
-        *(UploadChunk(at, data[at : at + chunk]) for at in parts),
-        UploadCommit(target),
+        m.UploadBegin(kind, points, target, len(data), zlib.crc32(data)),
+        *(m.UploadChunk(at, data[at : at + chunk]) for at in parts),
+        m.UploadCommit(target),
     ]
 
 
@@ -167,7 +157,7 @@ def end_of_slot(host: DialogueHost) -> bytes:
     It renews no lease, and uses no number up.
     """
     session, seq = host.session ^ _FOREIGN or _FOREIGN, number_at_end_of_slot(host)
-    return encode_frame(build_body(Ping(seq), flags=0, seq=seq, time_us=0, session=session))
+    return encode_frame(m.build_body(m.Ping(seq), flags=0, seq=seq, time_us=0, session=session))
 
 
 def number_at_end_of_slot(host: DialogueHost) -> int:
@@ -186,7 +176,7 @@ def pieces_of_slot(data: bytes) -> list[bytes]:
 
 
 def _is_mute_in_slot(wire: bytes) -> bool:
-    return any(body[0] == MessageType.MUTE for body in _bodies_of_slot(wire))
+    return any(body[0] == m.MessageType.MUTE for body in _bodies_of_slot(wire))
 
 
 def _bodies_of_slot(wire: bytes) -> list[bytes]:

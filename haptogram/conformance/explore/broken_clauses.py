@@ -4,60 +4,33 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import (
-    RESPONSE_RANGE,
-    ArmReply,
-    ConfigReply,
-    DisarmReply,
-    DriveReply,
-    Error,
-    ErrorCode,
-    GeometryReply,
-    HelloReply,
-    Message,
-    MuteReply,
-    PlaybackEnded,
-    PlayReply,
-    Pong,
-    SetConfigReply,
-    StateChanged,
-    Status,
-    StatusReply,
-    StopReply,
-    Trace,
-    TraceDrive,
-    TracePlayback,
-    TraceReply,
-    UploadBeginReply,
-    UploadChunkReply,
-    UploadCommitReply,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import LINK_REFUSALS, REFUSALS
 
 #: A reply or an event that is due: the clause by which it is.
-DUE_CLAUSES: Final[dict[type[Message], str]] = {
-    HelloReply: "HG-4.3/1",
-    ArmReply: "HG-6.2/1",
-    MuteReply: "HG-6.4/1",
-    DisarmReply: "HG-6.2/1",
-    Pong: "HG-6.9/2",
-    StatusReply: "HG-9.1/3",
-    ConfigReply: "HG-7.1/3",
-    SetConfigReply: "HG-7.1/3",
-    GeometryReply: "HG-7.5/1",
-    DriveReply: "HG-8.6/1",
-    UploadBeginReply: "HG-7.2/1",
-    UploadChunkReply: "HG-7.3/1",
-    UploadCommitReply: "HG-7.4/2",
-    PlayReply: "HG-7.6/1",
-    StopReply: "HG-7.7/1",
-    TraceReply: "HG-8.5/2",
-    Status: "HG-9.1/1",
-    Trace: "HG-8.1/1",
-    TracePlayback: "HG-8.1/1",
-    TraceDrive: "HG-8.4/1",
-    StateChanged: "HG-6.8/1",
-    PlaybackEnded: "HG-7.8/1",
+DUE_CLAUSES: Final[dict[type[m.Message], str]] = {
+    m.HelloReply: "HG-4.3/1",
+    m.ArmReply: "HG-6.2/1",
+    m.MuteReply: "HG-6.4/1",
+    m.DisarmReply: "HG-6.2/1",
+    m.Pong: "HG-6.9/2",
+    m.StatusReply: "HG-9.1/3",
+    m.ConfigReply: "HG-7.1/3",
+    m.SetConfigReply: "HG-7.1/3",
+    m.GeometryReply: "HG-7.5/1",
+    m.DriveReply: "HG-8.6/1",
+    m.UploadBeginReply: "HG-7.2/1",
+    m.UploadChunkReply: "HG-7.3/1",
+    m.UploadCommitReply: "HG-7.4/2",
+    m.PlayReply: "HG-7.6/1",
+    m.StopReply: "HG-7.7/1",
+    m.TraceReply: "HG-8.5/2",
+    m.Status: "HG-9.1/1",
+    m.Trace: "HG-8.1/1",
+    m.TracePlayback: "HG-8.1/1",
+    m.TraceDrive: "HG-8.4/1",
+    m.StateChanged: "HG-6.8/1",
+    m.PlaybackEnded: "HG-7.8/1",
 }
 #: A refusal that is due: by request and code, and by the code alone where no request has its own.
 REFUSAL_CLAUSES: Final[dict[tuple[int, int], str]] = {
@@ -126,21 +99,21 @@ FIELD_CLAUSES: Final = {
     "next": "HG-8.5/1",
 }
 #: Fields of read-backs, and of a header, by their name there.
-MESSAGE_FIELD_CLAUSES: Final[dict[tuple[type[Message], str], str]] = {
-    (DriveReply, "key"): "HG-8.6/3",
-    (DriveReply, "t_latch_us"): "HG-8.6/3",
-    (DriveReply, "phase"): "HG-8.6/3",
-    (DriveReply, "amplitude"): "HG-8.6/3",
-    (StateChanged, "state"): "HG-6.11/5",
-    (StateChanged, "reason"): "HG-12.5/1",
-    (Trace, "flags"): "HG-5.7/6",
-    (TracePlayback, "flags"): "HG-5.7/6",
-    (TraceDrive, "flags"): "HG-5.7/6",
+MESSAGE_FIELD_CLAUSES: Final[dict[tuple[type[m.Message], str], str]] = {
+    (m.DriveReply, "key"): "HG-8.6/3",
+    (m.DriveReply, "t_latch_us"): "HG-8.6/3",
+    (m.DriveReply, "phase"): "HG-8.6/3",
+    (m.DriveReply, "amplitude"): "HG-8.6/3",
+    (m.StateChanged, "state"): "HG-6.11/5",
+    (m.StateChanged, "reason"): "HG-12.5/1",
+    (m.Trace, "flags"): "HG-5.7/6",
+    (m.TracePlayback, "flags"): "HG-5.7/6",
+    (m.TraceDrive, "flags"): "HG-5.7/6",
 }
-_TRACES: Final = (Trace, TracePlayback, TraceDrive)
+_TRACES: Final = (m.Trace, m.TracePlayback, m.TraceDrive)
 
 
-def clause_of_due_message(due: Message) -> str:
+def clause_of_due_message(due: m.Message) -> str:
     """Return the clause by which a board sends *due*, or refuses a request with it.
 
     Examples
@@ -148,15 +121,15 @@ def clause_of_due_message(due: Message) -> str:
     >>> clause_of_due_message(Error(request=0x4D, code=ErrorCode.BAD_VALUE, detail=0))
     'HG-7.6/2'
     """
-    if isinstance(due, Error):
-        if due.code == ErrorCode.UNSUPPORTED and due.detail == due.request:
+    if isinstance(due, m.Error):
+        if due.code == m.ErrorCode.UNSUPPORTED and due.detail == due.request:
             return "HG-3.3/3"
         of_link = LINK_REFUSAL_CLAUSES.get(due.code, "HG-10.2/1")
         return REFUSAL_CLAUSES.get((due.request, due.code), of_link)
     return DUE_CLAUSES.get(type(due), "HG-3.3/1")
 
 
-def clause_of_message_field(due: Message, name: str) -> str:
+def clause_of_message_field(due: m.Message, name: str) -> str:
     """Return the clause that says what the field *name* of *due* is.
 
     Examples
@@ -172,7 +145,7 @@ def clause_of_message_field(due: Message, name: str) -> str:
     )
 
 
-def clause_of_header_field(due: Message, name: str) -> str:
+def clause_of_header_field(due: m.Message, name: str) -> str:
     """Return the clause that says what the field *name* of the header of *due* is.
 
     Examples
@@ -180,7 +153,7 @@ def clause_of_header_field(due: Message, name: str) -> str:
     >>> clause_of_header_field(Pong(0, 0, 0), "time_us")
     'HG-4.11/2'
     """
-    is_response = due.TYPE in RESPONSE_RANGE
+    is_response = due.TYPE in m.RESPONSE_RANGE
     if name == "flags":
         return MESSAGE_FIELD_CLAUSES.get((type(due), name), "HG-3.4/3")
     if name != "time_us":

@@ -6,33 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Self
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.words import annotated_type_name
-from haptogram_protocol.messages import (
-    EVENT_RANGE,
-    Counters,
-    DriveKind,
-    DriveReply,
-    Element,
-    Error,
-    ErrorCode,
-    Header,
-    HelloReply,
-    LatchKey,
-    Message,
-    Play,
-    PlaybackEnded,
-    Pong,
-    StateChanged,
-    Status,
-    StatusReply,
-    Trace,
-    TraceDrive,
-    TracePlayback,
-    TraceRecord,
-    TraceReply,
-    UploadBeginReply,
-    signed_difference,
-)
 from haptogram_protocol.state import MuteReason
 
 from ..outcome import record_differences
@@ -48,11 +23,11 @@ _SAME_IN_HELLO: Final = frozenset(
     {"major", "minor", "nonce", "state", "sound_speed_mm_s", "config_crc"}
 )
 #: Fields in which boards of one protocol may differ.
-_OWN: Final[dict[type[Message], frozenset[str]]] = {
-    HelloReply: frozenset(HelloReply.WIRE) - _SAME_IN_HELLO,
-    UploadBeginReply: frozenset(UploadBeginReply.WIRE),
-    Status: frozenset({"free_bytes"}),
-    StatusReply: frozenset({"free_bytes"}),
+_OWN: Final[dict[type[m.Message], frozenset[str]]] = {
+    m.HelloReply: frozenset(m.HelloReply.WIRE) - _SAME_IN_HELLO,
+    m.UploadBeginReply: frozenset(m.UploadBeginReply.WIRE),
+    m.Status: frozenset({"free_bytes"}),
+    m.StatusReply: frozenset({"free_bytes"}),
 }
 #: Fields that are times or time differences, by the last letters of their names.
 _TIMES: Final = "_us"
@@ -65,8 +40,8 @@ _TIMER_US: Final = 2000  # two timers within 1 ms of their lengths
 class FrameInDialogue:
     """One frame of a board: its header, message and body."""
 
-    header: Header
-    message: Message
+    header: m.Header
+    message: m.Message
     body: bytes = b""
 
 
@@ -74,7 +49,7 @@ class FrameInDialogue:
 class DialogueBase:
     """Counters and number of stored sequences of a board before slot 0."""
 
-    counters: Counters
+    counters: m.Counters
     stored: int = 0
 
 
@@ -128,7 +103,7 @@ class DialogueAnswers:
         events: list[FrameInDialogue] = []
         answered: list[int] = []
         for frame in kept:
-            if frame.header.type in EVENT_RANGE:
+            if frame.header.type in m.EVENT_RANGE:
                 events.append(frame)
                 answered.append(len(responses))
             else:
@@ -145,9 +120,9 @@ def superfluous_in_dialogue(frames: Sequence[FrameInDialogue]) -> str:
     return f"{clause_of_due_message(message)}: {name} comes, and nothing is due"
 
 
-def is_optional_in_dialogue(message: Message) -> bool:
+def is_optional_in_dialogue(message: m.Message) -> bool:
     """Return True for a STATE_CHANGED of a MUTE, which a board SHOULD send (HG-6.8/2)."""
-    return isinstance(message, StateChanged) and message.reason is MuteReason.MUTE
+    return isinstance(message, m.StateChanged) and message.reason is MuteReason.MUTE
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,12 +162,14 @@ class DialogueComparison:
     def _not_due(self, mine: FrameInDialogue, left: Sequence[FrameInDialogue]) -> str:
         """Return that an event comes in place of the next of those *left*, and is none of them."""
         due, name = left[0], _named_in_dialogue(mine.message)
-        if mine.header.type not in EVENT_RANGE or _kind_in_dialogue(mine) == _kind_in_dialogue(due):
+        if mine.header.type not in m.EVENT_RANGE or _kind_in_dialogue(mine) == _kind_in_dialogue(
+            due
+        ):
             return ""
         apart_us = self.near_us + _TIMER_US
         of_kind = [one for one in left if _kind_in_dialogue(one) == _kind_in_dialogue(mine)]
-        times_us = [signed_difference(f.header.time_us, mine.header.time_us, 32) for f in of_kind]
-        is_behind = signed_difference(mine.header.time_us, due.header.time_us, 32) > apart_us
+        times_us = [m.signed_difference(f.header.time_us, mine.header.time_us, 32) for f in of_kind]
+        is_behind = m.signed_difference(mine.header.time_us, due.header.time_us, 32) > apart_us
         if is_behind or any(abs(t_us) <= apart_us for t_us in times_us):
             return ""  # the one that is due is missing
         return (
@@ -204,7 +181,7 @@ class DialogueComparison:
         """Return the first event that leaves before the response of its request (HG-4.11/5)."""
         told = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
         for event, ours, theirs in told:
-            if ours < theirs and isinstance(event.message, StateChanged | PlaybackEnded):
+            if ours < theirs and isinstance(event.message, m.StateChanged | m.PlaybackEnded):
                 name = _named_in_dialogue(event.message)
                 return f"HG-4.11/5: {name} leaves before the response to the request that led to it"
         return ""
@@ -219,7 +196,9 @@ class DialogueComparison:
         if type(message) is not type(due.message):
             wanted, got = _named_in_dialogue(due.message), _named_in_dialogue(message)
             return f"{clause_of_due_message(due.message)}: due is {wanted}, there comes {got}"
-        names = ("session", "flags") if header.type in EVENT_RANGE else ("session", "flags", "seq")
+        names = (
+            ("session", "flags") if header.type in m.EVENT_RANGE else ("session", "flags", "seq")
+        )
         for name in names:
             if getattr(header, name) != getattr(due_header, name):
                 return (
@@ -228,24 +207,24 @@ class DialogueComparison:
                     f"due is {getattr(due_header, name):#x}"
                 )
         apart_us = self.near_us
-        if isinstance(message, Trace | TracePlayback | TraceDrive):
+        if isinstance(message, m.Trace | m.TracePlayback | m.TraceDrive):
             apart_us = self._apart_us(_key_in_dialogue(due.message))
-        elif header.type in EVENT_RANGE:
+        elif header.type in m.EVENT_RANGE:
             apart_us += _TIMER_US
         if not _is_near_in_dialogue(header.time_us, due_header.time_us, apart_us):
             clause = clause_of_header_field(due.message, "time_us")
-            late_us = signed_difference(header.time_us, due_header.time_us, 32)
+            late_us = m.signed_difference(header.time_us, due_header.time_us, 32)
             times = f"time_us of the header is {header.time_us}, {late_us:+d} µs from what is due"
             return f"{clause}: {_named_in_dialogue(message)}: {times}"
         return self._message(message, due.message)
 
-    def _apart_us(self, key: LatchKey | None) -> int:
+    def _apart_us(self, key: m.LatchKey | None) -> int:
         """Return how far apart the times of a latch may be: not at all where a host set it."""
         return 0 if key is not None and self.host.is_exact(key) else self.near_us
 
     def _message(self, message: Any, due: Any) -> str:
         own = _OWN.get(type(message), frozenset())
-        if isinstance(due, Error) and due.code == ErrorCode.TOO_LARGE:
+        if isinstance(due, m.Error) and due.code == m.ErrorCode.TOO_LARGE:
             own = frozenset({"detail"})  # a limit
         names = [*message.WIRE, *([message.TAIL.name] if message.TAIL else [])]
         key = _key_in_dialogue(due)
@@ -259,14 +238,14 @@ class DialogueComparison:
                 return f"{self._clause(due, name, text)}: {_named_in_dialogue(message)}: {text}"
         return ""
 
-    def _clause(self, due: Message, name: str, text: str) -> str:
+    def _clause(self, due: m.Message, name: str, text: str) -> str:
         """Return the clause that a difference in a field speaks of."""
         word = text.split()[0]  # a counter, or one of the two halves of a drive
         if name == "counters":
             return COUNTER_CLAUSES[word]
         if name != "data":
             return clause_of_message_field(due, name)
-        if not isinstance(due, DriveReply) or due.kind is not DriveKind.RADIATED:
+        if not isinstance(due, m.DriveReply) or due.kind is not m.DriveKind.RADIATED:
             return clause_of_message_field(due, word)
         if word == "phase":
             return "HG-7.9/1"
@@ -274,7 +253,9 @@ class DialogueComparison:
             return "HG-6.6/2"
         return "HG-6.11/2" if self.host.least_ramp_us else "HG-7.9/2"
 
-    def _field(self, name: str, got: Any, wanted: Any, key: LatchKey | None, due: Message) -> str:
+    def _field(
+        self, name: str, got: Any, wanted: Any, key: m.LatchKey | None, due: m.Message
+    ) -> str:
         if name == "counters":
             before = self.ours.base.counters, self.theirs.base.counters
             return _dialogue_counter_difference(got, wanted, *before)
@@ -284,7 +265,7 @@ class DialogueComparison:
             return _dialogue_element_difference(got, wanted)
         if name == "crc" and key is not None and self.host.is_computed(key):
             return ""  # rounding is free; the drive itself is compared elsewhere
-        if isinstance(due, DriveReply | TraceDrive) and name == "data":
+        if isinstance(due, m.DriveReply | m.TraceDrive) and name == "data":
             return self._drive(got, wanted, due)
         apart_us = self.near_us
         if name == "t_latch_us":
@@ -294,18 +275,18 @@ class DialogueComparison:
         same = got == wanted if apart_us < 0 else _is_near_in_dialogue(got, wanted, apart_us)
         return "" if same else f"{name} is {got}, due is {wanted}"
 
-    def _records(self, got: Sequence[TraceRecord], wanted: Sequence[TraceRecord]) -> str:
+    def _records(self, got: Sequence[m.TraceRecord], wanted: Sequence[m.TraceRecord]) -> str:
         """Return the first difference in the records of the trace ring."""
         if len(got) != len(wanted):
             return f"{len(got)} records, due are {len(wanted)}"
         for mine, due in zip(got, wanted, strict=True):
             for name in ("number", "key", "t_latch_us", "crc", "flags"):
                 values = getattr(mine, name), getattr(due, name)
-                if text := self._field(name, *values, due.key, TraceReply(0, 0, ())):
+                if text := self._field(name, *values, due.key, m.TraceReply(0, 0, ())):
                     return f"record {due.number}: {text}"
         return ""
 
-    def _drive(self, got: bytes, wanted: bytes, due: DriveReply | TraceDrive) -> str:
+    def _drive(self, got: bytes, wanted: bytes, due: m.DriveReply | m.TraceDrive) -> str:
         """Return a difference between two drives: N phases, then N amplitudes."""
         if len(got) != len(wanted):
             return f"{len(got)} codes, due are {len(wanted)}"
@@ -315,7 +296,7 @@ class DialogueComparison:
         computed = self.host.is_computed(due.key)
         phase_apart = _CODES_APART if computed else 0
         amplitude_apart = phase_apart
-        if isinstance(due, DriveReply) and due.kind is DriveKind.RADIATED:
+        if isinstance(due, m.DriveReply) and due.kind is m.DriveKind.RADIATED:
             amplitude_apart += self.host.ramp_codes(self.near_us + _TIMER_US)
         for n in range(count):
             apart = abs((got[n] - wanted[n] + 128) % 256 - 128)
@@ -327,27 +308,27 @@ class DialogueComparison:
         return ""
 
 
-def _key_in_dialogue(message: Message) -> LatchKey | None:
+def _key_in_dialogue(message: m.Message) -> m.LatchKey | None:
     """Return the key of the latch that *message* speaks of; None if it speaks of none."""
-    if isinstance(message, Trace):
-        return LatchKey(0, 0, message.index)
-    if isinstance(message, TracePlayback | TraceDrive | DriveReply):
+    if isinstance(message, m.Trace):
+        return m.LatchKey(0, 0, message.index)
+    if isinstance(message, m.TracePlayback | m.TraceDrive | m.DriveReply):
         return message.key
     return None
 
 
-def _kind_in_dialogue(frame: FrameInDialogue) -> tuple[type[Message], LatchKey | None]:
+def _kind_in_dialogue(frame: FrameInDialogue) -> tuple[type[m.Message], m.LatchKey | None]:
     return type(frame.message), _key_in_dialogue(frame.message)
 
 
-def _is_absent_sequence_in_dialogue(due: Message) -> bool:
+def _is_absent_sequence_in_dialogue(due: m.Message) -> bool:
     """Return True if the detail of a refusal is the number of stored sequences (HG-7.6/1)."""
-    is_absent = isinstance(due, Error) and due.code == ErrorCode.NOT_FOUND
-    return is_absent and getattr(due, "request", 0) == Play.TYPE
+    is_absent = isinstance(due, m.Error) and due.code == m.ErrorCode.NOT_FOUND
+    return is_absent and getattr(due, "request", 0) == m.Play.TYPE
 
 
 def _dialogue_counter_difference(
-    got: Counters, due: Counters, ours: Counters, theirs: Counters
+    got: m.Counters, due: m.Counters, ours: m.Counters, theirs: m.Counters
 ) -> str:
     """Return the counters that differ; the one that tells most of a cause first."""
     found = []
@@ -359,7 +340,7 @@ def _dialogue_counter_difference(
     return "; ".join(found)
 
 
-def _dialogue_element_difference(got: Sequence[Element], due: Sequence[Element]) -> str:
+def _dialogue_element_difference(got: Sequence[m.Element], due: Sequence[m.Element]) -> str:
     if len(got) != len(due):
         return f"{len(got)} transducers, due are {len(due)}"
     for mine, wanted in zip(got, due, strict=True):
@@ -371,16 +352,16 @@ def _dialogue_element_difference(got: Sequence[Element], due: Sequence[Element])
 
 
 def _is_near_in_dialogue(got: int, due: int, tolerance_us: int) -> bool:
-    return abs(signed_difference(got & 0xFFFFFFFF, due & 0xFFFFFFFF, 32)) <= tolerance_us
+    return abs(m.signed_difference(got & 0xFFFFFFFF, due & 0xFFFFFFFF, 32)) <= tolerance_us
 
 
-def _named_in_dialogue(message: Message) -> str:
+def _named_in_dialogue(message: m.Message) -> str:
     text = message.TYPE.name
-    if isinstance(message, Error):
+    if isinstance(message, m.Error):
         code = message.code
-        known = ErrorCode._value2member_map_.get(code)
+        known = m.ErrorCode._value2member_map_.get(code)
         return f"{text}({getattr(known, 'name', code)}) to {annotated_type_name(message.request)}"
-    if isinstance(message, StateChanged | PlaybackEnded | Trace | Pong):
+    if isinstance(message, m.StateChanged | m.PlaybackEnded | m.Trace | m.Pong):
         shown: dict[str, Any] = {name: getattr(message, name) for name in message.WIRE}
         return f"{text} {shown}"
     return text

@@ -6,7 +6,7 @@ import dataclasses
 import random
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Config, HelloReply, Mute
+from haptogram_protocol import messages as m
 
 from .actions import ActionSlots, DialogueAction
 from .makers.conditions import DialogueConditions, DialogueCoverage
@@ -75,7 +75,7 @@ class DialogueGenerator:
 
     def __init__(
         self,
-        identity: HelloReply,
+        identity: m.HelloReply,
         seed: int,
         coverage: DialogueCoverage | None = None,
         *,
@@ -101,7 +101,7 @@ class DialogueGenerator:
         self._is_armed = False
         self._script: list[DialogueAction] = []
 
-    def config(self) -> Config:
+    def config(self) -> m.Config:
         """Return the configuration that a dialogue begins with: no STATUS before slot 0."""
         return dataclasses.replace(self._makers.configs.config(), status_period_ms=0)
 
@@ -131,7 +131,7 @@ class DialogueGenerator:
         if not self._script and self._random.random() < _UPLOAD_SHARE:
             self._script = self._makers.upload()
         if not self._is_armed and self._random.random() < 0.6:
-            found.append(self._makers.frame(Arm()))
+            found.append(self._makers.frame(m.Arm()))
             self._is_armed = True
         steps = self._random.choice((0, 1, 2, 2, 8))
         found += self._script[:steps]
@@ -140,7 +140,7 @@ class DialogueGenerator:
             found += self._makers.pair()
         for _ in range(self._random.choice((0, 1, 2, 2, 3, 5))):
             found += map(self._damaged, self._rarest())
-        found.sort(key=lambda told: not told.name.startswith(Mute.TYPE.name))
+        found.sort(key=lambda told: not told.name.startswith(m.Mute.TYPE.name))
         seen = self._makers.probe() if self._random.random() < self._seen else []
         if self._exact:
             return found + seen

@@ -6,28 +6,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import HEADER_BYTES
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    STREAM_RANGE,
-    Config,
-    Flag,
-    Header,
-    Hello,
-    HelloReply,
-    LatchKey,
-    Message,
-    MessageType,
-    Play,
-    Points,
-    SetConfig,
-    UploadBegin,
-    UploadKind,
-    build_body,
-    parse_body,
-    signed_difference,
-)
 
 #: In place of the bits in which a session differs from the open one: none.
 NO_SESSION: Final = 0x10000
@@ -59,11 +40,11 @@ class DialogueHost:
         The rest of a frame that was begun.
     """
 
-    identity: HelloReply
+    identity: m.HelloReply
     session: int
     seq: int
     slot_us: int
-    stream_next: int = FIRST_STREAM_SEQ
+    stream_next: int = m.FIRST_STREAM_SEQ
     last: bytes = b""
     sessions: list[int] = field(default_factory=list)
     computed: set[tuple[int, int]] = field(default_factory=set)
@@ -72,11 +53,11 @@ class DialogueHost:
     unsent: bytes = b""
     _of_session: dict[tuple[int, str], bytes] = field(default_factory=dict)
 
-    def is_computed(self, key: LatchKey) -> bool:
+    def is_computed(self, key: m.LatchKey) -> bool:
         """Return True if the board may have computed the drive."""
         return _drive_named_in_dialogue(key) in self.computed
 
-    def is_exact(self, key: LatchKey) -> bool:
+    def is_exact(self, key: m.LatchKey) -> bool:
         """Return True if the time of the latch does not depend on an arrival."""
         return bool(key.sequence or key.index) and _drive_named_in_dialogue(key) not in self.inexact
 
@@ -105,15 +86,15 @@ class DialogueHost:
     def note(self, body: bytes) -> None:
         """Note what a frame that is sent makes of drives and their times."""
         with suppress(RemoteProtocolError):  # no board takes it
-            header, message = parse_body(body)
+            header, message = m.parse_body(body)
             drive = (0, header.seq)
-            if isinstance(message, Play):
+            if isinstance(message, m.Play):
                 drive = (message.sequence, 0)
-            elif isinstance(message, UploadBegin) and message.kind is UploadKind.POINTS:
+            elif isinstance(message, m.UploadBegin) and message.kind is m.UploadKind.POINTS:
                 self.computed.add((message.target, 0))
-            elif isinstance(message, Points):
+            elif isinstance(message, m.Points):
                 self.computed.add(drive)
-            elif isinstance(message, SetConfig):
+            elif isinstance(message, m.SetConfig):
                 self.note_config(message.config)
             if self.is_latched_as_it_comes(body):
                 self.inexact.add(drive)
@@ -122,21 +103,27 @@ class DialogueHost:
         """Return True if the time of a latch depends on when the frame arrives (HG-3.5)."""
         if len(body) < HEADER_BYTES:
             return False
-        header = Header.unpack(body[:HEADER_BYTES])
-        ahead_us = signed_difference(header.time_us, self.slot_us & 0xFFFFFFFF, 32)
-        is_at_once = bool(header.flags & Flag.IMMEDIATE)
-        if header.type in STREAM_RANGE:
+        header = m.Header.unpack(body[:HEADER_BYTES])
+        ahead_us = m.signed_difference(header.time_us, self.slot_us & 0xFFFFFFFF, 32)
+        is_at_once = bool(header.flags & m.Flag.IMMEDIATE)
+        if header.type in m.STREAM_RANGE:
             return is_at_once or ahead_us < 0
-        return header.type == MessageType.PLAY and is_at_once
+        return header.type == m.MessageType.PLAY and is_at_once
 
-    def note_config(self, config: Config) -> None:
+    def note_config(self, config: m.Config) -> None:
         """Note the ramp of a configuration that is sent."""
         ramp_us = config.ramp_ms * 1000
         if ramp_us:
             self.least_ramp_us = min(ramp_us, self.least_ramp_us or ramp_us)
 
     def request(
-        self, message: Message, *, number: int = 0, flags: int = 0, time_us: int = 0, other: int = 0
+        self,
+        message: m.Message,
+        *,
+        number: int = 0,
+        flags: int = 0,
+        time_us: int = 0,
+        other: int = 0,
     ) -> bytes:
         """Return the body of a request, whose number is the next one and *number*.
 
@@ -148,18 +135,24 @@ class DialogueHost:
         return self.last
 
     def stream(
-        self, message: Message, *, number: int = 0, flags: int = 0, time_us: int = 0, other: int = 0
+        self,
+        message: m.Message,
+        *,
+        number: int = 0,
+        flags: int = 0,
+        time_us: int = 0,
+        other: int = 0,
     ) -> bytes:
         """Return the body of a frame of the stream, as :meth:`request` does."""
         seq = self.stream_next + number
         self.stream_next = seq + 1 if number >= 0 else self.stream_next
         return self._body(message, flags, seq, time_us, other)
 
-    def _body(self, message: Message, flags: int, seq: int, time_us: int, other: int) -> bytes:
+    def _body(self, message: m.Message, flags: int, seq: int, time_us: int, other: int) -> bytes:
         session = 0 if other == NO_SESSION else self.session ^ other
-        return build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
+        return m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
 
-    def hello(self, message: Hello, *, takes: bool = True) -> bytes:
+    def hello(self, message: m.Hello, *, takes: bool = True) -> bytes:
         """Return the body of a HELLO, and go on in its session if the board *takes* it."""
         body = self.request(message, other=NO_SESSION)
         if takes:
@@ -171,8 +164,8 @@ class DialogueHost:
         """Go on in the session of a HELLO."""
         if nonce != self.session:
             self.sessions.append(self.session)
-            self.session, self.stream_next = nonce, FIRST_STREAM_SEQ
+            self.session, self.stream_next = nonce, m.FIRST_STREAM_SEQ
 
 
-def _drive_named_in_dialogue(key: LatchKey) -> tuple[int, int]:
+def _drive_named_in_dialogue(key: m.LatchKey) -> tuple[int, int]:
     return key.sequence, 0 if key.sequence else key.index & 0xFFFF

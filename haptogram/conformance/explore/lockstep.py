@@ -7,19 +7,9 @@ from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
-from haptogram_protocol.messages import (
-    RESPONSE_RANGE,
-    Config,
-    Error,
-    GetStatus,
-    HelloReply,
-    Message,
-    Ping,
-    StatusReply,
-    unwrap,
-)
 
 from ..client.board_client import BoardClient
 from ..client.wire import ReceivedByClient
@@ -139,7 +129,7 @@ class Lockstep:
     def play(
         self,
         actions: Sequence[DialogueAction],
-        config: Config,
+        config: m.Config,
         seed: int,
         *,
         timed: bool,
@@ -178,7 +168,7 @@ class Lockstep:
             self._board.link.seq, self._board.link.session = host.seq + 1, host.session
         return replace(found, sent=[*played.sent, *found.sent]) if powers_up else found
 
-    def _open(self, config: Config, seed: int, *, is_known: bool) -> DialogueHost:
+    def _open(self, config: m.Config, seed: int, *, is_known: bool) -> DialogueHost:
         """Open the session of a dialogue, at a wall clock twice if the board was held up."""
         try:
             return self._opening.open(config, seed, is_known=is_known)
@@ -369,7 +359,7 @@ class Lockstep:
         seq = number_at_end_of_slot(host)
 
         def ends_slot(piece: ReceivedByClient) -> bool:
-            is_refusal = isinstance(piece.message, Error) and piece.message.request == Ping.TYPE
+            is_refusal = isinstance(piece.message, m.Error) and piece.message.request == m.Ping.TYPE
             return is_refusal and piece.header is not None and piece.header.seq == seq
 
         if board.wire.wait_for(ends_slot, self._since, _MISSED_US) is None:
@@ -381,7 +371,7 @@ class Lockstep:
         for place, piece in reversed(list(enumerate(pieces))):
             assert piece.header is not None  # it is a response
             came_us = max(sent_us, piece.t_us + ahead_us)
-            said_us = unwrap(piece.header.time_us, came_us, 32)
+            said_us = m.unwrap(piece.header.time_us, came_us, 32)
             is_new = piece.body not in bodies[:place]  # one from memory tells when it was made
             is_known = is_new and sent_us <= said_us <= came_us
             found.append(min([said_us if is_known else came_us, *found[-1:]]))
@@ -407,11 +397,11 @@ class Lockstep:
         link = self._board.link
         host.seq += 1
         since = link.mark()
-        wire, seq = link.request_wire(GetStatus(), seq=host.seq, session=host.session)
+        wire, seq = link.request_wire(m.GetStatus(), seq=host.seq, session=host.session)
         link.send(wire)
         answer = link.try_answer(seq, since)
         status = None if answer is None else answer.message
-        dropped = status.counters.trace_dropped if isinstance(status, StatusReply) else 0
+        dropped = status.counters.trace_dropped if isinstance(status, m.StatusReply) else 0
         return dropped not in (0, base.counters.trace_dropped)
 
     def _judge(
@@ -435,7 +425,7 @@ class Lockstep:
             if piece.header is not None and piece.message is not None
         ]
         for frame in due:
-            if isinstance(frame.message, HelloReply):
+            if isinstance(frame.message, m.HelloReply):
                 self._session = frame.message.nonce
         host.session = self._session  # a HELLO that was damaged has opened none
         line_us += board.wire.line_us(sum(len(piece.piece) + 2 for piece in pieces))
@@ -467,8 +457,10 @@ def _arrivals_of_slot(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes)
 
 
 def _number_of_answers(frames: Iterable[FrameInDialogue | ReceivedByClient]) -> int:
-    return sum(frame.header is not None and frame.header.type in RESPONSE_RANGE for frame in frames)
+    return sum(
+        frame.header is not None and frame.header.type in m.RESPONSE_RANGE for frame in frames
+    )
 
 
-def _number_of_lockstep_frames(messages: Iterable[Message | None]) -> int:
+def _number_of_lockstep_frames(messages: Iterable[m.Message | None]) -> int:
     return sum(message is None or not is_optional_in_dialogue(message) for message in messages)

@@ -13,19 +13,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from haptogram.errors import HaptogramError
+from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import FrameDecoder
-from haptogram_protocol.messages import (
-    RESPONSE_RANGE,
-    STREAM_RANGE,
-    Feature,
-    Flag,
-    Header,
-    HelloReply,
-    MessageType,
-    parse_body,
-    unwrap,
-)
 
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
@@ -81,7 +71,7 @@ class DialogueModel:
         INCONCLUSIVE, from every step: the process has ended.
     """
 
-    def __init__(self, identity: HelloReply) -> None:
+    def __init__(self, identity: m.HelloReply) -> None:
         self._process = LockstepProcess(
             [sys.executable, "-m", _MODEL, limits_of_lockstep_model(identity)],
             _dialogue_model_failure,
@@ -136,7 +126,7 @@ class DialogueModels:
         INCONCLUSIVE, from every step: a process has ended.
     """
 
-    def __init__(self, identity: HelloReply, *, knows_time: bool) -> None:
+    def __init__(self, identity: m.HelloReply, *, knows_time: bool) -> None:
         self._early = DialogueModel(identity)
         self._late = None if knows_time else DialogueModel(identity)
         self._ready_us = identity.latch_lead_us + identity.max_points * identity.point_time_us
@@ -201,7 +191,7 @@ class DialogueModels:
                 doubtful = at_us - early_us
             self._later += self._late.advance(at_us)
             said = self._late.receive(at_us, wire)
-            answers += sum(frame.header.type in RESPONSE_RANGE for frame in said)
+            answers += sum(frame.header.type in m.RESPONSE_RANGE for frame in said)
             self._later += said
 
     def receive_near(self, at_us: int, wire: bytes, near_us: int) -> None:
@@ -217,11 +207,11 @@ class DialogueModels:
             raise HostLateError(f"within {2 * near_us} µs a frame is in time, or late")
         self.receive(at_us, [wire])
 
-    def _is_in_time_or_late(self, header: Header, early_us: int, late_us: int) -> bool:
+    def _is_in_time_or_late(self, header: m.Header, early_us: int, late_us: int) -> bool:
         """Return True if a stream frame that came between two times may be in time, or late."""
-        if header.type not in STREAM_RANGE or header.flags & Flag.IMMEDIATE:
+        if header.type not in m.STREAM_RANGE or header.flags & m.Flag.IMMEDIATE:
             return False
-        t_us = unwrap(header.time_us, early_us, 32)
+        t_us = m.unwrap(header.time_us, early_us, 32)
         ends_us = (t_us + window_us for window_us in LATE_WINDOWS_US)
         return any(early_us < end_us <= late_us + self._ready_us for end_us in ends_us)
 
@@ -262,24 +252,24 @@ class DialogueModels:
         comparison = DialogueComparison(mine, DialogueAnswers.of(later, base), host, near_us)
         self._ahead = comparison.early()
         text = comparison.difference()
-        if self._ahead and (is_last or self._ahead[0].header.type in RESPONSE_RANGE):
+        if self._ahead and (is_last or self._ahead[0].header.type in m.RESPONSE_RANGE):
             text = text or superfluous_in_dialogue(self._ahead)
         if text:
             raise HostLateError(f"if the board has heard its bytes {near_us} µs later: {text}")
         return [frame for frame in sent if frame not in self._ahead]
 
 
-def _headers_in_dialogue(wire: bytes) -> list[Header]:
+def _headers_in_dialogue(wire: bytes) -> list[m.Header]:
     """Return the headers of the frames that *wire* ends."""
     bodies = [body for body in FrameDecoder().feed(wire) if isinstance(body, bytes)]
-    return [Header.unpack(body[: Header.LAYOUT.size]) for body in bodies]
+    return [m.Header.unpack(body[: m.Header.LAYOUT.size]) for body in bodies]
 
 
-def _flushes_in_dialogue(header: Header) -> bool:
+def _flushes_in_dialogue(header: m.Header) -> bool:
     """Return True if a frame may empty the queue."""
-    if header.type in STREAM_RANGE:
-        return bool(header.flags & Flag.IMMEDIATE)
-    return header.type in (MessageType.HELLO, MessageType.MUTE, MessageType.DISARM)
+    if header.type in m.STREAM_RANGE:
+        return bool(header.flags & m.Flag.IMMEDIATE)
+    return header.type in (m.MessageType.HELLO, m.MessageType.MUTE, m.MessageType.DISARM)
 
 
 def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:
@@ -287,7 +277,7 @@ def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:
     for body in FrameDecoder().feed(data):
         if isinstance(body, RemoteProtocolError):
             raise body
-        found.append(FrameInDialogue(*parse_body(body), body))
+        found.append(FrameInDialogue(*m.parse_body(body), body))
     return found
 
 
@@ -295,15 +285,15 @@ def _dialogue_model_failure(text: str) -> Exception:
     return CaseEndedError(Behaviour.INCONCLUSIVE, f"the model beside the board: {text}")
 
 
-def limits_of_lockstep_model(identity: HelloReply) -> str:
+def limits_of_lockstep_model(identity: m.HelloReply) -> str:
     """Return the argument of the process of a model that is like this board."""
     limits = {name: int(getattr(identity, name)) for name in _LIMITS}
-    limits["features"] &= int(sum(Feature))
+    limits["features"] &= int(sum(m.Feature))
     limits["max_stored_bytes"] = _STORE_BYTES + limits["max_upload_bytes"]
     return json.dumps(limits)
 
 
-def identity_suits_lockstep_model(identity: HelloReply) -> bool:
+def identity_suits_lockstep_model(identity: m.HelloReply) -> bool:
     """Return True if the virtual board can be made like this one: a grid, 40 kHz."""
     grid = identity.grid_nx * identity.grid_ny == identity.transducers > 0
     return grid and identity.pitch_um > 0 and identity.carrier_hz == 40_000

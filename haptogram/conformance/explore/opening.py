@@ -5,26 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
-from haptogram_protocol.messages import (
-    VERSION_MAJOR,
-    Arm,
-    Config,
-    Counters,
-    Disarm,
-    Error,
-    ErrorCode,
-    Feature,
-    FocalPoint,
-    GetStatus,
-    Hello,
-    Message,
-    Ping,
-    Play,
-    SetConfig,
-    StatusReply,
-    UploadKind,
-)
 
 from ..client.board_client import BoardClient
 from ..client.board_clock import BOOT_US
@@ -46,12 +28,12 @@ _QUICK_US: Final = 3000  # round trip of a host that was not held up
 _TRIES: Final = 8
 _BEFORE_US: Final = 1_000_000  # the model is on for so long already
 #: Focal points of the sequence that is stored, one a frame.
-_POINTS: Final = [FocalPoint(9000, y_um, 150_000, 50_000, 0) for y_um in (-4000, 1000, 6000)]
-_PING_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + Ping.LAYOUT.size)))
+_POINTS: Final = [m.FocalPoint(9000, y_um, 150_000, 50_000, 0) for y_um in (-4000, 1000, 6000)]
+_PING_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + m.Ping.LAYOUT.size)))
 
 
 #: What a board says of itself after a power-up.
-SINCE_POWER_UP: Final = DialogueBase(Counters(*[0] * len(Counters.WIRE)))
+SINCE_POWER_UP: Final = DialogueBase(m.Counters(*[0] * len(m.Counters.WIRE)))
 
 
 class DialogueOpening:
@@ -92,7 +74,7 @@ class DialogueOpening:
         self._models.reset(BOOT_US)
         return DialogueHost(board.identity, 0, 0, board.clock.device_estimate_us())
 
-    def open(self, config: Config, seed: int, *, is_known: bool = False) -> DialogueHost:
+    def open(self, config: m.Config, seed: int, *, is_known: bool = False) -> DialogueHost:
         """Open a session at both, with stored sequences and *config*; return the host.
 
         Configuration and sequences are sent in a session before it, so that both boards open it in
@@ -119,18 +101,18 @@ class DialogueOpening:
     def baseline(self, host: DialogueHost) -> tuple[DialogueBase, DialogueBase]:
         """Return the counters of both before slot 0."""
         stored = [0, 0]
-        if self._board.identity.features & (Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS):
-            self._ask(host, Arm())
-            refusals = self._ask(host, Play(ABSENT, SLOT_US, 1, 1000))
+        if self._board.identity.features & (m.Feature.SEQUENCE_PHASES | m.Feature.SEQUENCE_POINTS):
+            self._ask(host, m.Arm())
+            refusals = self._ask(host, m.Play(ABSENT, SLOT_US, 1, 1000))
             stored = [
                 refusal.detail
                 for refusal in refusals
-                if isinstance(refusal, Error) and refusal.code == ErrorCode.NOT_FOUND
+                if isinstance(refusal, m.Error) and refusal.code == m.ErrorCode.NOT_FOUND
             ]
-            self._ask(host, Disarm())
-        ours, theirs = self._ask(host, GetStatus())
-        assert isinstance(ours, StatusReply)
-        assert isinstance(theirs, StatusReply)
+            self._ask(host, m.Disarm())
+        ours, theirs = self._ask(host, m.GetStatus())
+        assert isinstance(ours, m.StatusReply)
+        assert isinstance(theirs, m.StatusReply)
         if len(stored) < len((ours, theirs)):
             stored = [0, 0]
         host.last = b""  # its reply, sent again, has a time before the dialogue
@@ -157,10 +139,10 @@ class DialogueOpening:
         nonce = board.new_nonce()
         board.hello(nonce)
         host.seq = board.link.seq - 1
-        hello = Hello(VERSION_MAJOR, 0, nonce)
+        hello = m.Hello(m.VERSION_MAJOR, 0, nonce)
         self._tell_model(host.hello(hello))
 
-    def _ask(self, host: DialogueHost, message: Message) -> tuple[Message, Message]:
+    def _ask(self, host: DialogueHost, message: m.Message) -> tuple[m.Message, m.Message]:
         """Return the answers of both to a request before slot 0."""
         ours = self._board.link.ask(message).message
         host.seq = self._board.link.seq - 1
@@ -168,29 +150,29 @@ class DialogueOpening:
         assert ours is not None  # an answer was found by what it is
         return ours, theirs
 
-    def _tell_model(self, body: bytes) -> Message:
+    def _tell_model(self, body: bytes) -> m.Message:
         """Return the models' answer to a request before slot 0."""
         now_us = self._board.clock.device_estimate_us()
         return self._models.ask(now_us, encode_frame(body)).message
 
-    def preamble(self, config: Config, seed: int) -> list[Message]:
+    def preamble(self, config: m.Config, seed: int) -> list[m.Message]:
         """Return the requests before slot 0: what a dialogue finds.
 
         All is stored anew that a dialogue before may have left.
         """
         identity = self._board.identity
-        can, count = Feature(identity.features & sum(Feature)), identity.transducers
+        can, count = m.Feature(identity.features & sum(m.Feature)), identity.transducers
         chunk = max(1, min(identity.max_chunk, 1024))
-        found: list[Message] = [SetConfig(config)]
+        found: list[m.Message] = [m.SetConfig(config)]
         for target in UPLOADED if has_room_in_dialogue(identity) else ():
-            is_first = target == (STORED_POINTS if Feature.SEQUENCE_PHASES in can else target)
-            if Feature.SEQUENCE_POINTS in can and is_first:
+            is_first = target == (STORED_POINTS if m.Feature.SEQUENCE_PHASES in can else target)
+            if m.Feature.SEQUENCE_POINTS in can and is_first:
                 data = b"".join(point.pack() for point in _POINTS)
-                found += upload_in_dialogue(UploadKind.POINTS, target, data, chunk, points=1)
-            elif Feature.SEQUENCE_PHASES in can:
+                found += upload_in_dialogue(m.UploadKind.POINTS, target, data, chunk, points=1)
+            elif m.Feature.SEQUENCE_PHASES in can:
                 size = count * (STORED_FRAMES if target == STORED_PHASES else 1)
                 data = bytes((seed + 37 * n) & 0xFF for n in range(target, target + size))
-                found += upload_in_dialogue(UploadKind.PHASES, target, data, chunk)
-        if Feature.CORRECTION in can:
-            found += upload_in_dialogue(UploadKind.CORRECTION, 0, bytes(count), chunk)
-        return [*found, Arm(), Disarm()]
+                found += upload_in_dialogue(m.UploadKind.PHASES, target, data, chunk)
+        if m.Feature.CORRECTION in can:
+            found += upload_in_dialogue(m.UploadKind.CORRECTION, 0, bytes(count), chunk)
+        return [*found, m.Arm(), m.Disarm()]

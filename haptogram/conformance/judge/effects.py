@@ -5,16 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import (
-    Arm,
-    Disarm,
-    ErrorCode,
-    Message,
-    Mute,
-    Stop,
-    TraceReply,
-    UploadChunkReply,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import EFFECTS
 from haptogram_protocol.rules import Held as Part
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
@@ -26,11 +17,11 @@ from .held_state import ANYTHING, Held
 Due: TypeAlias = Callable[[BoardClient, Held], dict[str, object]]
 StateAndReason: TypeAlias = tuple[OutputState, MuteReason]
 #: Requests that are inputs of the table of HG-6.2.
-OUTPUT_REQUESTS: Final[Mapping[OutputInput, Message]] = {
-    OutputInput.ARM: Arm(),
-    OutputInput.MUTE: Mute(),
-    OutputInput.DISARM: Disarm(),
-    OutputInput.STOP: Stop(),
+OUTPUT_REQUESTS: Final[Mapping[OutputInput, m.Message]] = {
+    OutputInput.ARM: m.Arm(),
+    OutputInput.MUTE: m.Mute(),
+    OutputInput.DISARM: m.Disarm(),
+    OutputInput.STOP: m.Stop(),
 }
 #: Reasons that inputs give to the state that they lead to.
 _REASONS: Final = {
@@ -89,9 +80,9 @@ def _tabled_effect(name: str, before: Held) -> dict[str, object]:
         assert isinstance(queued, int)  # StatusReply.queued
         changed |= {"the queue": 0} | _counted_effect(before, "flushed", queued)
     if Part.UPLOAD in row:  # none is left
-        changed["the upload"] = "refused", ErrorCode.BAD_STATE
+        changed["the upload"] = "refused", m.ErrorCode.BAD_STATE
     if Part.LATCH in row:  # the drive: HG-8.6/4
-        changed |= {"the last latch": (0, 0), "the trace ring": TraceReply(0, 0, ())}
+        changed |= {"the last latch": (0, 0), "the trace ring": m.TraceReply(0, 0, ())}
         changed["the latched drive"] = ANYTHING
     return changed
 
@@ -134,7 +125,7 @@ def effect_counted_once(name: str) -> Due:
 
 def effect_of_received(number: int) -> Due:
     """Return the change by an upload of which so many bytes have come."""
-    return lambda _, __: {"the upload": UploadChunkReply(number)}
+    return lambda _, __: {"the upload": m.UploadChunkReply(number)}
 
 
 def effect_of_copies(_: BoardClient, __: Held) -> dict[str, object]:

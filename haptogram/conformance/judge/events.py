@@ -7,8 +7,8 @@ import itertools
 from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.words import annotated_type_name
-from haptogram_protocol.messages import Config, LatchKey, SetConfig, Stop, TraceDrive, UploadKind
 
 from ..client import malformed_frames
 from ..client.board_client import BoardClient
@@ -46,7 +46,7 @@ def judge_event_numbers(
 def event_of_correction(board: BoardClient) -> None:
     """Upload a random phase correction."""
     codes = board.random.randbytes(board.identity.transducers)
-    upload_to_board(board, UploadKind.CORRECTION, 0, codes)
+    upload_to_board(board, m.UploadKind.CORRECTION, 0, codes)
 
 
 def event_of_waiting_playback(board: BoardClient, alone_ms: int = 9_999) -> None:
@@ -67,19 +67,19 @@ def event_of_lease(board: BoardClient) -> None:
 def event_of_unattended_time(board: BoardClient) -> None:
     """Let the unattended time of a playback run out, and the output go off."""
     _without_ramp(board, board.config)
-    board.link.ask(Stop())
+    board.link.ask(m.Stop())
     event_of_waiting_playback(board, _SHORT_MS)
     _wait_for_short_timer(board)
 
 
-def _run_out_timer(board: BoardClient, config: Config) -> None:
+def _run_out_timer(board: BoardClient, config: m.Config) -> None:
     _without_ramp(board, config)
     _wait_for_short_timer(board)
 
 
-def _without_ramp(board: BoardClient, config: Config) -> None:
+def _without_ramp(board: BoardClient, config: m.Config) -> None:
     board.config = dataclasses.replace(config, ramp_ms=0)
-    board.link.ask(SetConfig(board.config))
+    board.link.ask(m.SetConfig(board.config))
 
 
 def _wait_for_short_timer(board: BoardClient) -> None:
@@ -95,17 +95,17 @@ def event_of_damage(counter: str) -> Event:
     return send
 
 
-def played_keys(sequence: int, frames: int, loops: int) -> list[LatchKey]:
+def played_keys(sequence: int, frames: int, loops: int) -> list[m.LatchKey]:
     """Return the keys of all latches of a playback, in order."""
-    return [LatchKey(sequence, *divmod(place, frames)) for place in range(frames * loops)]
+    return [m.LatchKey(sequence, *divmod(place, frames)) for place in range(frames * loops)]
 
 
 def judge_division(
-    board: BoardClient, since: int, latches: Sequence[LatchKey], divider: int, text: str = ""
+    board: BoardClient, since: int, latches: Sequence[m.LatchKey], divider: int, text: str = ""
 ) -> None:
     """FAILED unless TRACE_DRIVE tells of the first of *latches* and each *divider*-th behind it."""
     board.link.barrier()
-    got = [event.key for _, event in board.link.events(TraceDrive, since)]
+    got = [event.key for _, event in board.link.events(m.TraceDrive, since)]
     due = list(latches[::divider])
     wrong = [pair for pair in itertools.zip_longest(got, due) if pair[0] != pair[1]]
     text = f"{text}{len(latches)} latches, trace_divider {divider}: {len(got)} are traced"

@@ -13,7 +13,7 @@ from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.frames.targets import as_frame_foci
 from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.verification import FrameJudge, FrameStatus
-from haptogram_protocol.messages import Feature, FocalPoint, HelloReply
+from haptogram_protocol import messages as m
 
 from ..client.board_client import BoardClient
 from ..client.latching import ClientDrive
@@ -26,7 +26,7 @@ _WORST_STEPS = 1.5 + 1e-6  # one step beyond the rounding, which is half of one
 
 def judged_host_frames(
     model: AcousticModel,
-    identity: HelloReply,
+    identity: m.HelloReply,
     targets_m: Sequence[tuple[float, float, float]],
     mode: Mode = "phases",
 ) -> list[Frame]:
@@ -59,7 +59,7 @@ def judge_focus(judge: FrameJudge, frame: Frame, shown: ClientDrive) -> None:
 
 
 def weights_of_points(
-    model: AcousticModel, points: tuple[FocalPoint, ...]
+    model: AcousticModel, points: tuple[m.FocalPoint, ...]
 ) -> NDArray[np.complex128]:
     """Return the (N,) drive of focal points before it is rounded to codes (HG-5.4)."""
     positions = np.array([(p.x_um, p.y_um, p.z_um) for p in points]) * 1e-6
@@ -69,7 +69,7 @@ def weights_of_points(
 
 
 def judged_phase_errors(
-    model: AcousticModel, found: Sequence[tuple[tuple[FocalPoint, ...], ClientDrive]]
+    model: AcousticModel, found: Sequence[tuple[tuple[m.FocalPoint, ...], ClientDrive]]
 ) -> NDArray[np.float64]:
     """Return latched phase codes less the exact phases, in steps, of every transducer.
 
@@ -87,7 +87,7 @@ def judged_phase_errors(
 
 def judged_amplitude_errors(
     model: AcousticModel,
-    found: Sequence[tuple[tuple[FocalPoint, ...], ClientDrive]],
+    found: Sequence[tuple[tuple[m.FocalPoint, ...], ClientDrive]],
     *,
     graded: bool = True,
 ) -> NDArray[np.float64]:
@@ -106,7 +106,7 @@ def judged_amplitude_errors(
 def judge_drive_of_points(
     board: BoardClient,
     model: AcousticModel,
-    points: tuple[FocalPoint, ...],
+    points: tuple[m.FocalPoint, ...],
     shown: ClientDrive,
     name: str,
 ) -> None:
@@ -117,7 +117,7 @@ def judge_drive_of_points(
     errors = np.zeros(len(shown.phases))
     errors[np.abs(weights_of_points(model, points)) >= 1 / 16] = judged_phase_errors(model, found)
     _check_codes(shown.phases, errors, f"{name}: phase")
-    if board.has(Feature.AMPLITUDE):
+    if board.has(m.Feature.AMPLITUDE):
         _check_codes(shown.amplitudes, judged_amplitude_errors(model, found), f"{name}: amplitude")
 
 

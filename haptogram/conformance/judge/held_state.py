@@ -6,23 +6,7 @@ import zlib
 from collections.abc import Mapping
 from typing import Final
 
-from haptogram_protocol.messages import (
-    ConfigReply,
-    Counters,
-    DriveKind,
-    DriveReply,
-    Error,
-    Feature,
-    GeometryReply,
-    GetConfig,
-    GetGeometry,
-    PlaybackEnded,
-    StateChanged,
-    StatusReply,
-    TraceMode,
-    TraceReply,
-    UploadChunk,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 
@@ -58,7 +42,7 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
     two of the readings contradict each other.
     """
     status = board.status()
-    config = board.link.call(GetConfig(), ConfigReply)
+    config = board.link.call(m.GetConfig(), m.ConfigReply)
     held: dict[str, object] = {
         "the output state": (status.state, status.reason),
         "the queue": status.queued,
@@ -68,20 +52,20 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
         "config_crc": status.config_crc,
         "the configuration": config,
     }
-    held |= {f"the counter {name}": getattr(status.counters, name) for name in Counters.WIRE}
-    drives: dict[DriveKind, DriveReply] = {}
+    held |= {f"the counter {name}": getattr(status.counters, name) for name in m.Counters.WIRE}
+    drives: dict[m.DriveKind, m.DriveReply] = {}
     for kind in drive_kinds(board):
         drives[kind] = read_drive(board, kind, 0, board.identity.transducers)
         held[f"the {kind.name.lower()} drive"] = drives[kind]
-    if board.has(Feature.TRACE_RING):
+    if board.has(m.Feature.TRACE_RING):
         ring = read_ring(board, 0, _RECORDS)
         held["the trace ring"] = ring
         _check_held_ring(status, config, drives, ring)
     if board.identity.features & UPLOADS:
         held["the upload"] = _held_state_of_upload(board)
     last = board.identity.transducers - 1
-    held["the geometry"] = board.link.call(GetGeometry(last, 2), GeometryReply)
-    events = [*board.link.events(StateChanged, since), *board.link.events(PlaybackEnded, since)]
+    held["the geometry"] = board.link.call(m.GetGeometry(last, 2), m.GeometryReply)
+    events = [*board.link.events(m.StateChanged, since), *board.link.events(m.PlaybackEnded, since)]
     held["events"] = [event for _, event in events]
     _check_held_status(board, status, config)
     _check_held_drives(board, status, config, drives)
@@ -90,14 +74,14 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
 
 def _held_state_of_upload(board: BoardClient) -> object:
     """Return the progress of the upload by a chunk without bytes, or the refusal's code."""
-    answer = board.link.ask(UploadChunk(0, b"")).message
-    return ("refused", answer.code) if isinstance(answer, Error) else answer
+    answer = board.link.ask(m.UploadChunk(0, b"")).message
+    return ("refused", answer.code) if isinstance(answer, m.Error) else answer
 
 
 # --- Contradictions ----------------------------------------------------------------------------
 
 
-def _check_held_status(board: BoardClient, status: StatusReply, config: ConfigReply) -> None:
+def _check_held_status(board: BoardClient, status: m.StatusReply, config: m.ConfigReply) -> None:
     crc, told = status.config_crc, config.config_crc
     check_equal(
         crc, told, f"config_crc is {crc:#010x} in STATUS_REPLY, {told:#010x} in CONFIG_REPLY"
@@ -109,9 +93,9 @@ def _check_held_status(board: BoardClient, status: StatusReply, config: ConfigRe
 
 def _check_held_drives(
     board: BoardClient,
-    status: StatusReply,
-    config: ConfigReply,
-    drives: Mapping[DriveKind, DriveReply],
+    status: m.StatusReply,
+    config: m.ConfigReply,
+    drives: Mapping[m.DriveKind, m.DriveReply],
 ) -> None:
     for kind, reply in drives.items():
         name = f"READ_DRIVE({kind.name})"
@@ -122,19 +106,19 @@ def _check_held_drives(
             check_equal(
                 reply.key.index, seq, f"{name} names frame {reply.key.index}, last_seq is {seq}"
             )
-    if len(drives) < len(DriveKind):
+    if len(drives) < len(m.DriveKind):
         return
-    latched, radiated = drives[DriveKind.LATCHED], drives[DriveKind.RADIATED]
+    latched, radiated = drives[m.DriveKind.LATCHED], drives[m.DriveKind.RADIATED]
     check_equal(radiated.key, latched.key, "READ_DRIVE(RADIATED) names another latch than LATCHED")
     loud = any(client_drive_of_reply(radiated).amplitudes)
     if status.state is not OutputState.ARMED:
         check(not loud, f"{status.state.name}, and transducers are driven")
-    elif loud and board.correction is not None and board.has(Feature.AMPLITUDE):
+    elif loud and board.correction is not None and board.has(m.Feature.AMPLITUDE):
         _check_held_radiated(latched, radiated, board.correction, config.config.amplitude_ceiling)
 
 
 def _check_held_radiated(
-    latched: DriveReply, radiated: DriveReply, correction: bytes, ceiling: int
+    latched: m.DriveReply, radiated: m.DriveReply, correction: bytes, ceiling: int
 ) -> None:
     """FAILED unless a drive is radiated as it is latched, but for correction, ceiling and ramp."""
     before, after = client_drive_of_reply(latched), client_drive_of_reply(radiated)
@@ -149,19 +133,19 @@ def _check_held_radiated(
 
 
 def _check_held_ring(
-    status: StatusReply,
-    config: ConfigReply,
-    drives: Mapping[DriveKind, DriveReply],
-    ring: TraceReply,
+    status: m.StatusReply,
+    config: m.ConfigReply,
+    drives: Mapping[m.DriveKind, m.DriveReply],
+    ring: m.TraceReply,
 ) -> None:
     """FAILED unless the last record of a ring that is written now is of the last latch."""
     last = ring.records[-1] if ring.records else None
-    if last is None or last.number + 1 != ring.next or config.config.trace_mode != TraceMode.RING:
+    if last is None or last.number + 1 != ring.next or config.config.trace_mode != m.TraceMode.RING:
         return
     told, due = last.t_latch_us, status.last_latch_us
     check(told == due, f"the ring ends with a latch at {told} µs, the last one was at {due} µs")
-    if DriveKind.LATCHED in drives:
-        latched = drives[DriveKind.LATCHED]
+    if m.DriveKind.LATCHED in drives:
+        latched = drives[m.DriveKind.LATCHED]
         read = latched.key, zlib.crc32(latched.data)
         check_equal((last.key, last.crc), read, "(key, CRC-32) of the ring's last record")
 

@@ -11,37 +11,19 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final, TypeAlias
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
+from haptogram_protocol.cobs import cobs_encode
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import (
-    DELIMITER,
-    HEADER_BYTES,
-    MAX_ENCODED_BYTES,
-    cobs_encode,
-    decode_frame,
-)
-from haptogram_protocol.messages import (
-    REQUEST_RANGE,
-    RESPONSE_OFFSET,
-    VERSION_MINOR,
-    Error,
-    ErrorCode,
-    Flag,
-    Header,
-    HelloReply,
-    Trace,
-    TraceDrive,
-    TracePlayback,
-    TraceReply,
-)
+from haptogram_protocol.framing import DELIMITER, HEADER_BYTES, MAX_ENCODED_BYTES, decode_frame
 
 from ..client.wire import ReceivedByClient
 from ..outcome import check
 
-TRACES: Final = (Trace, TracePlayback, TraceDrive)
+TRACES: Final = (m.Trace, m.TracePlayback, m.TraceDrive)
 _SHORTEST_TEXT: Final = 8
 _PROMPT_US: Final = 10_000  # HG-4.11/3
-_ERROR_CODES: Final = frozenset(int(code) for code in ErrorCode)
+_ERROR_CODES: Final = frozenset(int(code) for code in m.ErrorCode)
 #: Clauses that a piece which is no frame breaks, by its defect.
 _DAMAGED: Final = {"cobs": "HG-2.2/1", "crc": "HG-2.4/1", "short": "HG-3.1/1"}
 
@@ -82,9 +64,9 @@ class LineRules:
         *ended, rest = (self._begun + data).split(DELIMITER)
         self._begun = rest[: MAX_ENCODED_BYTES + 1]
         for piece in ended:
-            if len(piece) <= MAX_ENCODED_BYTES and piece[1:2] and piece[1] in REQUEST_RANGE:
+            if len(piece) <= MAX_ENCODED_BYTES and piece[1:2] and piece[1] in m.REQUEST_RANGE:
                 with contextlib.suppress(RemoteProtocolError):  # nobody answers a damaged frame
-                    header = Header.unpack(decode_frame(piece)[:HEADER_BYTES])
+                    header = m.Header.unpack(decode_frame(piece)[:HEADER_BYTES])
                     self._asked[header.type, header.seq] += 1
                     self._open += self._asked[header.type, header.seq] > 0
                     if not (waits or self._begun) and len(data) == len(piece) + 2:
@@ -92,7 +74,7 @@ class LineRules:
 
     def _grown(self, piece: ReceivedByClient) -> str:
         """Return what stands behind the last field, unless a later version added it (HG-11.3)."""
-        if piece.message is None or piece.message.TAIL or self._minor > VERSION_MINOR:
+        if piece.message is None or piece.message.TAIL or self._minor > m.VERSION_MINOR:
             return ""
         size = len(piece.body) - HEADER_BYTES - piece.message.LAYOUT.size
         return f"{size} bytes behind the last field of {piece.message.TYPE.name}" if size else ""
@@ -103,7 +85,10 @@ class LineRules:
         """Yield the clauses that a piece is judged by, each with what breaks it."""
         header, was_frame = piece.header, self._was_frame
         self._was_frame = header is not None
-        if isinstance(piece.message, HelloReply) and piece.message.nonce not in self._sessions[:1]:
+        if (
+            isinstance(piece.message, m.HelloReply)
+            and piece.message.nonce not in self._sessions[:1]
+        ):
             self._sessions = (piece.message.nonce, *self._sessions[:1])
             self._minor = piece.message.minor
         if not self._sessions:
@@ -121,7 +106,7 @@ class LineRules:
         is_of_host = not (piece.is_response or piece.is_event)
         yield "HG-3.1/1", "the board sends a frame of the host" if is_of_host else ""
         yield "HG-3.2/3", piece.fault if piece.reason == "bad_length" else self._grown(piece)
-        allowed = Flag.LATE if isinstance(piece.message, TRACES) else 0
+        allowed = m.Flag.LATE if isinstance(piece.message, TRACES) else 0
         wrong = header.flags & ~allowed
         yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""
         yield "HG-11.5/2", _unnamed_in_frame(piece)
@@ -139,21 +124,21 @@ class LineRules:
             text = f"{len(piece.piece)} bytes that are no frame: {piece.fault}"
             yield _DAMAGED.get(piece.reason, "HG-2.2/1"), text
 
-    def _broken_by_session(self, piece: ReceivedByClient, header: Header) -> Broken:
+    def _broken_by_session(self, piece: ReceivedByClient, header: m.Header) -> Broken:
         """Judge the session: the open one, or for an event that had to wait the one before."""
         due = self._sessions if piece.is_event else self._sessions[:1]
         error = piece.message
-        if isinstance(error, Error) and error.code == ErrorCode.STALE_SESSION:
+        if isinstance(error, m.Error) and error.code == m.ErrorCode.STALE_SESSION:
             due = (0,)  # HG-4.12/1
         text = f"the session is {header.session:#06x}, due is {due[0]:#06x}"
         yield "HG-3.7/1", text if header.session not in due else ""
 
-    def _unasked(self, piece: ReceivedByClient, header: Header) -> str:
+    def _unasked(self, piece: ReceivedByClient, header: m.Header) -> str:
         """Return in words that a response answers no request, or one that is answered."""
         if piece.message is None:
             return ""
-        kind = header.type - RESPONSE_OFFSET
-        if isinstance(piece.message, Error):
+        kind = header.type - m.RESPONSE_OFFSET
+        if isinstance(piece.message, m.Error):
             kind = piece.message.request
         asked = kind, header.seq
         if asked not in self._asked:
@@ -162,7 +147,7 @@ class LineRules:
         self._asked[asked] -= 1
         return "this request was answered before" if self._asked[asked] < 0 else ""
 
-    def _late_answer(self, piece: ReceivedByClient, header: Header) -> Broken:
+    def _late_answer(self, piece: ReceivedByClient, header: m.Header) -> Broken:
         """Judge how soon a request is answered that was alone on the line, in virtual time."""
         alone, line_us = self._alone, self._line_us
         if not (self._is_lossless and alone and line_us and header.seq == alone[0][1]):
@@ -185,9 +170,9 @@ def _unnamed_in_frame(piece: ReceivedByClient) -> str:
     if piece.reason in ("unknown_type", "bad_value"):
         return piece.fault
     message = piece.message
-    if isinstance(message, Error) and message.code not in _ERROR_CODES:
+    if isinstance(message, m.Error) and message.code not in _ERROR_CODES:
         return f"error code {message.code} is in no table"
-    if isinstance(message, TraceReply):
-        spare = [record.flags for record in message.records if record.flags & ~Flag.LATE]
+    if isinstance(message, m.TraceReply):
+        spare = [record.flags for record in message.records if record.flags & ~m.Flag.LATE]
         return f"flags {spare[0]:#04x} of a latch in the ring" if spare else ""
     return ""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import DriveKind, DriveReply, Ping, Pong, ReadDrive
+from haptogram_protocol import messages as m
 
 from ..client.board_client import BoardClient
 from ..client.latching import FULL, client_drive_of_reply
@@ -49,16 +49,16 @@ def judged_ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampR
 
 def judged_ramp_reading(board: BoardClient, start_us: int) -> RampReading:
     """Read back what is radiated in a ramp that begins at *start_us*."""
-    ping, first = board.link.request_wire(Ping(0))
+    ping, first = board.link.request_wire(m.Ping(0))
     read, seq = board.link.request_wire(
-        ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
+        m.ReadDrive(m.DriveKind.RADIATED, 0, board.identity.transducers)
     )
     since = board.link.mark()
     board.link.send(ping, read)
-    pong = board.link.reply_in(board.link.answer_to(Ping.TYPE, first, since), Pong, Ping.TYPE)
-    answer = board.link.answer_to(ReadDrive.TYPE, seq, since)
+    pong = board.link.reply_in(board.link.answer_to(m.Ping.TYPE, first, since), m.Pong, m.Ping.TYPE)
+    answer = board.link.answer_to(m.ReadDrive.TYPE, seq, since)
     assert answer.header is not None  # answer_to
-    reply = board.link.reply_in(answer, DriveReply, ReadDrive.TYPE)
+    reply = board.link.reply_in(answer, m.DriveReply, m.ReadDrive.TYPE)
     times_us = (board.clock.unwrap(t_us) for t_us in (pong.t_rx_us, answer.header.time_us))
     from_ms, to_ms = ((t_us - start_us) / _MS for t_us in times_us)
     return RampReading(from_ms, to_ms, client_drive_of_reply(reply).amplitudes)

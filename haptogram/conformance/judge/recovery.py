@@ -4,21 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Arm,
-    Disarm,
-    Feature,
-    GetStatus,
-    HelloReply,
-    Mute,
-    Ping,
-    Pong,
-    SetConfig,
-    SetConfigReply,
-    StatusReply,
-    UploadBegin,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ..client.board_client import BoardClient
@@ -51,48 +37,48 @@ def recover_board(board: BoardClient) -> Recovery:
 def farewell_after_recovery(board: BoardClient) -> None:
     """Mute the board at the end of a run."""
     board.wire.begin_case()
-    board.link.ask(Mute())
+    board.link.ask(m.Mute())
 
 
 def _answers_after_recovery(board: BoardClient) -> bool:
     """Return True if the board answers, in the session that the case left or in a new one."""
     seq = board.link.next_seq()
-    wire, _ = board.link.request_wire(Ping(board.random.getrandbits(64)), seq=seq)
+    wire, _ = board.link.request_wire(m.Ping(board.random.getrandbits(64)), seq=seq)
     since = board.link.mark()
     board.link.send(wire)
     answer = board.link.await_answer(seq, since)
-    if answer is not None and isinstance(answer.message, Pong):
+    if answer is not None and isinstance(answer.message, m.Pong):
         return True
     # A board refuses a PING without a session or of an old one: HELLO decides.
-    return answer is not None and isinstance(introduce_to_board(board), HelloReply)
+    return answer is not None and isinstance(introduce_to_board(board), m.HelloReply)
 
 
 def _stream_fault_at_recovery(board: BoardClient) -> str:
     """Return the defect of the stream of a new session, empty if a frame is latched."""
     reply = introduce_to_board(board)
-    if not isinstance(reply, HelloReply):
+    if not isinstance(reply, m.HelloReply):
         return "HELLO is not answered"
     try:
         if reply.state is OutputState.FAULT:  # the case ended in it
             board.leaves_fault()
-        if board.has(Feature.CONFIG) and hasattr(board, "config"):
+        if board.has(m.Feature.CONFIG) and hasattr(board, "config"):
             # Timers of the case may end before a frame is ready.
-            answer = board.link.ask(SetConfig(board.base_config)).message
-            if isinstance(answer, SetConfigReply):
+            answer = board.link.ask(m.SetConfig(board.base_config)).message
+            if isinstance(answer, m.SetConfigReply):
                 board.config = answer.config
-        board.link.ask(Arm())
-        before = board.link.ask(GetStatus()).message
+        board.link.ask(m.Arm())
+        before = board.link.ask(m.GetStatus()).message
         board.link.send(board.link.stream_wire(board.flat_phases()))
         board.clock.wait_latched(0)
-        after = board.link.ask(GetStatus()).message
+        after = board.link.ask(m.GetStatus()).message
         for _ in range(min(_LOOKS, board.identity.queue_depth)):
-            if not isinstance(after, StatusReply) or not after.queued:
+            if not isinstance(after, m.StatusReply) or not after.queued:
                 break
             board.wire.idle(board.clock.lead_us)  # it still computes those of the case
-            after = board.link.ask(GetStatus()).message
-        board.link.ask(Disarm())
+            after = board.link.ask(m.GetStatus()).message
+        board.link.ask(m.Disarm())
         _ask_for_room(board)
-        if isinstance(before, StatusReply) and isinstance(after, StatusReply):
+        if isinstance(before, m.StatusReply) and isinstance(after, m.StatusReply):
             if counter_steps(before.counters, after.counters)["latched"] == 1:
                 return ""
             moved = moved_counters_text(before.counters, after.counters)
@@ -113,5 +99,5 @@ def _ask_for_room(board: BoardClient) -> None:
     count, most = board.identity.transducers, board.identity.max_sequence_frames
     frames = board.identity.max_upload_bytes // count
     for number in sorted({frames, min(frames, most)}, reverse=True):
-        if board.has(Feature.SEQUENCE_PHASES) and number:
-            board.link.ask(UploadBegin(UploadKind.PHASES, 0, _TARGET, number * count, 0))
+        if board.has(m.Feature.SEQUENCE_PHASES) and number:
+            board.link.ask(m.UploadBegin(m.UploadKind.PHASES, 0, _TARGET, number * count, 0))

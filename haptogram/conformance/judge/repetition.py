@@ -5,18 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeAlias
 
-from haptogram_protocol.messages import (
-    VERSION_MAJOR,
-    Error,
-    ErrorCode,
-    GetGeometry,
-    Hello,
-    Message,
-    Mute,
-    MuteReply,
-    Ping,
-    UploadChunk,
-)
+from haptogram_protocol import messages as m
 
 from ..client import malformed_frames
 from ..client.board_client import BoardClient
@@ -28,13 +17,13 @@ from ..outcome import fail, record_differences
 
 _SEQUENCE: Final = 4
 _UNKNOWN_REQUEST: Final = 0x7B
-_IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
+_IDEMPOTENT: Final = (m.Mute, m.UploadChunk)  # HG-4.10
 
 #: Something that the board hears between a request and its repetition.
 Between: TypeAlias = Callable[[BoardClient], object]
 
 
-def requests_to_repeat(board: BoardClient) -> Iterator[Message]:
+def requests_to_repeat(board: BoardClient) -> Iterator[m.Message]:
     """Yield a request of every type that is remembered and carried out, if the board is ARMED."""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for message in valid_requests_to_send(board, _SEQUENCE):
@@ -42,15 +31,15 @@ def requests_to_repeat(board: BoardClient) -> Iterator[Message]:
             yield message
 
 
-def every_request_to_repeat(board: BoardClient) -> Iterator[Message]:
+def every_request_to_repeat(board: BoardClient) -> Iterator[m.Message]:
     """Yield a request of every type that is remembered, carried out or refused, if ARMED."""
     yield from requests_to_repeat(board)
     yield from refused_requests_to_send(board)
-    yield GetGeometry(0, 0xFFFF)
+    yield m.GetGeometry(0, 0xFFFF)
 
 
 def judge_repeated_reply(
-    board: BoardClient, message: Message, first: ReceivedByClient, after: str
+    board: BoardClient, message: m.Message, first: ReceivedByClient, after: str
 ) -> None:
     """FAILED unless a request with the number of the reply *first* gets it again to the byte."""
     again = board.link.ask_at_once(message, seq=first.frame_header.seq)
@@ -62,7 +51,7 @@ def judge_same_answer(again: ReceivedByClient, first: ReceivedByClient, name: st
     if again.body == first.body:
         return
     text = f"{name}, the same request again is answered by {RequestClient.answer_text(again)}"
-    if isinstance(again.message, Error) and again.message.code == ErrorCode.SEQUENCE_REUSED:
+    if isinstance(again.message, m.Error) and again.message.code == m.ErrorCode.SEQUENCE_REUSED:
         text = f"{name}, the reply to the request before is forgotten: {text.partition(', ')[2]}"
     if type(again.message) is not type(first.message):
         fail(f"{text}; the first answer was {RequestClient.answer_text(first)}")
@@ -75,7 +64,7 @@ def judge_same_answer(again: ReceivedByClient, first: ReceivedByClient, name: st
 
 
 def _mute_between_repetitions(board: BoardClient) -> None:
-    board.link.call(Mute(), MuteReply)
+    board.link.call(m.Mute(), m.MuteReply)
 
 
 def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead: int) -> Between:
@@ -83,14 +72,14 @@ def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead
 
     def send(board: BoardClient) -> None:
         seq = board.link.seq + ahead
-        board.link.call(Mute(), MuteReply, session=session(board), seq=seq)
+        board.link.call(m.Mute(), m.MuteReply, session=session(board), seq=seq)
 
     return send
 
 
 def _chunk_between_repetitions(offset: int, size: int) -> Between:
     def send(board: BoardClient) -> None:
-        board.link.ask(UploadChunk(offset, bytes(size)))
+        board.link.ask(m.UploadChunk(offset, bytes(size)))
 
     return send
 
@@ -112,7 +101,9 @@ CHUNKS_BETWEEN: Final[dict[str, Between]] = {
 }
 
 
-def _refused_between_repetitions(code: ErrorCode, message: Message | int, **header: Any) -> Between:
+def _refused_between_repetitions(
+    code: m.ErrorCode, message: m.Message | int, **header: Any
+) -> Between:
     def send(board: BoardClient) -> None:
         seq = board.link.seq + header.get("ahead", 1)
         rest = {name: value for name, value in header.items() if name != "ahead"}
@@ -139,24 +130,24 @@ def _damaged_between_repetitions(board: BoardClient) -> None:
 
 
 REFUSALS_BETWEEN: Final[dict[str, Between]] = {
-    "an unknown request": _refused_between_repetitions(ErrorCode.UNSUPPORTED, _UNKNOWN_REQUEST),
+    "an unknown request": _refused_between_repetitions(m.ErrorCode.UNSUPPORTED, _UNKNOWN_REQUEST),
     "a request of another session": _refused_between_repetitions(
-        ErrorCode.STALE_SESSION, Ping(1), stale=True
+        m.ErrorCode.STALE_SESSION, m.Ping(1), stale=True
     ),
-    "an unknown flag": _refused_between_repetitions(ErrorCode.UNSUPPORTED, Ping(2), flags=0x40),
+    "an unknown flag": _refused_between_repetitions(m.ErrorCode.UNSUPPORTED, m.Ping(2), flags=0x40),
     "a wrong length": _refused_between_repetitions(
-        ErrorCode.BAD_LENGTH, Ping.TYPE, payload=bytes(7)
+        m.ErrorCode.BAD_LENGTH, m.Ping.TYPE, payload=bytes(7)
     ),
-    "a used number": _refused_between_repetitions(ErrorCode.SEQUENCE_REUSED, Ping(3), ahead=0),
-    "an old number": _refused_between_repetitions(ErrorCode.SEQUENCE_REUSED, Ping(4), ahead=-1),
+    "a used number": _refused_between_repetitions(m.ErrorCode.SEQUENCE_REUSED, m.Ping(3), ahead=0),
+    "an old number": _refused_between_repetitions(m.ErrorCode.SEQUENCE_REUSED, m.Ping(4), ahead=-1),
     "a number far behind": _refused_between_repetitions(
-        ErrorCode.SEQUENCE_REUSED, Ping(5), ahead=-30_000
+        m.ErrorCode.SEQUENCE_REUSED, m.Ping(5), ahead=-30_000
     ),
     "a HELLO of another version": _refused_between_repetitions(
-        ErrorCode.VERSION, Hello(VERSION_MAJOR + 1, 0, 1, 0), session=0
+        m.ErrorCode.VERSION, m.Hello(m.VERSION_MAJOR + 1, 0, 1, 0), session=0
     ),
     "a HELLO of nonce 0": _refused_between_repetitions(
-        ErrorCode.BAD_VALUE, Hello(VERSION_MAJOR, 0, 0, 0), session=0
+        m.ErrorCode.BAD_VALUE, m.Hello(m.VERSION_MAJOR, 0, 0, 0), session=0
     ),
     "stream frames": _stream_between_repetitions,
     "damaged frames": _damaged_between_repetitions,

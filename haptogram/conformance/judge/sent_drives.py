@@ -7,25 +7,9 @@ import zlib
 from collections import defaultdict, deque
 from typing import Final, TypeAlias
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    STREAM_RANGE,
-    Error,
-    ErrorCode,
-    Header,
-    HelloReply,
-    Message,
-    UploadBegin,
-    UploadBeginReply,
-    UploadChunk,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
-    drive_codes,
-    parse_body,
-)
 
 #: Phase codes and amplitude codes of all transducers, in registers of 8 bits.
 Codes: TypeAlias = tuple[bytes, bytes]
@@ -38,7 +22,7 @@ DRIVE_OF: Final = "it is the drive of frame"
 #: What is stored, then target and kind of an upload.
 _RoomKey: TypeAlias = tuple[frozenset[tuple[int, tuple[int, int]]], int, int]
 _ROOM_AS_BEFORE: Final = "and the same sequences are stored: an upload that ended keeps some"
-_UPLOADS: Final = (UploadBegin.TYPE, UploadChunk.TYPE, UploadCommit.TYPE)
+_UPLOADS: Final = (m.UploadBegin.TYPE, m.UploadChunk.TYPE, m.UploadCommit.TYPE)
 
 
 class SentDrives:
@@ -51,7 +35,7 @@ class SentDrives:
         self._pieces: deque[bytes] = deque(maxlen=_KEPT)
         self._begun = b""
         self._codes: dict[tuple[int, int], list[Codes | None]] = {}  # the newest numbers, in turn
-        self._begin: UploadBegin | None = None
+        self._begin: m.UploadBegin | None = None
         self._upload = bytearray()
         self._target = 0  # of the last UPLOAD_COMMIT
         self._stored: defaultdict[int, list[bytes]] = defaultdict(list)  # by age; empty: unknown
@@ -73,25 +57,25 @@ class SentDrives:
             self._begun = b""
         self._begun = (self._begun + rest)[: MAX_ENCODED_BYTES + 1]
         for piece in ended:
-            if piece[1:2] and piece[1] in STREAM_RANGE:
+            if piece[1:2] and piece[1] in m.STREAM_RANGE:
                 self._pieces.append(piece)
             elif piece[1:2] and piece[1] in _UPLOADS:
                 with contextlib.suppress(RemoteProtocolError):
-                    header, message = parse_body(decode_frame(piece))
+                    header, message = m.parse_body(decode_frame(piece))
                     self.room.note_sent(header, message)
                     self._note_upload(message)
 
-    def _note_upload(self, message: Message) -> None:
+    def _note_upload(self, message: m.Message) -> None:
         """Follow an upload as if the board took every part of it: its CRC tells whether it did."""
-        if isinstance(message, UploadBegin):
-            is_kept = message.kind is UploadKind.PHASES and message.size <= _LONGEST_UPLOAD
+        if isinstance(message, m.UploadBegin):
+            is_kept = message.kind is m.UploadKind.PHASES and message.size <= _LONGEST_UPLOAD
             self._begin = message if is_kept else None
             self._upload = bytearray(message.size if is_kept else 0)
-        elif isinstance(message, UploadChunk) and self._begin is not None:
+        elif isinstance(message, m.UploadChunk) and self._begin is not None:
             part = slice(message.offset, message.offset + len(message.data))
             if part.stop <= len(self._upload):
                 self._upload[part] = message.data
-        elif isinstance(message, UploadCommit):
+        elif isinstance(message, m.UploadCommit):
             self._target = message.target
             self._stored[self._target].append(b"")  # until the board has answered
 
@@ -128,7 +112,7 @@ class SentDrives:
             self._decode(self._pieces.popleft(), transducers)
         found = self._codes.get((session, index & 0xFFFF), [])
         known = [codes for codes in found if codes is not None]
-        return known if index >= FIRST_STREAM_SEQ and len(known) == len(found) else []
+        return known if index >= m.FIRST_STREAM_SEQ and len(known) == len(found) else []
 
     def other_frame(self, session: int, crc: int, part: slice = slice(None)) -> str:
         """Return in words which frame of the stream has the drive with this CRC-32, if one has.
@@ -147,8 +131,8 @@ class SentDrives:
     def _decode(self, piece: bytes, transducers: int) -> None:
         """Keep the codes of a frame, unless it is damaged or has a wrong length."""
         with contextlib.suppress(RemoteProtocolError):
-            header, message = parse_body(decode_frame(piece))
-            codes = drive_codes(message, transducers)
+            header, message = m.parse_body(decode_frame(piece))
+            codes = m.drive_codes(message, transducers)
             key = header.session, header.seq
             self._codes[key] = [*self._codes.pop(key, []), codes]  # behind those sent before
             if len(self._codes) > _KEPT:
@@ -162,26 +146,28 @@ class UploadRoom:
     """
 
     def __init__(self) -> None:
-        self._begins: dict[int, list[UploadBegin]] = {}  # unanswered, by the number of the request
+        self._begins: dict[
+            int, list[m.UploadBegin]
+        ] = {}  # unanswered, by the number of the request
         self._commits: dict[int, int] = {}
-        self._open: UploadBegin | None = None
+        self._open: m.UploadBegin | None = None
         self._stored: dict[int, tuple[int, int]] = {}  # kind and size by target
         self._taken: dict[_RoomKey, int] = {}  # size of the largest upload that was taken
         self._left: dict[_RoomKey, int] = {}  # most room that a refusal told
 
-    def note_sent(self, header: Header, message: Message) -> None:
+    def note_sent(self, header: m.Header, message: m.Message) -> None:
         """Note a request about an upload."""
-        if isinstance(message, UploadBegin):
+        if isinstance(message, m.UploadBegin):
             self._begins.setdefault(header.seq, []).append(message)
-        elif isinstance(message, UploadCommit):
+        elif isinstance(message, m.UploadCommit):
             self._commits[header.seq] = message.target
 
-    def shrunk(self, seq: int, message: Message, identity: HelloReply) -> str | None:
+    def shrunk(self, seq: int, message: m.Message, identity: m.HelloReply) -> str | None:
         """Return in words that there is less room than before; None: the frame tells nothing."""
-        if isinstance(message, UploadCommitReply):
+        if isinstance(message, m.UploadCommitReply):
             self._commit(self._commits.get(seq, 0))
-        is_refused = isinstance(message, Error) and message.request == UploadBegin.TYPE
-        if not (is_refused or isinstance(message, UploadBeginReply)):
+        is_refused = isinstance(message, m.Error) and message.request == m.UploadBegin.TYPE
+        if not (is_refused or isinstance(message, m.UploadBeginReply)):
             return None
         sent = self._begins.pop(seq, [])
         if len(set(sent)) != 1:  # two of one number: one of them is refused for that
@@ -189,11 +175,11 @@ class UploadRoom:
             return None
         begin = sent[0]
         key = frozenset(self._stored.items()), begin.target, begin.kind
-        if not isinstance(message, Error):
+        if not isinstance(message, m.Error):
             self._open = begin
             self._taken[key] = max(begin.size, self._taken.get(key, 0))
             return ""
-        if message.code != ErrorCode.TOO_LARGE or begin.size > identity.max_upload_bytes:
+        if message.code != m.ErrorCode.TOO_LARGE or begin.size > identity.max_upload_bytes:
             return None
         taken, left = self._taken.get(key, 0), message.detail
         if begin.size <= taken:

@@ -14,34 +14,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.framing import DELIMITER, HEADER_BYTES
-from haptogram_protocol.messages import (
-    Config,
-    ConfigReply,
-    Counters,
-    DriveKind,
-    DriveReply,
-    Element,
-    Error,
-    GeometryReply,
-    HelloReply,
-    LatchKey,
-    Message,
-    PlaybackEnded,
-    SetConfigReply,
-    StateChanged,
-    Status,
-    StatusReply,
-    Trace,
-    TraceDrive,
-    TracePlayback,
-    TraceReply,
-    UploadBeginReply,
-    UploadCommitReply,
-    signed_difference,
-)
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ..causes import cause_rank
@@ -74,11 +50,11 @@ _REASONS: Final = {
 class _Since:
     """What was seen of a board since it started, or since its port was opened."""
 
-    identity: HelloReply | None = None
-    counters: Counters | None = None
-    config: Config | None = None
+    identity: m.HelloReply | None = None
+    counters: m.Counters | None = None
+    config: m.Config | None = None
     config_crc: int | None = None
-    elements: dict[int, Element] = field(default_factory=dict)
+    elements: dict[int, m.Element] = field(default_factory=dict)
     session: int = 0
     next_event: int | None = None
     latch: tuple[int, int] | None = None  # time of the last traced latch, and of its trace
@@ -106,18 +82,21 @@ class StandingRules:
         self._since = _Since()
         self._case = ""
         self._in_case: dict[str, str] = {}
-        self._rules: tuple[tuple[Callable[..., Broken], tuple[type[Message], ...]], ...] = (
-            (self._judge_identity, (HelloReply,)),
-            (self._judge_status, (Status, StatusReply)),
-            (self._judge_config, (UploadCommitReply, SetConfigReply, ConfigReply, StatusReply)),
-            (self._judge_geometry, (GeometryReply,)),
-            (self._judge_upload_limits, (UploadBeginReply,)),
-            (self._judge_events, (Message,)),
-            (self._judge_traces, (TraceReply, *TRACES)),
-            (self._judge_order, (Message,)),
-            (self._judge_times, (Message,)),
-            (self._judge_drives, (DriveReply, TraceReply, UploadCommitReply, *TRACES)),
-            (self._judge_room, (UploadBeginReply, UploadCommitReply, Error)),
+        self._rules: tuple[tuple[Callable[..., Broken], tuple[type[m.Message], ...]], ...] = (
+            (self._judge_identity, (m.HelloReply,)),
+            (self._judge_status, (m.Status, m.StatusReply)),
+            (
+                self._judge_config,
+                (m.UploadCommitReply, m.SetConfigReply, m.ConfigReply, m.StatusReply),
+            ),
+            (self._judge_geometry, (m.GeometryReply,)),
+            (self._judge_upload_limits, (m.UploadBeginReply,)),
+            (self._judge_events, (m.Message,)),
+            (self._judge_traces, (m.TraceReply, *TRACES)),
+            (self._judge_order, (m.Message,)),
+            (self._judge_times, (m.Message,)),
+            (self._judge_drives, (m.DriveReply, m.TraceReply, m.UploadCommitReply, *TRACES)),
+            (self._judge_room, (m.UploadBeginReply, m.UploadCommitReply, m.Error)),
         )
 
     def begin_board(self, line_us: Callable[[int], int] | None = None) -> None:
@@ -162,7 +141,7 @@ class StandingRules:
             return False
         before, now_us = self._since.response, piece.header.time_us
         recent = before is not None and piece.t_us - before[1] < _LONG_US
-        if before is not None and recent and signed_difference(now_us, before[0], 32) < 0:
+        if before is not None and recent and m.signed_difference(now_us, before[0], 32) < 0:
             return True
         if before is None or now_us != before[0]:
             self._since.at_once.clear()
@@ -187,7 +166,7 @@ class StandingRules:
 
     # --- HELLO -----------------------------------------------------------------------------------
 
-    def _judge_identity(self, _: ReceivedByClient, message: HelloReply) -> Broken:
+    def _judge_identity(self, _: ReceivedByClient, message: m.HelloReply) -> Broken:
         was = self._since.identity or message
         fields = (field.name for field in dataclasses.fields(message))
         kept = (name for name in fields if name not in _OF_SESSION)
@@ -197,7 +176,7 @@ class StandingRules:
 
     # --- STATUS ----------------------------------------------------------------------------------
 
-    def _judge_status(self, _: ReceivedByClient, message: Status | StatusReply) -> Broken:
+    def _judge_status(self, _: ReceivedByClient, message: m.Status | m.StatusReply) -> Broken:
         yield "HG-3.9/2", self._wrong_sum(message.counters)
         due = _REASONS[OutputState(message.state)]
         text = f"{message.state.name} with the reason {message.reason.name}"
@@ -205,7 +184,7 @@ class StandingRules:
         yield "HG-9.1/3", "; ".join(_contradictions(message))
         yield "HG-9.2/1", self._less_counted(message.counters)
 
-    def _wrong_sum(self, counters: Counters) -> str:
+    def _wrong_sum(self, counters: m.Counters) -> str:
         """Return in words that the frames are not those of the parts, and what was sent."""
         lacks, sent = _lacking_parts(counters), +self._since.sent
         self._since.sent.clear()
@@ -220,34 +199,34 @@ class StandingRules:
         named = ", ".join(f"{many} {annotated_type_name(kind)}" for kind, many in sent.items())
         return f"{text}; since the STATUS before: frames {steps['frames']}, {parts}; sent: {named}"
 
-    def _less_counted(self, now: Counters) -> str:
+    def _less_counted(self, now: m.Counters) -> str:
         before, self._since.counters = self._since.counters or now, now
         return "; ".join(
             f"{name} {getattr(before, name)}, then {getattr(now, name)}"
-            for name in Counters.WIRE
+            for name in m.Counters.WIRE
             if (getattr(now, name) - getattr(before, name)) % _WRAP >= _WRAP // 2
         )
 
     # --- Configuration and geometry --------------------------------------------------------------
 
-    def _judge_config(self, _: ReceivedByClient, message: Message) -> Broken:
+    def _judge_config(self, _: ReceivedByClient, message: m.Message) -> Broken:
         since = self._since
-        if isinstance(message, UploadCommitReply):
+        if isinstance(message, m.UploadCommitReply):
             since.config_crc = None
-        elif isinstance(message, SetConfigReply):
+        elif isinstance(message, m.SetConfigReply):
             since.config, since.config_crc = message.config, message.config_crc
-        elif isinstance(message, ConfigReply):
+        elif isinstance(message, m.ConfigReply):
             was = since.config if since.config is not None else message.config
             text = f"nothing was set, and {record_differences(message.config, was, 'was')}"
             yield "HG-7.1/3", text if message.config != was else ""
             since.config = message.config
-        if isinstance(message, ConfigReply | StatusReply):
+        if isinstance(message, m.ConfigReply | m.StatusReply):
             crc = since.config_crc if since.config_crc is not None else message.config_crc
             text = f"config_crc was {crc:#010x}, and nothing was set"
             yield "HG-7.1/5", text if message.config_crc != crc else ""
             since.config_crc = message.config_crc
 
-    def _judge_geometry(self, _: ReceivedByClient, message: GeometryReply) -> Broken:
+    def _judge_geometry(self, _: ReceivedByClient, message: m.GeometryReply) -> Broken:
         since = self._since
         if since.identity is None:
             return
@@ -259,7 +238,7 @@ class StandingRules:
                 wrong.append(f"transducer {number}: {record_differences(element, was, 'was')}")
         yield "HG-7.5/1", "; ".join(wrong[:2])
 
-    def _judge_upload_limits(self, _: ReceivedByClient, message: UploadBeginReply) -> Broken:
+    def _judge_upload_limits(self, _: ReceivedByClient, message: m.UploadBeginReply) -> Broken:
         identity = self._since.identity
         if identity is None:
             return
@@ -270,12 +249,12 @@ class StandingRules:
 
     # --- Events ----------------------------------------------------------------------------------
 
-    def _judge_events(self, piece: ReceivedByClient, message: Message) -> Broken:
+    def _judge_events(self, piece: ReceivedByClient, message: m.Message) -> Broken:
         header, since = piece.header, self._since
         assert header is not None  # take
         if header.session and header.session != since.session:
             # Behind the first session that is seen it is not known how many events went before.
-            since.next_event = 0 if since.session and isinstance(message, HelloReply) else None
+            since.next_event = 0 if since.session and isinstance(message, m.HelloReply) else None
             since.session = header.session
             self._sent.begin_session()
         if not piece.is_event:
@@ -284,34 +263,34 @@ class StandingRules:
         yield "HG-3.6/2", f"event {header.seq}, due is {due}" if header.seq != due else ""
         since.next_event = (header.seq + 1) & 0xFFFF
 
-    def _judge_order(self, piece: ReceivedByClient, message: Message) -> Broken:
+    def _judge_order(self, piece: ReceivedByClient, message: m.Message) -> Broken:
         header, since = piece.header, self._since
         assert header is not None  # take
-        if isinstance(message, StateChanged):
+        if isinstance(message, m.StateChanged):
             same = since.ended == (header.session, header.time_us)
             same &= message.reason is not MuteReason.FAULT  # behind STOP in the same microsecond
             yield "HG-4.11/5", "PLAYBACK_ENDED of the same moment came before" if same else ""
-        elif isinstance(message, PlaybackEnded):
+        elif isinstance(message, m.PlaybackEnded):
             since.ended = header.session, header.time_us
         elif piece.is_response:
             since.ended = None  # what comes next is of another request
 
-    def _judge_times(self, piece: ReceivedByClient, _: Message) -> Broken:
+    def _judge_times(self, piece: ReceivedByClient, _: m.Message) -> Broken:
         """Judge times by that of the newest response, as far as the host's clock tells."""
         header, newest = piece.header, self._since.response
         assert header is not None  # take
         if newest is None or piece.t_us - newest[1] > _LONG_US:
             return
-        off_us = signed_difference(header.time_us, newest[0], 32)
+        off_us = m.signed_difference(header.time_us, newest[0], 32)
         most_us = piece.t_us - newest[1] + _SPARE_US
         if piece.is_event:
             text = f"its time is {off_us} µs behind that of the last response"
             yield "HG-3.1/1", text if not -_SPARE_US <= off_us <= most_us else ""
 
-    def _judge_traces(self, piece: ReceivedByClient, message: Message) -> Broken:
+    def _judge_traces(self, piece: ReceivedByClient, message: m.Message) -> Broken:
         header, since = piece.header, self._since
         assert header is not None  # take
-        if isinstance(message, TraceReply):
+        if isinstance(message, m.TraceReply):
             yield "HG-8.5/2", _wrong_records(message)
             times = [record.t_latch_us for record in message.records]
             yield "HG-5.8/3", self._wrong_steps(times)
@@ -320,13 +299,13 @@ class StandingRules:
             if before is not None and piece.t_us - before[1] < _LONG_US:
                 yield "HG-5.8/3", self._wrong_steps((before[0], header.time_us))
 
-    def _judge_drives(self, piece: ReceivedByClient, message: Message) -> Broken:
+    def _judge_drives(self, piece: ReceivedByClient, message: m.Message) -> Broken:
         """Judge what was latched of the stream by what was sent with this number."""
         session, identity = piece.header.session if piece.header else 0, self._since.identity
         if identity is None:
             return
         number = identity.transducers
-        if isinstance(message, UploadCommitReply):
+        if isinstance(message, m.UploadCommitReply):
             self._sent.note_commit()
         for key, crc in _crcs_of_latches(message, number):
             if key.sequence:
@@ -339,7 +318,7 @@ class StandingRules:
             due = [zlib.crc32(phases + amplitudes) for phases, amplitudes in sent]
             is_wrong = due and crc not in due
             yield "HG-8.3/2", text + self._sent.other_frame(session, crc) if is_wrong else ""
-        if isinstance(message, DriveReply) and message.kind is DriveKind.LATCHED:
+        if isinstance(message, m.DriveReply) and message.kind is m.DriveKind.LATCHED:
             key, half = message.key, len(message.data) // 2
             part = slice(message.first, message.first + half)
             sent = [] if key.sequence else self._sent.codes_of(session, key.index, number)
@@ -352,7 +331,7 @@ class StandingRules:
             else:
                 yield "HG-8.6/3", ""
 
-    def _judge_room(self, piece: ReceivedByClient, message: Message) -> Broken:
+    def _judge_room(self, piece: ReceivedByClient, message: m.Message) -> Broken:
         identity = self._since.identity
         if identity is None or piece.header is None or not piece.is_response:
             return
@@ -373,27 +352,27 @@ class StandingRules:
         return ""
 
 
-def _crcs_of_latches(message: Message, transducers: int) -> Iterator[tuple[LatchKey, int]]:
+def _crcs_of_latches(message: m.Message, transducers: int) -> Iterator[tuple[m.LatchKey, int]]:
     """Yield key and CRC-32 of each drive that a message tells of."""
-    if isinstance(message, Trace):
-        yield LatchKey(0, 0, message.index), message.crc
-    elif isinstance(message, TracePlayback):
+    if isinstance(message, m.Trace):
+        yield m.LatchKey(0, 0, message.index), message.crc
+    elif isinstance(message, m.TracePlayback):
         yield message.key, message.crc
-    elif isinstance(message, TraceDrive):
+    elif isinstance(message, m.TraceDrive):
         if len(message.data) == 2 * transducers:
             yield message.key, zlib.crc32(message.data)
-    elif isinstance(message, TraceReply):
+    elif isinstance(message, m.TraceReply):
         for item in message.records:
             yield item.key, item.crc
 
 
-def _lacking_parts(counters: Counters) -> int:
+def _lacking_parts(counters: m.Counters) -> int:
     """Return how many frames more are counted than their parts make."""
     parts = sum(int(getattr(counters, name)) for name in PARTS_OF_FRAMES)
     return (counters.frames - parts + _WRAP // 2) % _WRAP - _WRAP // 2
 
 
-def _contradictions(status: Status | StatusReply) -> Iterator[str]:
+def _contradictions(status: m.Status | m.StatusReply) -> Iterator[str]:
     if status.state is not OutputState.ARMED and status.queued:
         yield f"{status.queued} frames are queued while {status.state.name}"
     if not status.margins and (status.margin_min_us or status.margin_mean_us):
@@ -408,7 +387,7 @@ def _contradictions(status: Status | StatusReply) -> Iterator[str]:
         yield "more late latches than latches"
 
 
-def _wrong_records(reply: TraceReply) -> str:
+def _wrong_records(reply: m.TraceReply) -> str:
     """Return in words what is wrong in the numbers of a ring; empty if nothing is."""
     numbers = [record.number for record in reply.records]
     inside = all(reply.oldest <= number < reply.next for number in numbers)

@@ -7,15 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.words import annotated_type_name
-from haptogram_protocol.messages import (
-    ArmReply,
-    Feature,
-    Header,
-    StateChanged,
-    Status,
-    signed_difference,
-)
 from haptogram_protocol.rules import CONFIG_BOUNDS
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -54,7 +47,7 @@ class TimerKind:
 
     name: str
     reason: MuteReason
-    needs: Feature = Feature.CONFIG
+    needs: m.Feature = m.Feature.CONFIG
     beside: Mapping[str, int] = field(default_factory=dict)
 
     def start(self, board: BoardClient, length_ms: int, **changes: int) -> int:
@@ -110,12 +103,12 @@ class TimerKind:
 LEASE: Final = TimerKind("host_timeout_ms", MuteReason.HOST_SILENT)
 HOLD: Final = TimerKind("hold_ms", MuteReason.HOLD_EXPIRED)
 RAMP: Final = TimerKind(
-    "ramp_ms", MuteReason.HOLD_EXPIRED, Feature.CONFIG | Feature.AMPLITUDE, {"hold_ms": 5}
+    "ramp_ms", MuteReason.HOLD_EXPIRED, m.Feature.CONFIG | m.Feature.AMPLITUDE, {"hold_ms": 5}
 )
 UNATTENDED: Final = TimerKind(
     "unattended_ms",
     MuteReason.UNATTENDED,
-    Feature.CONFIG | Feature.SEQUENCE_PHASES,
+    m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES,
     {"host_timeout_ms": 50, "hold_ms": 10_000},
 )
 
@@ -140,12 +133,12 @@ def judge_ramp_with_configuration(
 
 def judged_mute_by_timer(
     board: BoardClient, since: int, timeout_us: int, reason: MuteReason
-) -> tuple[Header, StateChanged]:
+) -> tuple[m.Header, m.StateChanged]:
     """Return the STATE_CHANGED of a timer; FAILED if none comes, or one of another timer."""
-    found = board.link.await_event(StateChanged, since, timeout_us)
+    found = board.link.await_event(m.StateChanged, since, timeout_us)
     if found is None:
         _require_not_muted_before(board, since)
-        board.lacks_event(StateChanged, since, timeout_us, f"due is MUTED, {reason.name}")
+        board.lacks_event(m.StateChanged, since, timeout_us, f"due is MUTED, {reason.name}")
     header, event = found
     judge_in_time(
         board,
@@ -158,16 +151,16 @@ def judged_mute_by_timer(
 def _require_not_muted_before(board: BoardClient, since: int) -> None:
     """End the case, not judged, if a timer ended behind ARM, when the host had not looked yet."""
     for piece in () if board.wire.is_virtual else reversed(board.wire.received[:since]):
-        if isinstance(piece.message, ArmReply):
+        if isinstance(piece.message, m.ArmReply):
             return
-        if isinstance(piece.message, StateChanged) and piece.message.state is OutputState.MUTED:
+        if isinstance(piece.message, m.StateChanged) and piece.message.state is OutputState.MUTED:
             raise HeldUpError("muted before the case looked")
 
 
 def judge_mute_time(
     board: BoardClient,
     start_us: int,
-    header: Header,
+    header: m.Header,
     due_ms: int,
     timer: str,
     *,
@@ -187,14 +180,14 @@ def judge_mute_time(
     )
 
 
-def _begin_text(board: BoardClient, muted: Header, due_ms: int) -> str:
+def _begin_text(board: BoardClient, muted: m.Header, due_ms: int) -> str:
     """Return in words behind which frames of the board a timer of that length has run."""
     begun_us = (muted.time_us - due_ms * _MS) & 0xFFFFFFFF
     headers = [piece.header for piece in board.wire.received if piece.header is not None]
     names = {
         annotated_type_name(header.type)
         for header in headers
-        if abs(signed_difference(header.time_us, begun_us, 32)) <= _AT_ONCE_US
+        if abs(m.signed_difference(header.time_us, begun_us, 32)) <= _AT_ONCE_US
     }
     return f"; it is {due_ms} ms behind {' and '.join(sorted(names))}" if names else ""
 
@@ -219,11 +212,13 @@ def judge_status_period(
 ) -> None:
     """FAILED unless STATUS came, *least* at least, a period apart within 1 ms."""
     name = f"status_period_ms = {period_ms}{name and ', '}{name}"
-    pieces = [p for p in board.wire.received[since:] if p.header and isinstance(p.message, Status)]
+    pieces = [
+        p for p in board.wire.received[since:] if p.header and isinstance(p.message, m.Status)
+    ]
     for one, two in itertools.pairwise(pieces):
         assert one.header is not None  # above
         assert two.header is not None
-        step_ms = signed_difference(two.header.time_us, one.header.time_us, 32) / _MS
+        step_ms = m.signed_difference(two.header.time_us, one.header.time_us, 32) / _MS
         if abs(step_ms - period_ms) * _MS > EXACT_US:
             sent = board.wire.recording.between(one.t_us, two.t_us)
             text = f"{name}: STATUS {step_ms:.3f} ms after the one before, due within 1 ms; {sent}"

@@ -6,7 +6,7 @@ import zlib
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import DriveKind, Feature, LatchKey, TraceMode
+from haptogram_protocol import messages as m
 
 from ..client.board_client import BoardClient
 from ..client.latching import (
@@ -35,14 +35,14 @@ class JudgeWitness:
     """
 
     board: BoardClient
-    mode: TraceMode | None
+    mode: m.TraceMode | None
 
     @classmethod
     def of(cls, board: BoardClient) -> JudgeWitness:
         """Return the best source of *board*; UNIMPLEMENTED if there is none."""
-        if board.has(Feature.READ_LATCHED):
+        if board.has(m.Feature.READ_LATCHED):
             return cls(board, None)
-        if not board.has(Feature.CONFIG):
+        if not board.has(m.Feature.CONFIG):
             unimplemented("the board shows no drive: neither READ_LATCHED nor a trace")
         return cls(board, ask_for_board_latches(board))
 
@@ -85,7 +85,7 @@ def expect_witnessed_drive(
     )
 
 
-def judge_nothing_read_back(board: BoardClient, kind: DriveKind, text: str) -> None:
+def judge_nothing_read_back(board: BoardClient, kind: m.DriveKind, text: str) -> None:
     """FAILED unless codes, key and time of the whole and of its last transducer are 0."""
     for first in (0, board.identity.transducers - 1):
         reply = read_drive(board, kind, first)
@@ -93,7 +93,7 @@ def judge_nothing_read_back(board: BoardClient, kind: DriveKind, text: str) -> N
         due = bytes(2 * (board.identity.transducers - first))
         check_equal(reply.data, due, f"{name}, of which all codes are to be 0")
         found = reply.key, reply.t_latch_us
-        check_equal(found, (LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")
+        check_equal(found, (m.LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")
 
 
 def _drive_faults_of_witness(

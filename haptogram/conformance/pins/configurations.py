@@ -7,15 +7,7 @@ import zlib
 from collections.abc import Sequence
 from typing import TypeVar
 
-from haptogram_protocol.messages import (
-    Config,
-    ConfigReply,
-    MessageType,
-    SetConfigReply,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 
 from .dialogue import PinDialogue
 from .told_drives import DrivesOfPinDialogue
@@ -35,22 +27,22 @@ class ConfigurationsByPins:
     """
 
     def __init__(self, dialogue: PinDialogue, asked: DrivesOfPinDialogue) -> None:
-        taken = [one for one in asked.uploads if one.begin.kind is UploadKind.CORRECTION]
+        taken = [one for one in asked.uploads if one.begin.kind is m.UploadKind.CORRECTION]
         known = [bytes(asked.count), *(one.data for one in taken if one.data is not None)]
         read = {(f.header.session, f.header.seq) for f in dialogue.to_board}
-        configs: list[tuple[float, Config | None]] = [(t, None) for t in dialogue.resets]
+        configs: list[tuple[float, m.Config | None]] = [(t, None) for t in dialogue.resets]
         corrections: list[tuple[float, bytes | None]] = [(t, None) for t in dialogue.resets]
         for frame in dialogue.to_board:
-            if frame.header.type == MessageType.SET_CONFIG:
+            if frame.header.type == m.MessageType.SET_CONFIG:
                 configs.append((frame.arrival, None))
-            elif isinstance(frame.message, UploadCommit) and frame.message.target == 0:
+            elif isinstance(frame.message, m.UploadCommit) and frame.message.target == 0:
                 corrections.append((frame.arrival, None))
         corrections += [(one.since, one.data) for one in taken]
         for frame in dialogue.to_host:
             message, request = frame.message, (frame.header.session, frame.header.seq)
-            if isinstance(message, UploadCommitReply) and request not in read:
+            if isinstance(message, m.UploadCommitReply) and request not in read:
                 corrections.append((frame.begin, None))  # the analyser read it wrongly
-            if isinstance(message, ConfigReply | SetConfigReply):
+            if isinstance(message, m.ConfigReply | m.SetConfigReply):
                 packed = message.config.pack()
                 fitting = (c for c in known if zlib.crc32(packed + c) == message.config_crc)
                 configs.append((frame.begin, message.config))
@@ -58,17 +50,17 @@ class ConfigurationsByPins:
         self._configs = sorted(configs, key=_begin_of_configuration)
         self._corrections = sorted(corrections, key=_begin_of_configuration)
 
-    def at(self, t: float) -> Config | None:
+    def at(self, t: float) -> m.Config | None:
         """Return the configuration at a period of the capture; None: it is not known."""
         return _last_configuration(self._configs, t)
 
-    def of_ramp(self, end: float, per_ms: float) -> tuple[Config, float] | None:
+    def of_ramp(self, end: float, per_ms: float) -> tuple[m.Config, float] | None:
         """Return configuration and beginning of the ramp that ends at a period (HG-6.11/6).
 
         A configuration that was set during the ramp has no part in it. None: it is not known, or
         two configurations fit.
         """
-        found: list[tuple[Config, float]] = []
+        found: list[tuple[m.Config, float]] = []
         until = end
         for since, config in reversed(self._configs):
             if since >= end:

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram_protocol.messages import unwrap
+from haptogram_protocol import messages as m
 
 _BITS: Final = 32
 _OUTLIER_US: Final = 20.0  # off its neighbours: HG-6.9/2 allows 10
@@ -106,7 +106,7 @@ class PinDialogueClock:
 
     def periods(self, t_us: int, near: float) -> float:
         """Return when the device clock showed *t_us*, modulo 2^32, near a period of the capture."""
-        t_us = unwrap(t_us, round(self.device_us(near)), _BITS)
+        t_us = m.unwrap(t_us, round(self.device_us(near)), _BITS)
         found = near
         for _ in range(3):  # each makes the error ten thousand times less
             found = (t_us - self.at_zero_us - self._off_us(found)) / self.period_us
@@ -159,7 +159,7 @@ def _late_marks_of_pin_clock(
     arrivals = np.array([arrival for arrival, _ in marks])
     times = [marks[0][1]]
     for (before, _), (arrival, t_us) in pairwise(marks):
-        times.append(unwrap(t_us, times[-1] + round((arrival - before) * nominal_us), _BITS))
+        times.append(m.unwrap(t_us, times[-1] + round((arrival - before) * nominal_us), _BITS))
     base = times[0]
     return arrivals, base, np.array([t - base for t in times]) - nominal_us * arrivals
 

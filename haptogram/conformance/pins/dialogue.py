@@ -13,23 +13,13 @@ import numpy as np
 from haptogram.errors import ConfigurationError
 from haptogram.records.pins import LineBytes, PinRecord
 from haptogram.verification.pins.line_frames import LineFrame, read_captured_line
-from haptogram_protocol.messages import (
-    RESPONSE_RANGE,
-    STREAM_RANGE,
-    HelloReply,
-    Message,
-    MessageType,
-    Ping,
-    Play,
-    Pong,
-    signed_difference,
-)
+from haptogram_protocol import messages as m
 
 from .device_clock import PinDialogueClock, last_mark_before_lost_samples
 
 _AT_RESET_US: Final = 4_284_967_296  # HG-6.9/4
 _BITS: Final = 32
-_M = TypeVar("_M", bound=Message)
+_M = TypeVar("_M", bound=m.Message)
 
 
 class PinDialogue:
@@ -63,7 +53,7 @@ class PinDialogue:
             record, "to_host", record.to_host
         )
 
-    def requests(self, *kinds: MessageType) -> list[LineFrame]:
+    def requests(self, *kinds: m.MessageType) -> list[LineFrame]:
         """Return the requests of these *kinds* that the host sent."""
         return [frame for frame in self.to_board if frame.header.type in kinds]
 
@@ -75,7 +65,7 @@ class PinDialogue:
         """Yield the frames of the board with a message of this *kind*."""
         return ((f, f.message) for f in self.to_host if isinstance(f.message, kind))
 
-    def answer(self, asked: LineFrame, kind: MessageType) -> LineFrame | None:
+    def answer(self, asked: LineFrame, kind: m.MessageType) -> LineFrame | None:
         """Return the answer of this *kind* to a request, if it came before the next request."""
         first = bisect.bisect_right(self.to_host, asked.arrival, key=lambda f: f.arrival)
         for frame in self.to_host[first:]:
@@ -92,20 +82,20 @@ class PinDialogue:
     @cached_property
     def arms(self) -> list[float]:
         """Arrivals of ARM."""
-        return [arm.arrival for arm in self.requests(MessageType.ARM)]
+        return [arm.arrival for arm in self.requests(m.MessageType.ARM)]
 
     @cached_property
     def _armings(self) -> list[float]:
         """Arrivals of ARM, and the replies to those that the analyser read wrongly."""
-        read = {(f.header.session, f.header.seq) for f in self.requests(MessageType.ARM)}
-        replies = (f for f in self.to_host if f.header.type == MessageType.ARM_REPLY)
+        read = {(f.header.session, f.header.seq) for f in self.requests(m.MessageType.ARM)}
+        replies = (f for f in self.to_host if f.header.type == m.MessageType.ARM_REPLY)
         lost = [f.begin for f in replies if (f.header.session, f.header.seq) not in read]
         return sorted([*self.arms, *lost])
 
     @cached_property
     def sources(self) -> list[float]:
         """Arrivals of frames that may bring sound: of the stream, and PLAY."""
-        plays = [frame for frame, _ in self.sent(Play)]
+        plays = [frame for frame, _ in self.sent(m.Play)]
         return sorted(frame.arrival for frame in (*self.stream, *plays))
 
     def next_arm(self, t: float) -> float:
@@ -129,15 +119,15 @@ class PinDialogue:
     def _arms_under_way(self) -> list[tuple[float, float]]:
         """Arrival of each ARM, and the begin of its answer, or of the end of the wait for it."""
         found = []
-        for arm in self.requests(MessageType.ARM):
-            answer = self.answer(arm, MessageType.ARM_REPLY)
+        for arm in self.requests(m.MessageType.ARM):
+            answer = self.answer(arm, m.MessageType.ARM_REPLY)
             end = arm.arrival + self._patience if answer is None else answer.begin
             found.append((arm.arrival, end))
         return found
 
     @cached_property
     def _responses(self) -> list[float]:
-        return [f.begin for f in self.to_host if f.header.type in RESPONSE_RANGE]
+        return [f.begin for f in self.to_host if f.header.type in m.RESPONSE_RANGE]
 
     def answered_before(self, t: float) -> float:
         """Return the begin of the last response before *t*, 0 if there is none.
@@ -176,23 +166,23 @@ class PinDialogue:
 
     @property
     def _horizon(self) -> float:
-        told = [reply.max_horizon_us for _, reply in self.said(HelloReply)]
+        told = [reply.max_horizon_us for _, reply in self.said(m.HelloReply)]
         return max(told, default=0) * self.record.carrier_hz * 1e-6
 
     @cached_property
     def stream(self) -> list[LineFrame]:
         """Frames of the stream."""
-        return [f for f in self.to_board if f.header.type in STREAM_RANGE]
+        return [f for f in self.to_board if f.header.type in m.STREAM_RANGE]
 
     # --- sessions and resets ---------------------------------------------------------------------
 
     @cached_property
     def sessions(self) -> list[tuple[LineFrame, LineFrame, bool]]:
         """HELLO, its reply, and whether it is known to have opened another session."""
-        hellos = self.requests(MessageType.HELLO)
+        hellos = self.requests(m.MessageType.HELLO)
         found: list[tuple[LineFrame, LineFrame, bool]] = []
         nonce, boot = None, None
-        for frame, reply in self.said(HelloReply):
+        for frame, reply in self.said(m.HelloReply):
             asked = [
                 f for f in hellos if f.arrival <= frame.begin and f.header.seq == frame.header.seq
             ]
@@ -207,11 +197,11 @@ class PinDialogue:
         """Periods at which the board was reset within the capture."""
         found = []
         boot = None
-        for frame, reply in self.said(HelloReply):
+        for frame, reply in self.said(m.HelloReply):
             if reply.boot_id == boot:
                 continue
             boot = reply.boot_id
-            passed_us = signed_difference(frame.header.time_us, _AT_RESET_US % 2**_BITS, _BITS)
+            passed_us = m.signed_difference(frame.header.time_us, _AT_RESET_US % 2**_BITS, _BITS)
             moment = frame.begin - passed_us * self.record.carrier_hz * 1e-6
             if moment > 0.0:
                 found.append(moment)
@@ -243,12 +233,12 @@ class PinDialogue:
         """
         bounds = [0.0, *self.resets, self.record.end]
         pings: dict[tuple[int, int, int], float] = {}
-        for frame, ping in self.sent(Ping):
+        for frame, ping in self.sent(m.Ping):
             pings.setdefault((frame.header.session, frame.header.seq, ping.echo), frame.arrival)
         found = []
         for begin, end in pairwise(bounds):
             pairs = []
-            for frame, pong in self.said(Pong):
+            for frame, pong in self.said(m.Pong):
                 key = frame.header.session, frame.header.seq, pong.echo
                 if not begin <= frame.begin < end:
                     continue

@@ -9,7 +9,7 @@ from typing import Final
 
 from haptogram.errors import ConfigurationError
 from haptogram.records.pins import PinRecord
-from haptogram_protocol.messages import Hello, HelloReply
+from haptogram_protocol import messages as m
 
 from ..clauses import load_clauses
 from ..verdict import Behaviour, CaseResult, SuiteResult
@@ -89,7 +89,7 @@ def judge_clauses_by_pins(
 
 def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
     """Judge every latch that the board told, one event for each."""
-    for _, identity in dialogue.said(HelloReply):
+    for _, identity in dialogue.said(m.HelloReply):
         findings.offered.update(advertised_drive_paths(identity))
     if dialogue.missing == "to_host":
         return
@@ -138,7 +138,7 @@ def _note_clauses_without_a_line(dialogue: PinDialogue, findings: PinClauseFindi
 
 
 def _check_elements_of_clauses(dialogue: PinDialogue) -> None:
-    count = next((reply.transducers for _, reply in dialogue.said(HelloReply)), None)
+    count = next((reply.transducers for _, reply in dialogue.said(m.HelloReply)), None)
     for element, pin in dialogue.record.pins.items():
         if count is not None and element >= count:
             raise ConfigurationError(
@@ -220,7 +220,9 @@ def captured_share_of_run(record: PinRecord, nonces: Collection[int], run: str) 
     """
     dialogue = PinDialogue(record)
     frames = dialogue.to_board or dialogue.to_host
-    hellos = [frame.message for frame in frames if isinstance(frame.message, Hello | HelloReply)]
+    hellos = [
+        frame.message for frame in frames if isinstance(frame.message, m.Hello | m.HelloReply)
+    ]
     shown = {hello.nonce for hello in hellos}
     shown = shown or {frame.header.session for frame in frames} - {0}
     shared = len(shown & set(nonces))

@@ -10,7 +10,7 @@ import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.verification.pins.run_drives import fundamentals_of_run_drives
-from haptogram_protocol.messages import Feature, HelloReply, StateChanged
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason
 
 from .configurations import ConfigurationsByPins
@@ -33,11 +33,11 @@ def judge_ramp_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> No
     """Judge the ramp before every silence that a timer made."""
     if dialogue.missing:
         return
-    if not any(reply.features & Feature.AMPLITUDE for _, reply in dialogue.said(HelloReply)):
+    if not any(reply.features & m.Feature.AMPLITUDE for _, reply in dialogue.said(m.HelloReply)):
         return
     configs = ConfigurationsByPins(dialogue, DrivesOfPinDialogue(dialogue))
     per_ms = dialogue.record.carrier_hz * 1e-3
-    for frame, changed in dialogue.said(StateChanged):
+    for frame, changed in dialogue.said(m.StateChanged):
         end = dialogue.told(frame)
         if changed.reason not in _TIMERS or end is None:
             continue

@@ -9,14 +9,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.records.pins import PinRecord
-from haptogram_protocol.messages import (
-    HelloReply,
-    MessageType,
-    Points,
-    StateChanged,
-    Status,
-    StatusReply,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason, OutputState
 
 from .dialogue import PinDialogue
@@ -138,14 +131,14 @@ def _silence_until_arm(
 
 def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     """Yield the silences after MUTE, DISARM and new sessions."""
-    causes = [(mute, "MUTE") for mute in dialogue.requests(MessageType.MUTE)]
-    disarms = dialogue.requests(MessageType.DISARM)
-    causes += [(f, "DISARM") for f in disarms if dialogue.answer(f, MessageType.DISARM_REPLY)]
+    causes = [(mute, "MUTE") for mute in dialogue.requests(m.MessageType.MUTE)]
+    disarms = dialogue.requests(m.MessageType.DISARM)
+    causes += [(f, "DISARM") for f in disarms if dialogue.answer(f, m.MessageType.DISARM_REPLY)]
     new = (hello for hello, _, is_new in dialogue.sessions if is_new)
     causes += [(hello, "a HELLO with another nonce") for hello in new]
     for frame, cause in causes:
         ready = frame.arrival
-        if frame.header.type != MessageType.MUTE:  # which overtakes the frames before
+        if frame.header.type != m.MessageType.MUTE:  # which overtakes the frames before
             ready = _frames_computed_in_pin_dialogue(dialogue, ready)
         begin = ready + _PERIOD
         yield _silence_until_arm(dialogue, frame.arrival, begin, "HG-6.6/1", cause)
@@ -155,13 +148,13 @@ def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> flo
     """Return when the frames that arrived by *until* are computed (HG-5.7), at the latest."""
     point_us = 0
     ready = until
-    for frame, reply in dialogue.said(HelloReply):
+    for frame, reply in dialogue.said(m.HelloReply):
         if frame.begin <= until:
             point_us = reply.point_time_us
     if point_us:
         in_periods = point_us * dialogue.record.carrier_hz * 1e-6
         ready = 0.0
-        for frame, points in dialogue.sent(Points):
+        for frame, points in dialogue.sent(m.Points):
             if frame.arrival <= until:
                 ready = max(ready, frame.arrival) + len(points.points) * in_periods
     return max(ready, until)
@@ -172,14 +165,14 @@ def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     timer = _TIMER_US * dialogue.record.carrier_hz * 1e-6
     for frame in dialogue.to_host:
         told = frame.message
-        if not isinstance(told, StateChanged | Status | StatusReply):
+        if not isinstance(told, m.StateChanged | m.Status | m.StatusReply):
             continue
         moment = dialogue.told(frame)
         if told.state is OutputState.ARMED or moment is None or dialogue.is_arm_under_way(moment):
             continue
         begin = moment + _PERIOD + _CLOCKS + dialogue.within(moment)
         clause, cause = "HG-6.6/2", f"STATUS says {told.state.name}"
-        if isinstance(told, StateChanged):
+        if isinstance(told, m.StateChanged):
             clause, cause = _BY_REASON.get(told.reason, (clause, "a change of state"))
             begin += timer if told.reason in _BY_TIMER else 0.0
         due = _silence_until_arm(dialogue, moment, begin, clause, cause)
@@ -190,7 +183,7 @@ def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
 
 def _silence_clauses_after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     """Yield the silences between an ARM that led out of silence and the first frame behind it."""
-    off = [mute.arrival for mute in dialogue.requests(MessageType.MUTE)]
+    off = [mute.arrival for mute in dialogue.requests(m.MessageType.MUTE)]
     before = 0.0
     for arm in dialogue.arms:
         if any(before <= moment < arm for moment in off):

@@ -16,43 +16,19 @@ from haptogram.acoustics import AcousticModel, Medium, TransducerArray
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.driver.identity import array_of_geometry, model_of_identity
 from haptogram.verification.pins.line_frames import LineFrame
+from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    STREAM_RANGE,
-    DriveReply,
-    Drives,
-    Element,
-    Feature,
-    Flag,
-    GeometryReply,
-    HelloReply,
-    LatchKey,
-    Message,
-    MessageType,
-    Phases,
-    Play,
-    Points,
-    Trace,
-    TracePlayback,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-    UploadKind,
-    drive_codes,
-    unwrap,
-)
 
 from ..judge.focusing import weights_of_points
 from .dialogue import PinDialogue
 
 #: Clause that says what the pins show, by the message that holds the drive and whether it plays.
 DRIVE_CLAUSES: Final = {
-    (Phases, False): "HG-5.2/1",
-    (Drives, False): "HG-5.3/1",
-    (Points, False): "HG-5.4/1",
-    (Phases, True): "HG-7.6/4",
-    (Points, True): "HG-5.4/1",
+    (m.Phases, False): "HG-5.2/1",
+    (m.Drives, False): "HG-5.3/1",
+    (m.Points, False): "HG-5.4/1",
+    (m.Phases, True): "HG-7.6/4",
+    (m.Points, True): "HG-5.4/1",
 }
 _POINT_BYTES: Final = 16
 _LARGEST: Final = 1 << 26  # bytes of an upload that is followed
@@ -76,8 +52,8 @@ class ToldDrive:
     """
 
     frame: LineFrame
-    message: Message
-    playing: Play | None = None
+    message: m.Message
+    playing: m.Play | None = None
     number: int = 0
 
     @property
@@ -94,23 +70,23 @@ class ToldDrive:
     def due_us(self) -> int | None:
         """Device time at which it is due; None: as soon as it is ready."""
         header = self.frame.header
-        if header.flags & Flag.IMMEDIATE:
+        if header.flags & m.Flag.IMMEDIATE:
             return None
         behind_us = 0 if self.playing is None else self.number * self.playing.period_us
         return (header.time_us + behind_us) % 2**32
 
     def registers(self, model: AcousticModel | None, count: int) -> NDArray[np.uint8] | None:
         """Return the (2, N) phase and amplitude codes; None: the array is not known."""
-        if isinstance(self.message, Points):
+        if isinstance(self.message, m.Points):
             if model is None:
                 return None
             return registers_of_points(weights_of_points(model, self.message.points))
-        parts = drive_codes(self.message, count)
+        parts = m.drive_codes(self.message, count)
         return None if parts is None else np.array([np.frombuffer(p, np.uint8) for p in parts])
 
     def free_phases(self, model: AcousticModel | None, count: int) -> NDArray[np.bool_]:
         """Return the (N,) elements whose phase is free, as they all but cancel (HG-5.4/3)."""
-        if not isinstance(self.message, Points) or model is None:
+        if not isinstance(self.message, m.Points) or model is None:
             return np.zeros(count, np.bool_)
         free: NDArray[np.bool_] = (
             np.abs(weights_of_points(model, self.message.points)) < _FAINT + 1.0 / 255.0
@@ -118,24 +94,24 @@ class ToldDrive:
         return free
 
 
-def drive_path(message: Message, flags: int, *, is_played: bool) -> str:
+def drive_path(message: m.Message, flags: int, *, is_played: bool) -> str:
     """Return message, format and way of a drive to the registers, in words."""
-    way = "played" if is_played else "at once" if flags & Flag.IMMEDIATE else "at its time"
+    way = "played" if is_played else "at once" if flags & m.Flag.IMMEDIATE else "at its time"
     return f"{type(message).__name__.upper()}, {way}"
 
 
-def advertised_drive_paths(identity: HelloReply) -> Iterator[tuple[str, str]]:
+def advertised_drive_paths(identity: m.HelloReply) -> Iterator[tuple[str, str]]:
     """Yield clause and name of every path of a drive that a board advertises."""
-    kinds: list[Message] = [Phases(b"")]
-    if identity.features & Feature.AMPLITUDE:
-        kinds.append(Drives(b""))
-    if identity.features & Feature.POINTS:
-        kinds.append(Points(()))
-    for message, flags in product(kinds, (Flag.IMMEDIATE, 0)):
+    kinds: list[m.Message] = [m.Phases(b"")]
+    if identity.features & m.Feature.AMPLITUDE:
+        kinds.append(m.Drives(b""))
+    if identity.features & m.Feature.POINTS:
+        kinds.append(m.Points(()))
+    for message, flags in product(kinds, (m.Flag.IMMEDIATE, 0)):
         yield DRIVE_CLAUSES[type(message), False], drive_path(message, flags, is_played=False)
     for feature, message in (
-        (Feature.SEQUENCE_PHASES, Phases(b"")),
-        (Feature.SEQUENCE_POINTS, Points(())),
+        (m.Feature.SEQUENCE_PHASES, m.Phases(b"")),
+        (m.Feature.SEQUENCE_POINTS, m.Points(())),
     ):
         if identity.features & feature:
             yield DRIVE_CLAUSES[type(message), True], drive_path(message, 0, is_played=True)
@@ -166,7 +142,7 @@ class StoredUpload:
     """
 
     since: float
-    begin: UploadBegin
+    begin: m.UploadBegin
     data: bytes | None
 
 
@@ -175,14 +151,14 @@ def uploads_of_pin_dialogue(dialogue: PinDialogue) -> list[StoredUpload]:
     found, begin, data = [], None, bytearray()
     for frame in dialogue.to_board:
         message = frame.message
-        if isinstance(message, UploadBegin) and message.size <= _LARGEST:
-            if dialogue.answer(frame, MessageType.UPLOAD_BEGIN_REPLY):
+        if isinstance(message, m.UploadBegin) and message.size <= _LARGEST:
+            if dialogue.answer(frame, m.MessageType.UPLOAD_BEGIN_REPLY):
                 begin, data = message, bytearray(message.size)
-        elif isinstance(message, UploadChunk):
+        elif isinstance(message, m.UploadChunk):
             if message.offset + len(message.data) <= len(data):
                 data[message.offset : message.offset + len(message.data)] = message.data
-        elif isinstance(message, UploadCommit) and begin is not None:
-            is_taken = dialogue.answer(frame, MessageType.UPLOAD_COMMIT_REPLY)
+        elif isinstance(message, m.UploadCommit) and begin is not None:
+            is_taken = dialogue.answer(frame, m.MessageType.UPLOAD_COMMIT_REPLY)
             if is_taken and message.target == begin.target:
                 is_whole = zlib.crc32(data) == begin.crc
                 found.append(StoredUpload(frame.arrival, begin, bytes(data) if is_whole else None))
@@ -204,22 +180,22 @@ class DrivesOfPinDialogue:
     def __init__(self, dialogue: PinDialogue) -> None:
         self._dialogue = dialogue
         self.uploads = uploads_of_pin_dialogue(dialogue)
-        self.identity = next((reply for _, reply in dialogue.said(HelloReply)), None)
+        self.identity = next((reply for _, reply in dialogue.said(m.HelloReply)), None)
         self.count = 0 if self.identity is None else self.identity.transducers
         self._stream = self._frames_of_stream()
         self._plays = [
             (frame, play)
-            for frame, play in dialogue.sent(Play)
-            if dialogue.answer(frame, MessageType.PLAY_REPLY)
+            for frame, play in dialogue.sent(m.Play)
+            if dialogue.answer(frame, m.MessageType.PLAY_REPLY)
         ]
         self._models: dict[int, AcousticModel] = {}
 
     def of(self, told: LineFrame, at: float) -> ToldDrive | None:
         """Return the drive of a latch of which *told* tells; None: it is not known."""
         message = told.message
-        if isinstance(message, Trace):
+        if isinstance(message, m.Trace):
             return self._of_stream(told.header.session, message.index, message.crc, at)
-        if not isinstance(message, TracePlayback | DriveReply):
+        if not isinstance(message, m.TracePlayback | m.DriveReply):
             return None
         if message.key.sequence:
             return self._of_playback(message.key, at)
@@ -242,8 +218,8 @@ class DrivesOfPinDialogue:
         if identity.grid_nx and identity.grid_ny:
             pitch_m = identity.pitch_um / 1e6
             return TransducerArray.grid(identity.grid_nx, identity.grid_ny, pitch_m=pitch_m)
-        shown: dict[int, Element] = {}
-        for _, reply in self._dialogue.said(GeometryReply):
+        shown: dict[int, m.Element] = {}
+        for _, reply in self._dialogue.said(m.GeometryReply):
             shown.update(enumerate(reply.elements, reply.first))
         if sorted(shown) != list(range(identity.transducers)):
             return None
@@ -255,9 +231,9 @@ class DrivesOfPinDialogue:
         found: dict[tuple[int, int], list[ToldDrive]] = {}
         for frame in self._dialogue.to_board:
             header = frame.header
-            if header.type not in STREAM_RANGE or frame.message is None:
+            if header.type not in m.STREAM_RANGE or frame.message is None:
                 continue
-            index = unwrap(header.seq, newest.get(header.session, FIRST_STREAM_SEQ), 16)
+            index = m.unwrap(header.seq, newest.get(header.session, m.FIRST_STREAM_SEQ), 16)
             newest[header.session] = max(index, newest.get(header.session, index))
             if (type(frame.message), False) in DRIVE_CLAUSES:
                 drive = ToldDrive(frame, frame.message)
@@ -275,7 +251,7 @@ class DrivesOfPinDialogue:
 
     def _crc(self, drive: ToldDrive) -> int | None:
         try:
-            parts = drive_codes(drive.message, self.count)
+            parts = m.drive_codes(drive.message, self.count)
         except RemoteProtocolError:
             return None
         return None if parts is None else zlib.crc32(b"".join(parts))
@@ -284,13 +260,13 @@ class DrivesOfPinDialogue:
         """Return True if the analyser may have misread what the board latched."""
         return self._dialogue.next_unread(begin - self._dialogue.record.carrier_hz) < end
 
-    def _of_playback(self, key: LatchKey, at: float) -> ToldDrive | None:
+    def _of_playback(self, key: m.LatchKey, at: float) -> ToldDrive | None:
         plays = [(f, p) for f, p in self._plays if f.arrival < at and p.sequence == key.sequence]
         stored = [
             one
             for one in self.uploads
             if one.since < at
-            and one.begin.kind is not UploadKind.CORRECTION
+            and one.begin.kind is not m.UploadKind.CORRECTION
             and one.begin.target == key.sequence
         ]
         if not plays or not stored or stored[-1].data is None:
@@ -299,10 +275,10 @@ class DrivesOfPinDialogue:
         if self._is_doubtful(stored[-1].since, frame.arrival):
             return None  # another upload, or another PLAY
         begin, data = stored[-1].begin, stored[-1].data
-        points = begin.points_per_frame if begin.kind is UploadKind.POINTS else 0
+        points = begin.points_per_frame if begin.kind is m.UploadKind.POINTS else 0
         size = points * _POINT_BYTES or self.count
         part = data[key.index * size : (key.index + 1) * size]
         if len(part) < size:
             return None
-        message = Points.deserialize(part) if points else Phases(part)
+        message = m.Points.deserialize(part) if points else m.Phases(part)
         return ToldDrive(frame, message, play, key.loop * (len(data) // size) + key.index)

@@ -13,22 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.verification.pins.line_frames import LineFrame
+from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.messages import (
-    EVENT_RANGE,
-    RESPONSE_OFFSET,
-    DriveReply,
-    Feature,
-    Flag,
-    LatchKey,
-    MessageType,
-    Points,
-    StateChanged,
-    Trace,
-    TraceDrive,
-    TraceMode,
-    TracePlayback,
-)
 from haptogram_protocol.state import OutputState
 
 from .configurations import ConfigurationsByPins
@@ -39,14 +25,14 @@ from .told_drives import DrivesOfPinDialogue, ToldDrive
 _Told: TypeAlias = tuple[float, LineFrame, float]
 #: Requests that may change the output.
 _OF_OUTPUT: Final = (
-    MessageType.HELLO,
-    MessageType.ARM,
-    MessageType.MUTE,
-    MessageType.DISARM,
-    MessageType.SET_CONFIG,
-    MessageType.UPLOAD_COMMIT,
-    MessageType.PLAY,
-    MessageType.STOP,
+    m.MessageType.HELLO,
+    m.MessageType.ARM,
+    m.MessageType.MUTE,
+    m.MessageType.DISARM,
+    m.MessageType.SET_CONFIG,
+    m.MessageType.UPLOAD_COMMIT,
+    m.MessageType.PLAY,
+    m.MessageType.STOP,
 )
 _BEFORE_WORD_MS: Final = 1.0  # a board may be silent before it says so: HG-12.1/1
 
@@ -144,7 +130,7 @@ def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Ite
     """Yield the latches of which an event of its own tells, while every latch has one."""
     events = []
     for frame in dialogue.to_host:
-        is_told = isinstance(frame.message, Trace | TracePlayback | TraceDrive)
+        is_told = isinstance(frame.message, m.Trace | m.TracePlayback | m.TraceDrive)
         if is_told and (at := dialogue.told(frame)) is not None:
             events.append((at, frame))
     events.sort(key=lambda event: event[0])
@@ -152,7 +138,7 @@ def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Ite
     per_ms = dialogue.record.carrier_hz * 1e-3
     for place, (at, frame) in enumerate(events):
         known = configs.at(at)
-        if known is None or known.trace_mode is not TraceMode.CRC:
+        if known is None or known.trace_mode is not m.TraceMode.CRC:
             continue  # a latch of which nothing tells may be next to it
         following = events[place + 1][0] if place + 1 < len(events) else math.inf
         since = events[place - 1][1].begin if place else -math.inf
@@ -166,16 +152,16 @@ def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> 
     """Yield the latches that a read-back names, up to its request, where no events tell of them."""
     requests = {
         (frame.header.session, frame.header.seq): frame.arrival
-        for frame in dialogue.requests(MessageType.READ_DRIVE)
+        for frame in dialogue.requests(m.MessageType.READ_DRIVE)
     }
-    found: dict[tuple[int, LatchKey, int], _Told] = {}
-    for frame, reply in dialogue.said(DriveReply):
+    found: dict[tuple[int, m.LatchKey, int], _Told] = {}
+    for frame, reply in dialogue.said(m.DriveReply):
         at = dialogue.told(frame, reply.t_latch_us)
         asked_at = requests.get((frame.header.session, frame.header.seq))
-        if at is None or asked_at is None or reply.key == LatchKey(0, 0, 0):
+        if at is None or asked_at is None or reply.key == m.LatchKey(0, 0, 0):
             continue
         known = configs.at(at)
-        if known is not None and known.trace_mode is not TraceMode.CRC:
+        if known is not None and known.trace_mode is not m.TraceMode.CRC:
             found[frame.header.session, reply.key, reply.t_latch_us] = (at, frame, asked_at)
     yield from found.values()
 
@@ -184,7 +170,7 @@ def _latch_due_in_pin_dialogue(
     dialogue: PinDialogue, found: ToldDrive, told: LineFrame
 ) -> float | None:
     """Return when the frame of a latch is due; None: at once, or late."""
-    is_late = told.header.flags & Flag.LATE or isinstance(told.message, DriveReply)
+    is_late = told.header.flags & m.Flag.LATE or isinstance(told.message, m.DriveReply)
     if found.due_us is None or is_late:
         return None  # a read-back does not say whether the latch was late
     due = dialogue.told(told, found.due_us)
@@ -206,7 +192,7 @@ def _shown_drive(
     if codes is None or codes.shape[1] != asked.count:
         return None
     codes = codes.copy()
-    if asked.identity is not None and not asked.identity.features & Feature.AMPLITUDE:
+    if asked.identity is not None and not asked.identity.features & m.Feature.AMPLITUDE:
         codes[1] = 255
     clauses = ["HG-7.9/1"] if any(correction) else []
     if (codes[1] > known.amplitude_ceiling).any():
@@ -214,13 +200,13 @@ def _shown_drive(
     codes[0] += np.frombuffer(correction, np.uint8)
     codes[1] = np.minimum(codes[1], known.amplitude_ceiling)
     free = found.free_phases(model, asked.count)
-    steps = int(isinstance(found.message, Points))
+    steps = int(isinstance(found.message, m.Points))
     return ShownDrive(codes, free, steps, found.clause, found.path, tuple(clauses))
 
 
 def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
     """Return when an event came before which one is missing on the captured line, or damaged."""
-    events = [frame for frame in dialogue.to_host if frame.header.type in EVENT_RANGE]
+    events = [frame for frame in dialogue.to_host if frame.header.type in m.EVENT_RANGE]
     missing = [
         after.begin
         for before, after in pairwise(events)
@@ -236,10 +222,10 @@ def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[tuple[float, flo
     found += dialogue.unread_to_board  # it may have been one of them
     asked: list[tuple[float, float]] = []
     if dialogue.missing == "to_board":
-        kinds = {kind + RESPONSE_OFFSET for kind in _OF_OUTPUT}
+        kinds = {kind + m.RESPONSE_OFFSET for kind in _OF_OUTPUT}
         answers = (f for f in dialogue.to_host if f.header.type in kinds)
         asked = [(dialogue.answered_before(f.begin), f.begin) for f in answers]
-    for frame, changed in dialogue.said(StateChanged):  # by a fault, which no request brings
+    for frame, changed in dialogue.said(m.StateChanged):  # by a fault, which no request brings
         moment = dialogue.told(frame)
         if changed.state is not OutputState.ARMED and moment is not None:
             found += [moment - _BEFORE_WORD_MS * dialogue.record.carrier_hz * 1e-3, moment]

@@ -49,23 +49,18 @@ class Access(Protocol):
     @property
     def raise_fault(self) -> Callable[[], None] | None:
         """Function that lets the hardware of the board fail; None: nothing can."""
-        ...
 
     def open(self) -> Transport:
         """Open the port; :class:`HaptogramError` if the port does not open."""
-        ...
 
     def reset(self) -> Transport:
         """Restart the board and open its port; the caller has closed the old one."""
-        ...
 
     def last_words(self) -> str:
         """Return the end of the program of the board, with its last words; empty if it runs."""
-        ...
 
     def close(self) -> None:
         """End the processes that :meth:`open` started."""
-        ...
 
 
 class VirtualAccess:

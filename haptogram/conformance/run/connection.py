@@ -9,7 +9,7 @@ from typing import Final
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
-from haptogram_protocol.messages import HelloReply
+from haptogram_protocol import messages as m
 
 from ..client.board_client import BoardClient
 from ..client.introduction import (
@@ -202,7 +202,7 @@ class SuiteConnection:
         try:
             for _ in range(_GREETINGS):
                 reply = introduce_to_board(self.board)
-                if isinstance(reply, HelloReply):
+                if isinstance(reply, m.HelloReply):
                     self.device = describe_introduced_board(reply)
                     return True
                 if is_introduced_version_error(reply):

@@ -12,7 +12,7 @@ from typing import Final, Self, TypeAlias
 
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
 from haptogram.records.frame import Evidence
-from haptogram_protocol.messages import Feature, StateChanged
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason
 
 from ..case import Case, Depth
@@ -321,14 +321,14 @@ class SuiteRunner:
 
         Empty: none did.  A lease does so only at a wall clock, as every frame renews it.
         """
-        reasons = {event.reason for _, event in board.link.events(StateChanged, 0)}
+        reasons = {event.reason for _, event in board.link.events(m.StateChanged, 0)}
         timers = {MuteReason.HOLD_EXPIRED: "hold"}
         if not self._access.virtual:
             timers[MuteReason.HOST_SILENT] = "lease"
         told = str(ended).partition(" (meanwhile")[0]
         ends = (timers[one] for one in timers if one in reasons and one.name not in told)
         timer = next(ends, "")
-        return "" if not timer or board.has(Feature.CONFIG) else timer
+        return "" if not timer or board.has(m.Feature.CONFIG) else timer
 
     def _ended_by_timer(
         self, board: BoardClient, timer: str, ended: CaseEndedError
@@ -344,7 +344,7 @@ class SuiteRunner:
 
     def _found_meanwhile(self, board: BoardClient, ended: CaseEndedError) -> str:
         """Return in words what the frames of a case show that its own finding does not tell."""
-        events = [event for _, event in board.link.events(StateChanged, 0)]
+        events = [event for _, event in board.link.events(m.StateChanged, 0)]
         told = {event.reason.name: f"{event.state.name}, {event.reason.name}" for event in events}
         told.pop(MuteReason.MUTE.name, None)  # which the host asked for
         new = [text for name, text in told.items() if name not in str(ended)]

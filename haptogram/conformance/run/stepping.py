@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from haptogram.driver.line.port import Transport
+from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
-from haptogram_protocol.messages import Mute
 
 from ..explore.stepped_process import LockstepProcess
 
@@ -150,9 +150,9 @@ def _draw_of_steps(data: bytes) -> bool:
 
 def _is_mute_in_steps(piece: bytes) -> bool:
     """Return whether the bytes between two delimiters are those of a MUTE."""
-    if piece[1:2] != bytes([Mute.TYPE]) or len(piece) > MAX_ENCODED_BYTES:
+    if piece[1:2] != bytes([m.Mute.TYPE]) or len(piece) > MAX_ENCODED_BYTES:
         return False
     try:
-        return decode_frame(piece)[0] == Mute.TYPE
+        return decode_frame(piece)[0] == m.Mute.TYPE
     except RemoteProtocolError:
         return False

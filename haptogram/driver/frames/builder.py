@@ -32,14 +32,7 @@ from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
 from haptogram.settings.arguments import check_argument_kind, check_choice
-from haptogram_protocol.messages import (
-    Drives,
-    Feature,
-    FocalPoint,
-    HelloReply,
-    Phases,
-    Points,
-)
+from haptogram_protocol import messages
 
 _U16: Final = 65_535
 _TURN: Final = 65_536
@@ -63,7 +56,7 @@ class FrameBuilder:
         If the board has another number of transducers.
     """
 
-    def __init__(self, model: AcousticModel, identity: HelloReply) -> None:
+    def __init__(self, model: AcousticModel, identity: messages.HelloReply) -> None:
         check_argument_kind("model", model, AcousticModel, "an AcousticModel")
         if model.array.count != identity.transducers:
             raise ConfigurationError(
@@ -72,7 +65,7 @@ class FrameBuilder:
         self._model = model
         self._identity = identity
         self._geometry_hash = model.array.digest()
-        self._graded = bool(identity.features & Feature.AMPLITUDE)
+        self._graded = bool(identity.features & messages.Feature.AMPLITUDE)
 
     def frames_of(
         self, targets: Targets | Sequence[Frame], mode: Mode | None, solver: Method | None
@@ -173,7 +166,7 @@ class FrameBuilder:
             Frame(
                 group,
                 Drive(row, full),
-                Phases(row.tobytes()),
+                messages.Phases(row.tobytes()),
                 self._geometry_hash,
                 solver,
             )
@@ -183,7 +176,7 @@ class FrameBuilder:
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
         drive = Drive.from_weights(frame_weights(self._model, foci, solver), REGISTER_BITS)
         data = drive.phase_codes.tobytes() + drive.amplitude_codes.tobytes()
-        message = Drives(data)
+        message = messages.Drives(data)
         return Frame(foci, drive, message, self._geometry_hash, solver)
 
     def _points(self, foci: tuple[Focus, ...]) -> Frame:
@@ -194,7 +187,7 @@ class FrameBuilder:
         drive = Drive.from_weights(frame_weights(model, rounded, "naive"), REGISTER_BITS)
         if not self._graded:  # HG-5.4/2
             drive = Drive(drive.phase_codes, np.full_like(drive.amplitude_codes, FULL_AMPLITUDE))
-        message = Points(points)
+        message = messages.Points(points)
         return Frame(rounded, drive, message, self._geometry_hash, sound_speed_mm_s=speed_mm_s)
 
 
@@ -268,12 +261,14 @@ def _check_frame_solver(solver: Method, mode: Mode) -> None:
         )
 
 
-def _frame_focus_on_wire(focus: Focus) -> FocalPoint:
+def _frame_focus_on_wire(focus: Focus) -> messages.FocalPoint:
     x_um, y_um, z_um = (round(value * 1e6) for value in focus.position_m)
     turns = math.floor(focus.phase_rad / math.tau * _TURN + 0.5)
-    return FocalPoint(x_um, y_um, z_um, math.floor(focus.amplitude * _U16 + 0.5), turns % _TURN)
+    return messages.FocalPoint(
+        x_um, y_um, z_um, math.floor(focus.amplitude * _U16 + 0.5), turns % _TURN
+    )
 
 
-def _frame_focus_from_wire(point: FocalPoint) -> Focus:
+def _frame_focus_from_wire(point: messages.FocalPoint) -> Focus:
     position_m = (point.x_um / 1e6, point.y_um / 1e6, point.z_um / 1e6)
     return Focus(position_m, point.amplitude / _U16, point.phase / _TURN * math.tau)

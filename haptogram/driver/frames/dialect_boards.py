@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole, shown_argument
 from haptogram_protocol.dialects.codec import Dialect, Display
@@ -72,11 +72,11 @@ def assumed_dialect_frames_model(dialect: Dialect, medium: Medium | None = None)
     ConfigurationError
         If nobody here knows their array.
     """
-    if dialect.name not in LAYOUT_OF_DIALECT:
+    if dialect.layout not in LAYOUTS:
         raise ConfigurationError(
             f"model is None, and the array of dialect {dialect.name} is not known here: give one"
         )
-    array = LAYOUT_OF_DIALECT[dialect.name].array()
+    array = LAYOUTS[dialect.layout].array()
     return AcousticModel(array, medium or Medium.air(), Transducer())
 
 

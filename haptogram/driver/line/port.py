@@ -47,11 +47,9 @@ class Transport(Protocol):
     @property
     def url(self) -> str:
         """URL by which the port was opened."""
-        ...
 
     def now_ns(self) -> int:
         """Return the time on the clock of this port: monotonic, nanoseconds."""
-        ...
 
     def read_available(self, deadline_ns: int) -> bytes:
         """Return received bytes as soon as there are any, ``b""`` at the deadline.
@@ -61,7 +59,6 @@ class Transport(Protocol):
         LinkLostError
             If the port is gone.
         """
-        ...
 
     def write_some(self, data: bytes) -> int:
         """Hand over as many bytes as the port takes at once; return how many these were.
@@ -71,11 +68,9 @@ class Transport(Protocol):
         LinkLostError
             If the port is gone.
         """
-        ...
 
     def close(self) -> None:
         """Close the port; never raises."""
-        ...
 
 
 def check_port(port: object, baudrate: int, timeout_s: float) -> None:

@@ -10,16 +10,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+import numpy as np
+
 from haptogram.acoustics import Drive
 from haptogram.acoustics.model.drive import saturated_weights
 from haptogram.evidence.backdoor import observations_of_backdoor, observations_on_clock_of
 from haptogram.evidence.dialects.pulse_records import pulse_observation_of
 from haptogram.records.frame import Evidence, Intended, Observation
-from haptogram.settings.dialects import OWN_DIALECT
 from haptogram.verification.unnumbered import UnnumberedLatch, observations_of_unnumbered
-from haptogram.verification.watch.latch import OWN_CAUSES
+from haptogram.verification.watch.latch import OWN_CAUSES, UPLOAD
+from haptogram_protocol.dialects.looks_like import HAPTOGRAM
 
 _PULSES: Final = "pulses"
+_LEAST_LOSS: Final = 0.01
 
 
 def dialect_run_observations(
@@ -33,7 +36,7 @@ def dialect_run_observations(
 
 def are_records_of_another_dialect(records: Sequence[Mapping[str, Any]]) -> bool:
     """Return True if the records of a back door are those of another board than Haptogram's."""
-    return bool(records) and records[0].get("dialect", OWN_DIALECT) != OWN_DIALECT
+    return bool(records) and records[0].get("dialect", HAPTOGRAM) != HAPTOGRAM
 
 
 def evidence_of_records(records: Sequence[Mapping[str, Any]]) -> Evidence:
@@ -47,6 +50,30 @@ def has_dialect_latched_all(
 ) -> bool:
     """Return True if the records of another board hold a latch for each frame."""
     return len(_dialect_latches_of_run(records)) >= len(intended)
+
+
+def upload_loss_text(records: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return what a board radiates less while bytes arrive; None: nothing less, or nobody saw it.
+
+    Frames are judged as they are latched, between the bytes.
+    """
+    channels = [int(channel) for channel in records[0].get("channels", ())] if records else []
+    pulses = [record for record in records if record["kind"] == _PULSES]
+    if not any(record["cause"] == UPLOAD for record in pulses):
+        return None
+    times_us = np.array([record["t_latch_us"] for record in pulses])
+    levels = []
+    for record in pulses:
+        seen = pulse_observation_of(record, channels)
+        full = np.abs(seen.pulses.weights()[channels]).max(initial=0.0)
+        levels.append(np.abs(seen.weights).max(initial=0.0) / full if full else 1.0)
+    low = np.array(levels[:-1]) < 1.0 - _LEAST_LOSS
+    share = np.diff(times_us)[low].sum() / max(times_us[-1] - times_us[0], 1)
+    least = min(levels)
+    return (
+        f"while bytes arrive: {20.0 * np.log10(least):.1f} dB ({least:.2f} of every pressure), for "
+        f"{100.0 * share:.0f} % of the time; frames are judged as they are latched"
+    )
 
 
 def _dialect_latches_of_run(records: Sequence[Mapping[str, Any]]) -> list[UnnumberedLatch]:

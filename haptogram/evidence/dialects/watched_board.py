@@ -16,9 +16,9 @@ from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_ob
 from haptogram.records.frame import Evidence
 from haptogram.verification.watch import SeenLatch
 from haptogram.verification.watch.latch import MODULATED
+from haptogram_protocol.dialects.looks_like import HAPTOGRAM
 from haptogram_protocol.dialects.table import DIALECTS
 
-_OWN_DIALECT: Final = "haptogram"
 _OWN_STEPS: Final = 256
 
 
@@ -61,7 +61,7 @@ class WatchedBoard:
         if record.get("kind") != "board":
             raise ConfigurationError("the first record of a back door must be of the kind board")
         self.model = board_model_of_evidence(record)
-        self.dialect = str(record.get("dialect", _OWN_DIALECT))
+        self.dialect = str(record.get("dialect", HAPTOGRAM))
         self._channels = [int(channel) for channel in record.get("channels", ())]
         self.channels = self._channels_of_a_board(record)
         self._steps = record.get("steps")

@@ -13,24 +13,18 @@ from typing import Any, BinaryIO, Final
 from haptogram.errors import ConfigurationError, unreadable_file
 from haptogram.records.latch import LatchRecord
 
-from .channels import (
-    BOARD,
-    FAULTS,
-    LATCH,
-    MAGIC,
-    METADATA,
-    OUTPUT,
-    PROFILE,
-    PULSES,
-    RUN,
-    TO_BOARD,
-    VERSION,
-)
+from . import channels
 from .writer import check_recordings
 
 _LARGEST_RECORD: Final = 1 << 28
 _VERSION_DIGITS: Final = 9
-_BACK_DOOR: Final = (BOARD, LATCH, PULSES, OUTPUT, FAULTS)
+_BACK_DOOR: Final = (
+    channels.BOARD,
+    channels.LATCH,
+    channels.PULSES,
+    channels.OUTPUT,
+    channels.FAULTS,
+)
 
 
 class _Fields(dict[str, Any]):
@@ -174,7 +168,7 @@ class Recording:
     def first_bytes(self, count: int) -> bytes:
         """Return the first *count* bytes that the host sent, by which a wire is known."""
         first = b""
-        for entry in self.entries((TO_BOARD,)):
+        for entry in self.entries((channels.TO_BOARD,)):
             first += entry.data
             if len(first) >= count:
                 break
@@ -182,7 +176,7 @@ class Recording:
 
     def latches(self) -> Iterator[LatchRecord]:
         """Yield the latches."""
-        return (entry.latch for entry in self.entries((LATCH,)))
+        return (entry.latch for entry in self.entries((channels.LATCH,)))
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield the records of the back door, as docs/backdoor.md describes them."""
@@ -199,7 +193,7 @@ class Recording:
     @property
     def board(self) -> dict[str, Any] | None:
         """The first record of the back door; None: the recording has none."""
-        return next((entry.fields for entry in self.entries((BOARD,))), None)
+        return next((entry.fields for entry in self.entries((channels.BOARD,))), None)
 
     # --- the file ------------------------------------------------------------------------------
 
@@ -212,26 +206,26 @@ class Recording:
             if isinstance(record, Metadata):
                 break
         header = seen[0] if seen else None
-        if isinstance(header, Header) and header.profile != PROFILE:
+        if isinstance(header, Header) and header.profile != channels.PROFILE:
             profile = header.profile or "none"
             raise ConfigurationError(
                 f"{self.path}: an MCAP file of another program (profile {profile}), no recording"
             )
         last = seen[-1] if seen else None
-        if not isinstance(last, Metadata) or last.name != METADATA:
+        if not isinstance(last, Metadata) or last.name != channels.METADATA:
             raise ConfigurationError(f"{self.path}: the recording was cut off before its beginning")
         self.library = last.metadata.get("library", "")
         self._check_version(last.metadata.get("version", ""), self.library)
-        self.run = next((entry.fields for entry in self.entries((RUN,))), {})
+        self.run = next((entry.fields for entry in self.entries((channels.RUN,))), {})
 
     def _check_version(self, text: str, library: str) -> None:
         shown, library = text[:_VERSION_DIGITS], library or "an unknown one"
-        if text != str(VERSION):
-            is_old = text.isdecimal() and shown == text and int(text) < VERSION
+        if text != str(channels.VERSION):
+            is_old = text.isdecimal() and shown == text and int(text) < channels.VERSION
             remedy = "record the run again, or use that program" if is_old else "update haptogram"
             raise ConfigurationError(
                 f"{self.path}: recording of version {shown or '?'}, by {library}"
-                f"; this version of haptogram reads {VERSION}: {remedy}"
+                f"; this version of haptogram reads {channels.VERSION}: {remedy}"
             )
 
     def raw_records(self) -> Iterator[Any]:
@@ -306,11 +300,11 @@ def _opened_recording(path: Path) -> BinaryIO:
     """Open a file that begins as a recording does."""
     try:
         file = path.open("rb")
-        begin = file.read(len(MAGIC))
+        begin = file.read(len(channels.MAGIC))
         file.seek(0)
     except OSError as error:
         raise unreadable_file(path, error, "recording") from error
-    if begin == MAGIC:
+    if begin == channels.MAGIC:
         return file
     file.close()
     why = "is empty" if not begin else "is no recording: it does not begin as an MCAP file does"

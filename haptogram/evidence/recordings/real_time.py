@@ -12,24 +12,12 @@ from typing import Final
 
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.errors import ConfigurationError, LinkError, NoAnswerError
+from haptogram_protocol import messages
 from haptogram_protocol.annotation.frames import Annotated, FrameAnnotator
+from haptogram_protocol.cobs import cobs_encode
 from haptogram_protocol.dialects.looks_like import HAPTOGRAM, LOOKED_AT_BYTES, looks_like_dialect
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import (
-    DELIMITER,
-    MAX_ENCODED_BYTES,
-    cobs_encode,
-    decode_frame,
-    encode_frame,
-)
-from haptogram_protocol.messages import (
-    STREAM_RANGE,
-    Flag,
-    Header,
-    HelloReply,
-    MessageType,
-    Mute,
-)
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame, encode_frame
 
 from .channels import TO_BOARD, TO_HOST
 from .compare import RECORDED, REPLAYED, ReplayComparison
@@ -81,14 +69,14 @@ class ReplayFrameShifter:
             body = decode_frame(piece)
         except RemoteProtocolError:
             return piece
-        header = Header.unpack(body[: Header.LAYOUT.size])
-        timed = header.type in STREAM_RANGE or header.type == MessageType.PLAY
-        if not timed or header.flags & Flag.IMMEDIATE:
+        header = messages.Header.unpack(body[: messages.Header.LAYOUT.size])
+        timed = header.type in messages.STREAM_RANGE or header.type == messages.MessageType.PLAY
+        if not timed or header.flags & messages.Flag.IMMEDIATE:
             return piece
         if self.shift_us is None:
             raise NoAnswerError("the board has not answered before the first frame with a time")
         moved = replace(header, time_us=(header.time_us + self.shift_us) % _WRAP)
-        wire = encode_frame(moved.pack() + body[Header.LAYOUT.size :], cobs_encode)
+        wire = encode_frame(moved.pack() + body[messages.Header.LAYOUT.size :], cobs_encode)
         return wire.removeprefix(DELIMITER).removesuffix(DELIMITER)
 
 
@@ -120,7 +108,7 @@ def replay_to_port(recording: Recording, url: str, *, baudrate: int) -> ReplayRe
 
 
 class _RecordingPlayer:
-    def __init__(self, port: Transport, hello: HelloReply | None) -> None:
+    def __init__(self, port: Transport, hello: messages.HelloReply | None) -> None:
         self.comparison = ReplayComparison(exact=False)
         self.to_board = self.to_host = 0
         self._port, self._hello = port, hello
@@ -152,8 +140,8 @@ class _RecordingPlayer:
         """Leave the board mute, whatever the recording ends with; another wire has no MUTE."""
         if not self._is_ours:
             return
-        header = Header(MessageType.MUTE, 0, 0xFFFF, 0, 0)
-        self._send(encode_frame(header.pack() + Mute().pack()))
+        header = messages.Header(messages.MessageType.MUTE, 0, 0xFFFF, 0, 0)
+        self._send(encode_frame(header.pack() + messages.Mute().pack()))
 
     def _wait_for_clock(self) -> None:
         """Wait for the board's first reply where the recording has one."""
@@ -180,10 +168,10 @@ class _RecordingPlayer:
         if len(self._first_us) == 2:
             shift_us = self._first_us[REPLAYED] - self._first_us[RECORDED]
             self._shifter.shift_us = shift_us % _WRAP
-        if side == REPLAYED and isinstance(piece.message, HelloReply):
+        if side == REPLAYED and isinstance(piece.message, messages.HelloReply):
             self._check_array(piece.message)
 
-    def _check_array(self, hello: HelloReply) -> None:
+    def _check_array(self, hello: messages.HelloReply) -> None:
         before = self._hello
         if before is not None and before.transducers != hello.transducers:
             raise ConfigurationError(

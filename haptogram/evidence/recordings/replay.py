@@ -13,14 +13,8 @@ from typing import Any, Final, Protocol
 
 from haptogram.errors import ConfigurationError
 from haptogram.records.latch import LatchRecord
+from haptogram_protocol import messages
 from haptogram_protocol.annotation.frames import FrameAnnotator
-from haptogram_protocol.messages import (
-    STREAM_RANGE,
-    Flag,
-    Header,
-    HelloReply,
-    signed_difference,
-)
 
 from .channels import LATCH, LINK, OUTPUT, PULSES, TO_BOARD, TO_HOST
 from .compare import RECORDED, REPLAYED, ReplayComparison
@@ -40,27 +34,21 @@ class RecordingReplayBoard(Protocol):
     @property
     def boot_us(self) -> int:
         """Device time of the power-up."""
-        ...
 
     def write(self, t_ns: int, data: bytes, waited_ns: int) -> None:
         """Give the board bytes at *t_ns*, which may have waited for it."""
-        ...
 
     def read(self, t_ns: int) -> bytes:
         """Return the bytes that have come from the board up to *t_ns*."""
-        ...
 
     def unplug(self, t_ns: int) -> None:
         """Lose what is on the line: the host has closed the port."""
-        ...
 
     def raise_hardware_fault(self, t_ns: int) -> None:
         """Let the hardware of the board fail."""
-        ...
 
     def take_records(self) -> list[LatchRecord | Mapping[str, Any]]:
         """Return latches and other records of the back door since the last call."""
-        ...
 
 
 class MakeReplayBoard(Protocol):
@@ -68,7 +56,6 @@ class MakeReplayBoard(Protocol):
 
     def __call__(self, options: Mapping[str, Any], *, paced: bool) -> RecordingReplayBoard:
         """Return the board with these options."""
-        ...
 
 
 @dataclass(frozen=True, eq=False, slots=True)  # eq: a board may be opened twice in the same way
@@ -102,7 +89,7 @@ class LineFacts:
     first_ns: int | None = None
     device_us: int | None = None
     offset_ns: int | None = None
-    hello: HelloReply | None = None
+    hello: messages.HelloReply | None = None
     immediate: set[int] = field(default_factory=set)
 
 
@@ -224,23 +211,25 @@ def _facts_of_recording(entries: Iterator[RecordingEntry]) -> LineFacts:
         for piece in annotators[entry.topic].feed(entry.data):
             if piece.header is not None and entry.topic == TO_HOST:
                 _note_recorded_reply(facts, entry.t_ns, piece.header)
-                if isinstance(piece.message, HelloReply) and facts.hello is None:
+                if isinstance(piece.message, messages.HelloReply) and facts.hello is None:
                     facts.hello = piece.message
             elif piece.header is not None and _is_recorded_immediate(piece.header):
                 facts.immediate.add(piece.header.seq)
     return facts
 
 
-def _is_recorded_immediate(header: Header) -> bool:
-    return header.type in STREAM_RANGE and bool(header.flags & Flag.IMMEDIATE)
+def _is_recorded_immediate(header: messages.Header) -> bool:
+    return header.type in messages.STREAM_RANGE and bool(header.flags & messages.Flag.IMMEDIATE)
 
 
-def _note_recorded_reply(facts: LineFacts, t_ns: int, header: Header) -> None:
+def _note_recorded_reply(facts: LineFacts, t_ns: int, header: messages.Header) -> None:
     if facts.first_ns is None or facts.device_us is None or facts.offset_ns is None:
         facts.first_ns, facts.device_us = t_ns, header.time_us
         facts.offset_ns = t_ns - header.time_us * 1000
         return
-    device_us = facts.device_us + signed_difference(header.time_us, facts.device_us % _WRAP, 32)
+    device_us = facts.device_us + messages.signed_difference(
+        header.time_us, facts.device_us % _WRAP, 32
+    )
     facts.device_us = max(facts.device_us, device_us)
     facts.offset_ns = min(facts.offset_ns, t_ns - device_us * 1000)
 

@@ -10,21 +10,9 @@ import numpy as np
 from haptogram.acoustics import AcousticModel, Drive, Medium, TransducerArray
 from haptogram.driver.identity import array_of_geometry, model_of_identity
 from haptogram.records.frame import FrameKey
+from haptogram_protocol import messages
 from haptogram_protocol.annotation.frames import FrameAnnotator
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    STREAM_RANGE,
-    Element,
-    Flag,
-    GeometryReply,
-    Hello,
-    HelloReply,
-    Message,
-    Points,
-    drive_codes,
-    unwrap,
-)
 
 from .channels import TO_BOARD, TO_HOST
 from .reader import Recording
@@ -57,13 +45,13 @@ def model_of_recorded_answers(recording: Recording) -> AcousticModel | None:
 
     The temperature of the air is that of the recorded command, else 20 C.
     """
-    identity, elements = None, dict[int, Element]()
+    identity, elements = None, dict[int, messages.Element]()
     annotator = FrameAnnotator()
     for entry in recording.entries((TO_HOST,)):
         for piece in annotator.feed(entry.data):
-            if isinstance(piece.message, HelloReply) and identity is None:
+            if isinstance(piece.message, messages.HelloReply) and identity is None:
                 identity = piece.message
-            elif isinstance(piece.message, GeometryReply):
+            elif isinstance(piece.message, messages.GeometryReply):
                 reply = piece.message
                 elements.update(enumerate(reply.elements, reply.first))
     array = None if identity is None else _array_of_recorded_frames(identity, elements)
@@ -75,7 +63,7 @@ def model_of_recorded_answers(recording: Recording) -> AcousticModel | None:
 
 
 def _array_of_recorded_frames(
-    identity: HelloReply, elements: dict[int, Element]
+    identity: messages.HelloReply, elements: dict[int, messages.Element]
 ) -> TransducerArray | None:
     """Return the array whose hash the board named: its grid, or what it told of its elements."""
     found = []
@@ -94,7 +82,7 @@ def recorded_sessions(recording: Recording) -> set[int]:
         piece.message.nonce
         for entry in recording.entries((TO_BOARD,))
         for piece in annotator.feed(entry.data)
-        if isinstance(piece.message, Hello)
+        if isinstance(piece.message, messages.Hello)
     }
 
 
@@ -106,14 +94,16 @@ def recorded_sent_frames(recording: Recording, count: int) -> Iterator[SentFrame
     for entry in recording.entries((TO_BOARD,)):
         for piece in annotator.feed(entry.data):
             header, message = piece.header, piece.message
-            if header is None or message is None or header.type not in STREAM_RANGE:
+            if header is None or message is None or header.type not in messages.STREAM_RANGE:
                 continue
-            index = unwrap(header.seq, newest.get(header.session, FIRST_STREAM_SEQ), 16)
+            index = messages.unwrap(
+                header.seq, newest.get(header.session, messages.FIRST_STREAM_SEQ), 16
+            )
             newest[header.session] = index
             due_us = None
-            if not header.flags & Flag.IMMEDIATE:
+            if not header.flags & messages.Flag.IMMEDIATE:
                 near_us = header.time_us if time_us is None else time_us
-                due_us = time_us = unwrap(header.time_us, near_us, 32)
+                due_us = time_us = messages.unwrap(header.time_us, near_us, 32)
             yield SentFrame(
                 key=FrameKey.of_stream(header.session, index),
                 due_us=due_us,
@@ -122,9 +112,9 @@ def recorded_sent_frames(recording: Recording, count: int) -> Iterator[SentFrame
             )
 
 
-def _drive_of_recorded_frame(message: Message, count: int) -> Drive | None:
+def _drive_of_recorded_frame(message: messages.Message, count: int) -> Drive | None:
     try:
-        codes = drive_codes(message, count)
+        codes = messages.drive_codes(message, count)
     except RemoteProtocolError:  # the board refuses it
         return None
     if codes is None or len(codes[0]) != count:
@@ -133,8 +123,8 @@ def _drive_of_recorded_frame(message: Message, count: int) -> Drive | None:
     return Drive(phases, amplitudes)
 
 
-def _focus_of_recorded_frame_m(message: Message) -> tuple[float, float, float] | None:
-    if not isinstance(message, Points):
+def _focus_of_recorded_frame_m(message: messages.Message) -> tuple[float, float, float] | None:
+    if not isinstance(message, messages.Points):
         return None
     first = message.points[0]
     return first.x_um / 1e6, first.y_um / 1e6, first.z_um / 1e6

@@ -21,27 +21,7 @@ from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.machine.interrupts import DelayedInterrupts
 from haptogram.records.latch import LatchRecord
 
-from .channels import (
-    ARRAY,
-    BOARD,
-    CHANNELS,
-    FAULTS,
-    FOCUS,
-    FRAME,
-    LATCH,
-    LINK,
-    LOG,
-    METADATA,
-    MODEL,
-    OUTPUT,
-    PROFILE,
-    PULSES,
-    RUN,
-    TO_BOARD,
-    TO_HOST,
-    VERDICT,
-    VERSION,
-)
+from . import channels
 from .clock import RecordingClock
 from .scene import (
     INFO,
@@ -55,11 +35,11 @@ _FLUSH_NS: Final = 50_000_000  # 50 frames at 1 kHz: what a killed run can lose
 _CHUNK: Final = 256 * 1024
 _BATCH: Final = 8  # entries that are encoded at a time
 _RECORDS: Final = {
-    "board": BOARD,
-    "latch": LATCH,
-    "output": OUTPUT,
-    "pulses": PULSES,
-    "end": FAULTS,
+    "board": channels.BOARD,
+    "latch": channels.LATCH,
+    "output": channels.OUTPUT,
+    "pulses": channels.PULSES,
+    "end": channels.FAULTS,
 }
 _TIMES: Final = ("t_us", "t_latch_us")
 _SAID: Final = ("kind", "event", *_TIMES)
@@ -82,10 +62,10 @@ def check_recordings() -> None:
 
 def begin_recording(writer: Any, library: str) -> dict[str, int]:
     """Write the head of a recording by *library*; return the numbers of its channels by topic."""
-    writer.start(profile=PROFILE, library=library)
-    writer.add_metadata(METADATA, {"version": str(VERSION), "library": library})
+    writer.start(profile=channels.PROFILE, library=library)
+    writer.add_metadata(channels.METADATA, {"version": str(channels.VERSION), "library": library})
     ids = {}
-    for channel in CHANNELS.values():
+    for channel in channels.CHANNELS.values():
         schema = writer.register_schema(channel.schema_name, "jsonschema", channel.schema)
         metadata = {"clock": channel.clock, "meaning": channel.meaning}
         ids[channel.topic] = writer.register_channel(channel.topic, "json", schema, metadata)
@@ -147,7 +127,7 @@ class RecordingWriter(ClosedByWith):
         self._ids = begin_recording(self._writer, f"haptogram {haptogram.__version__}")
         versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
         run = {"command": command, "configuration": configuration, "versions": versions}
-        self._waiting.append((RUN, 0, _encoded_recording_fields(run), 0))
+        self._waiting.append((channels.RUN, 0, _encoded_recording_fields(run), 0))
         self._encode()
         self._writer.flush()
 
@@ -155,13 +135,15 @@ class RecordingWriter(ClosedByWith):
 
     def to_board(self, t_ns: int, data: bytes, waited_ns: int = 0) -> None:
         """Write bytes that the port took from the host, which may have waited for *waited_ns*."""
-        self._take(TO_BOARD, t_ns, _encoded_recording_bytes(data), max(0, t_ns - waited_ns))
+        self._take(
+            channels.TO_BOARD, t_ns, _encoded_recording_bytes(data), max(0, t_ns - waited_ns)
+        )
         self._flush_when_due(t_ns)
 
     def to_host(self, t_ns: int, data: bytes) -> None:
         """Write bytes that the host read."""
         self._clock.hear(t_ns, data)
-        self._take(TO_HOST, t_ns, _encoded_recording_bytes(data), t_ns)
+        self._take(channels.TO_HOST, t_ns, _encoded_recording_bytes(data), t_ns)
         self._flush_when_due(t_ns)
 
     def latch(self, latch: LatchRecord) -> None:
@@ -170,13 +152,17 @@ class RecordingWriter(ClosedByWith):
 
     def document(self, topic: str, t_ns: int, fields: Mapping[str, Any]) -> None:
         """Write *fields* at a time of the host; a line that begins has a clock of its own."""
-        if topic == LINK and fields["event"] in ("opened", "excerpt"):
+        if topic == channels.LINK and fields["event"] in ("opened", "excerpt"):
             self._clock = RecordingClock(t_ns, fields.get("boot_ns"))
             self._is_array_drawn = False
         self._take(topic, t_ns, _encoded_recording_fields(fields), t_ns)
-        if topic == LINK:
+        if topic == channels.LINK:
             self.log(t_ns, f"line: {fields['event']}")
-        elif topic in (BOARD, MODEL) and "positions_m" in fields and not self._is_array_drawn:
+        elif (
+            topic in (channels.BOARD, channels.MODEL)
+            and "positions_m" in fields
+            and not self._is_array_drawn
+        ):
             self._is_array_drawn = True
             self._draw_array(fields)
 
@@ -186,46 +172,46 @@ class RecordingWriter(ClosedByWith):
 
     def log(self, t_ns: int, message: str, level: int = INFO) -> None:
         """Write an event in words, as viewers list them."""
-        self.document(LOG, t_ns, log_of_recording(t_ns, message, level))
+        self.document(channels.LOG, t_ns, log_of_recording(t_ns, message, level))
 
     def verdict(self, t_us: int | None, fields: Mapping[str, Any]) -> None:
         """Write the verdict on a frame, and its target and focus as viewers draw them."""
         t_ns = self.host_ns(t_us)
-        self.document(VERDICT, t_ns, fields)
+        self.document(channels.VERDICT, t_ns, fields)
         scene = focus_of_recording(t_ns, fields["target_m"], fields["measured_m"])
-        self.document(FOCUS, t_ns, scene)
+        self.document(channels.FOCUS, t_ns, scene)
 
     def opened(
         self, t_ns: int, board: Mapping[str, Any] | None, boot_ns: int | None, *, paced: bool
     ) -> None:
         """Write that a line to a board begins; *board* has the options of a virtual one."""
         fields = {"event": "opened", "board": board, "boot_ns": boot_ns, "paced": int(paced)}
-        self.document(LINK, t_ns, fields)
+        self.document(channels.LINK, t_ns, fields)
 
     def departed(self, t_ns: int) -> None:
         """Write that the host closed the port: what was on the line is lost."""
-        self.document(LINK, t_ns, {"event": "departed"})
+        self.document(channels.LINK, t_ns, {"event": "departed"})
 
     def hardware_fault(self, t_ns: int) -> None:
         """Write that the hardware of the board was made to fail."""
-        self.document(LINK, t_ns, {"event": "hardware_fault"})
+        self.document(channels.LINK, t_ns, {"event": "hardware_fault"})
 
     def record(self, record: Mapping[str, Any]) -> None:
         """Write a record of the back door (docs/backdoor.md) on the channels that hold it."""
         if "boot_us" in record:
             self._clock.power_up(record["boot_us"])
-        topic = _RECORDS.get(record["kind"], OUTPUT)
+        topic = _RECORDS.get(record["kind"], channels.OUTPUT)
         t_ns = self.host_ns(next((record[name] for name in _TIMES if name in record), None))
         self.document(topic, t_ns, record)
-        if topic == OUTPUT:
+        if topic == channels.OUTPUT:
             self.log(t_ns, _recorded_event_text(record))
 
     def _draw_array(self, fields: Mapping[str, Any]) -> None:
         """Write array and axes at the beginning of the line, where a viewer begins."""
         begin_ns = self._clock.start_ns
-        self.document(FRAME, begin_ns, axes_of_recording())
+        self.document(channels.FRAME, begin_ns, axes_of_recording())
         pitch_m = fields.get("pitch_m") or _PITCH_M
-        self.document(ARRAY, begin_ns, array_of_recording(fields["positions_m"], pitch_m))
+        self.document(channels.ARRAY, begin_ns, array_of_recording(fields["positions_m"], pitch_m))
 
     def flush(self) -> None:
         """Hand everything to the operating system."""

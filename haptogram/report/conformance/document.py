@@ -10,22 +10,10 @@ from haptogram.conformance.causes import common_finding, failures_by_cause
 from haptogram.conformance.clauses import load_clauses
 from haptogram.conformance.verdict import MEANINGS, Behaviour, CaseResult, SuiteResult
 
-from ..formats.document import Check, Document, Finding, Level, Outcome, Section, Table
+from ..formats.document import TONES, Check, Document, Finding, Level, Outcome, Section, Table
 from ..formats.html import html_setting_rows
+from . import wording
 from .text import marked_transcript
-from .wording import (
-    case_counts,
-    case_finding,
-    common_finding_line,
-    conformance_chapters_of_cases,
-    conformance_chapters_of_clauses,
-    conformance_messages_of_cases,
-    evidence_text,
-    ordered_behaviours,
-    suite_board,
-    suite_counts,
-    suite_verdict,
-)
 
 _TONES: Final = {
     Behaviour.OK: "good",
@@ -37,7 +25,6 @@ _TONES: Final = {
     Behaviour.FLAKY: "bad",
     Behaviour.FAILED: "bad",
 }
-_VERDICT_TONES: Final = {"PASS": "good", "FAIL": "bad", "INCONCLUSIVE": "doubt"}
 #: Outcomes by the elements of JUnit in the table of the verdicts.
 _OUTCOMES: Final = {
     None: Outcome.PASSED,
@@ -52,18 +39,18 @@ def suite_document(suite: SuiteResult) -> Document:
 
     Its page holds every case with its requirement, verdict and bytes.
     """
-    verdict, failures = suite_verdict(suite), failures_by_cause(suite.results)
+    verdict, failures = wording.suite_verdict(suite), failures_by_cause(suite.results)
     alike = common_finding(failures)
     known = {**suite.device, **suite.settings, "cut_short": suite.cut_short}
     return Document(
         command="conform",
-        heading=f"{verdict}: {suite_counts(suite)}",
+        heading=f"{verdict}: {wording.suite_counts(suite)}",
         title=f"conformance, {verdict.lower()}",
-        tone=_VERDICT_TONES[verdict],
+        tone=TONES[verdict.lower()],
         findings=list(_case_findings(suite)),
         lead=[
-            f"board {suite_board(suite)}; exit status {suite.exit_status}",
-            *([common_finding_line(alike, len(failures))] if alike else []),
+            f"board {wording.suite_board(suite)}; exit status {suite.exit_status}",
+            *([wording.common_finding_line(alike, len(failures))] if alike else []),
             *([f"drive pins: {captured}"] if (captured := suite.settings.get("captured")) else []),
             *([f"cut short: {suite.cut_short}"] if suite.cut_short else []),
         ],
@@ -82,14 +69,14 @@ def _suite_page_content(suite: SuiteResult) -> dict[str, Any]:
         cases_of[result.clause].append(result)
     return {
         "attention": [*failures_by_cause(suite.results), *_cases_not_judged(suite)],
-        "chapters": conformance_chapters_of_cases(suite.results),
-        "messages": conformance_messages_of_cases(suite.results),
+        "chapters": wording.conformance_chapters_of_cases(suite.results),
+        "messages": wording.conformance_messages_of_cases(suite.results),
         "meanings": [(_TONES[kind], kind, meaning.text) for kind, meaning in MEANINGS.items()],
-        "counts_of": case_counts,
-        "spec": conformance_chapters_of_clauses(),
+        "counts_of": wording.case_counts,
+        "spec": wording.conformance_chapters_of_clauses(),
         "cases_of": cases_of,
         "marked_transcript": marked_transcript,
-        "evidence_text": evidence_text,
+        "evidence_text": wording.evidence_text,
         "settings": [*html_setting_rows(suite.device), *html_setting_rows(suite.settings)],
         "tone_of": _case_tone,
     }
@@ -99,7 +86,7 @@ def suite_comparison_document(suites: Sequence[SuiteResult]) -> Document:
     """Return several runs side by side: a row for each case, a column for each device."""
     columns = [{result.case: result for result in suite.results} for suite in suites]
     cases = {result.case: result.summary for suite in suites for result in suite.results}
-    names = [suite_board(suite) for suite in suites]
+    names = [wording.suite_board(suite) for suite in suites]
     failed = {result.case for suite in suites for result in suite.results if result.is_failure}
     content: Mapping[str, Any] = {
         "names": names,
@@ -107,7 +94,7 @@ def suite_comparison_document(suites: Sequence[SuiteResult]) -> Document:
             {"case": case, "what": cases[case], "results": [c.get(case) for c in columns]}
             for case in sorted(cases, key=lambda case: case not in failed)
         ],
-        "totals": list(zip(names, map(suite_counts, suites), strict=True)),
+        "totals": list(zip(names, map(wording.suite_counts, suites), strict=True)),
         "tone_of": _case_tone,
     }
     return Document(
@@ -127,7 +114,7 @@ def _case_tone(result: CaseResult) -> str:
 def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
     for result in failures_by_cause(suite.results):
         level = Level.ERROR if result.is_new_failure else Level.WARNING
-        yield Finding(level, result.case, f"{case_finding(result)}: {result.requirement}")
+        yield Finding(level, result.case, f"{wording.case_finding(result)}: {result.requirement}")
     # A board that is gone leaves many cases with one reason.
     reasons: dict[str, list[CaseResult]] = {}
     for result in _cases_not_judged(suite):
@@ -151,7 +138,7 @@ def _case_check(result: CaseResult) -> Check:
         group=result.clause.partition(".")[0],
         name=f"{result.case} {result.summary}",
         outcome=outcome,
-        message=case_finding(result),
+        message=wording.case_finding(result),
         details=[f"requirement: {result.requirement}", *result.transcript],
         kind=result.behaviour.value,
         log=result.traceback,
@@ -160,9 +147,9 @@ def _case_check(result: CaseResult) -> Check:
 
 
 def _chapter_table(suite: SuiteResult) -> Table:
-    shown = ordered_behaviours(result.behaviour for result in suite.results)
+    shown = wording.ordered_behaviours(result.behaviour for result in suite.results)
     rows = []
-    for chapter, results in conformance_chapters_of_cases(suite.results).items():
+    for chapter, results in wording.conformance_chapters_of_cases(suite.results).items():
         counts = Counter(result.behaviour for result in results)
         rows.append([chapter, *(str(counts[behaviour] or "") for behaviour in shown)])
     return Table(["", *map(str, shown)], rows)

@@ -7,17 +7,9 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from haptogram.conformance import verdict
 from haptogram.conformance.causes import CommonFinding
 from haptogram.conformance.clauses import Clause, load_clauses, read_spec_of_clauses
-from haptogram.conformance.verdict import (
-    FAIL,
-    INCONCLUSIVE_STATUS,
-    MEANINGS,
-    PASS,
-    Behaviour,
-    CaseResult,
-    SuiteResult,
-)
 from haptogram.records.frame import Evidence
 from haptogram_protocol.messages import MessageType
 
@@ -34,37 +26,37 @@ def evidence_text(evidence: Evidence) -> str:
     return f"{evidence.upper()}: {_EVIDENCE[evidence]}"
 
 
-def suite_verdict(suite: SuiteResult) -> str:
+def suite_verdict(suite: verdict.SuiteResult) -> str:
     """Return PASS, FAIL or INCONCLUSIVE."""
-    return {PASS: "PASS", FAIL: "FAIL"}.get(suite.exit_status, "INCONCLUSIVE")
+    return {verdict.PASS: "PASS", verdict.FAIL: "FAIL"}.get(suite.exit_status, "INCONCLUSIVE")
 
 
-def suite_counts(suite: SuiteResult) -> str:
+def suite_counts(suite: verdict.SuiteResult) -> str:
     """Return the number of cases, and of those with each verdict, what decides first."""
     return case_counts(suite.results)
 
 
-def case_counts(results: Sequence[CaseResult]) -> str:
+def case_counts(results: Sequence[verdict.CaseResult]) -> str:
     """Return the number of *results*, and of those with each verdict, what decides first."""
     found = Counter(result.behaviour for result in results)
     counts = ", ".join(f"{found[behaviour]} {behaviour}" for behaviour in ordered_behaviours(found))
     return f"{len(results)} case{'s' * (len(results) != 1)}: {counts}"
 
 
-def ordered_behaviours(found: Iterable[Behaviour]) -> list[Behaviour]:
+def ordered_behaviours(found: Iterable[verdict.Behaviour]) -> list[verdict.Behaviour]:
     """Return the verdicts: failures first, then those that were not judged."""
-    first = (FAIL, INCONCLUSIVE_STATUS, PASS)
-    kinds = [behaviour for behaviour in Behaviour if behaviour in set(found)]
-    return sorted(kinds, key=lambda behaviour: first.index(MEANINGS[behaviour].exit_status))
+    first = (verdict.FAIL, verdict.INCONCLUSIVE_STATUS, verdict.PASS)
+    kinds = [behaviour for behaviour in verdict.Behaviour if behaviour in set(found)]
+    return sorted(kinds, key=lambda behaviour: first.index(verdict.MEANINGS[behaviour].exit_status))
 
 
-def suite_board(suite: SuiteResult) -> str:
+def suite_board(suite: verdict.SuiteResult) -> str:
     """Return the firmware of the board and its port."""
     firmware = str(suite.device.get("firmware", "no board"))
     return f"{firmware} ({suite.settings.get('port', '')})"
 
 
-def case_finding(result: CaseResult) -> str:
+def case_finding(result: verdict.CaseResult) -> str:
     """Return verdict, evidence, reason and recovery of a case, in a line."""
     text = f"{result.behaviour} [{result.evidence.upper()}] {result.detail}".strip()
     if not result.recovers:
@@ -92,18 +84,22 @@ def conformance_chapter_titles() -> dict[str, str]:
     }
 
 
-def conformance_chapters_of_cases(results: Iterable[CaseResult]) -> dict[str, list[CaseResult]]:
+def conformance_chapters_of_cases(
+    results: Iterable[verdict.CaseResult],
+) -> dict[str, list[verdict.CaseResult]]:
     """Return the cases by the title of their chapter, in the order of SPEC.md."""
     titles = conformance_chapter_titles()
-    found: dict[str, list[CaseResult]] = {title: [] for title in titles.values()}
+    found: dict[str, list[verdict.CaseResult]] = {title: [] for title in titles.values()}
     for result in results:
         found[titles[_conformance_chapter_of_clause(result.clause)]].append(result)
     return {title: cases for title, cases in found.items() if cases}
 
 
-def conformance_messages_of_cases(results: Iterable[CaseResult]) -> dict[str, list[CaseResult]]:
+def conformance_messages_of_cases(
+    results: Iterable[verdict.CaseResult],
+) -> dict[str, list[verdict.CaseResult]]:
     """Return the cases by the messages that their clause or their experiment names."""
-    found: dict[str, list[CaseResult]] = {kind.name: [] for kind in MessageType}
+    found: dict[str, list[verdict.CaseResult]] = {kind.name: [] for kind in MessageType}
     for result in results:
         names = _MESSAGE.findall(f"{result.requirement} {result.summary}")
         for name in dict.fromkeys(names):

@@ -18,20 +18,3 @@ from haptogram.report.figures.planes import PicturePlane
 from haptogram.report.figures.quantities import QUANTITIES, figure_quantity_and_label
 from haptogram.report.figures.spectra import draw_spectrum
 from haptogram.report.figures.style import check_picture_format, encode_figure
-
-__all__ = [
-    "QUANTITIES",
-    "PictureField",
-    "PicturePlane",
-    "check_picture_format",
-    "draw_cuts",
-    "draw_isosurfaces",
-    "draw_plane_figure",
-    "draw_spectrum",
-    "encode_figure",
-    "field_on_plane",
-    "figure_quantity_and_label",
-    "isosurface_mesh",
-    "sample_picture_mean",
-    "sample_picture_plane",
-]

@@ -12,11 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, FieldEngine, TransducerArray, points_in_front
 from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates
-from haptogram.acoustics.field.reference import (
-    check_field_points,
-    points_clear_of_elements,
-    points_with_field,
-)
+from haptogram.acoustics.field import reference
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import Progress, check_choice
 
@@ -122,7 +118,7 @@ def picture_field_pressure(
 ) -> ComplexArray:
     """Return the pressure of one drive at (M, 3) points, NaN where the model has no field."""
     pressure = np.full(len(points), np.nan, dtype=np.complex128)
-    known = points_with_field(engine.model, points)
+    known = reference.points_with_field(engine.model, points)
     pressure[known] = engine.pressure(weights, points[known])
     return pressure
 
@@ -137,8 +133,8 @@ def sample_picture_points(
     points = plane.points_m()
     front = points_in_front(model, points)
     if not front.any():
-        check_field_points(model, points)  # says how far behind
-    clear = np.flatnonzero(front & points_clear_of_elements(model, points, _CLEARANCE_M))
+        reference.check_field_points(model, points)  # says how far behind
+    clear = np.flatnonzero(front & reference.points_clear_of_elements(model, points, _CLEARANCE_M))
     if not len(clear):
         raise ConfigurationError("every point of the plane is within 2 mm of an element")
     parts = []

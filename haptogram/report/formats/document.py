@@ -6,7 +6,10 @@ import base64
 import enum
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Final, TypeAlias
+
+#: Tone of a page by its verdict, or by that of a point of a sweep.
+TONES: Final = {"pass": "good", "fail": "bad", "error": "bad", "inconclusive": "doubt"}
 
 
 class Outcome(enum.StrEnum):

@@ -13,14 +13,3 @@ from .result import (
     write_run_json,
 )
 from .wording import run_faults_wording
-
-__all__ = [
-    "run_document",
-    "run_environment",
-    "run_faults_wording",
-    "run_frame_dict",
-    "run_result_dict",
-    "run_result_with_captures",
-    "write_run_frame_lines",
-    "write_run_json",
-]

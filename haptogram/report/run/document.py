@@ -9,42 +9,24 @@ from typing import Any, Final
 
 from haptogram.acoustics import AcousticModel
 from haptogram.records.frame import Observation
-from haptogram.verification import RunVerdict, Verdict
+from haptogram.verification import RunVerdict
 
 from ..figures.style import embed_picture
-from ..formats.document import (
-    Check,
-    Document,
-    Finding,
-    Level,
-    Listing,
-    Outcome,
-    PagePicture,
-    Section,
-    Table,
-)
+from ..formats import document
 from ..formats.html import html_setting_rows
 from ..viewer.frames import judged_viewer_frame
 from ..viewer.scene import ViewerScene
-from . import pictures, wording
+from . import pictures, pins, wording
 from .checks import run_checks_of_result
 from .fieldmap import RunFieldPicture, frame_field_picture, run_finite_amplitude
 from .frame_rows import run_frame_place_text, run_frame_table
-from .pins import (
-    PIN_COLUMNS,
-    run_capture_figures,
-    run_pin_elements,
-    run_pin_pictures,
-    run_result_sentence,
-)
 from .wording import NOTHING, run_figure_wording
 
 _BITS: Final = 8
-_TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
 _LEVELS: Final = {
-    Outcome.FAILED: Level.ERROR,
-    Outcome.INCONCLUSIVE: Level.ERROR,
-    Outcome.NOTED: Level.WARNING,
+    document.Outcome.FAILED: document.Level.ERROR,
+    document.Outcome.INCONCLUSIVE: document.Level.ERROR,
+    document.Outcome.NOTED: document.Level.WARNING,
 }
 #: Text, quantity and figure in the result, decimals, unit.
 _KEY_FIGURES: Final = (
@@ -76,7 +58,7 @@ def run_document(
     *,
     observations: Mapping[int, Observation] | None = None,
     seconds: float | None = None,
-) -> Document:
+) -> document.Document:
     """Return the judged *run* as a document.
 
     Parameters
@@ -93,11 +75,11 @@ def run_document(
     """
     checks = run_checks_of_result(run, result, seconds)
     effect = [] if run.effect is None else [f"the focus was {run.effect}"]
-    return Document(
+    return document.Document(
         command="verify",
-        heading=run_result_sentence(run, result),
+        heading=pins.run_result_sentence(run, result),
         title=f"{result['verdict']}, {result['frames']['sent']} frames",
-        tone=_TONES[Verdict(result["verdict"])],
+        tone=document.TONES[result["verdict"]],
         findings=list(_run_findings(checks)),
         lead=[*wording.run_summary_sentences(result), *effect],
         sections=list(_run_sections(result)),
@@ -109,16 +91,18 @@ def run_document(
     )
 
 
-def _run_findings(checks: Sequence[Check]) -> Iterator[Finding]:
+def _run_findings(checks: Sequence[document.Check]) -> Iterator[document.Finding]:
     for check in sorted(checks, key=lambda check: not check.decisive):
         if (level := _LEVELS.get(check.outcome)) is not None:
             found = "; ".join([check.message, *check.details[:1]])
-            yield Finding(level, f"{check.name}: {check.outcome}", found)
+            yield document.Finding(level, f"{check.name}: {check.outcome}", found)
 
 
-def _run_sections(result: Mapping[str, Any]) -> Iterator[Section]:
+def _run_sections(result: Mapping[str, Any]) -> Iterator[document.Section]:
     head = ("figure", "value", "unit")
-    yield Section("Key figures", [Table(head, list(_run_key_figures(result)), (1,))], folds=True)
+    yield document.Section(
+        "Key figures", [document.Table(head, list(_run_key_figures(result)), (1,))], folds=True
+    )
     if "faults" in result:
         faults, counts = result["faults"], result["faults"]["fired"]
         named = [(plan, plan.split()[0]) for plan in faults["plan"]]
@@ -127,26 +111,26 @@ def _run_sections(result: Mapping[str, Any]) -> Iterator[Section]:
             f"The seed is {faults['seed']}. The number counts all faults of a name together, as "
             f"docs/faults.md says{'; the board did not report it' if counts is None else ''}."
         )
-        table = Table(("fault", "fired"), rows, (1,))
-        yield Section("Faults on purpose", [table, Listing([note])], folds=True)
+        table = document.Table(("fault", "fired"), rows, (1,))
+        yield document.Section("Faults on purpose", [table, document.Listing([note])], folds=True)
     if sides := result["troubles"]:
         names = sorted({name for counts in sides.values() for name in counts})
         counted = [
             (name, *(str(sides.get(side, {}).get(name, 0)) for side in ("board", "host")))
             for name in names
         ]
-        table = Table(("counter (SPEC.md 9.2)", "board", "host"), counted, (1, 2))
-        yield Section("Damage on the line", [table], folds=True)
-    if elements := run_pin_elements(result.get("captures")):
-        table = Table(tuple(PIN_COLUMNS), elements, (0, 2, 3, 4, 5, 6))
-        yield Section("Elements at their pins", [table], folds=True)
+        table = document.Table(("counter (SPEC.md 9.2)", "board", "host"), counted, (1, 2))
+        yield document.Section("Damage on the line", [table], folds=True)
+    if elements := pins.run_pin_elements(result.get("captures")):
+        table = document.Table(tuple(pins.PIN_COLUMNS), elements, (0, 2, 3, 4, 5, 6))
+        yield document.Section("Elements at their pins", [table], folds=True)
     if result["warnings"]:
-        yield Section("Warnings", [Listing(result["warnings"])])
+        yield document.Section("Warnings", [document.Listing(result["warnings"])])
 
 
 def _run_key_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     if "captures" in result:
-        yield from run_capture_figures(result["captures"])
+        yield from pins.run_capture_figures(result["captures"])
     for text, name, figure, digits, unit in _KEY_FIGURES:
         value = result[name] if figure is None or result[name] is None else result[name][figure]
         if value is not None:
@@ -191,7 +175,10 @@ def _run_page_content(
         "tested": list(wording.run_tested_rows(result, model)),
         "scene": run_viewer_scene(run, model, seen).embedded() if run.frames else None,
         "focus": list(_run_focus_pictures(shown, model, result["board"].get("phase_steps"))),
-        "pictures": [*run_pin_pictures(result.get("captures")), *_run_page_pictures(run, model)],
+        "pictures": [
+            *pins.run_pin_pictures(result.get("captures")),
+            *_run_page_pictures(run, model),
+        ],
         "frames": run_frame_table(run),
         "judged": any(frame.criteria for frame in run.frames),
         "criteria": wording.CRITERIA,
@@ -218,7 +205,7 @@ def run_viewer_scene(
 
 def _run_focus_pictures(
     shown: RunFieldPicture | None, model: AcousticModel, steps: int | None
-) -> Iterator[PagePicture]:
+) -> Iterator[document.PagePicture]:
     """Yield the field of one frame, and its close-up; nothing if no frame was sent."""
     if shown is None:
         return
@@ -235,7 +222,7 @@ def _run_focus_pictures(
     )
 
 
-def _run_page_pictures(run: RunVerdict, model: AcousticModel) -> Iterator[PagePicture]:
+def _run_page_pictures(run: RunVerdict, model: AcousticModel) -> Iterator[document.PagePicture]:
     yield embed_picture(
         pictures.draw_run_foci(run, model),
         "Intended and measured foci over the array.",
@@ -260,7 +247,7 @@ def _run_page_pictures(run: RunVerdict, model: AcousticModel) -> Iterator[PagePi
         )
 
 
-def _pictures_of_errors(run: RunVerdict, model: AcousticModel) -> Iterator[PagePicture]:
+def _pictures_of_errors(run: RunVerdict, model: AcousticModel) -> Iterator[document.PagePicture]:
     yield embed_picture(
         pictures.draw_run_misses(run, model),
         "The misses over time and over the object.",

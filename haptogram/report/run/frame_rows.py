@@ -6,13 +6,7 @@ from collections.abc import Sequence
 from itertools import compress
 from typing import Any, Final
 
-from haptogram.verification import (
-    FrameStatus,
-    FrameVerdict,
-    RunVerdict,
-    verdict_consequence_text,
-    worst_frame_of,
-)
+from haptogram import verification
 
 from .series import plotted_relative_error, worst_frames_of_run
 
@@ -20,10 +14,10 @@ _LARGEST: Final = 10
 _LISTED: Final = 100  # that a person reads
 _NAMED: Final = 8  # frames that are like the one in a row
 _TONES: Final = {
-    FrameStatus.ON_TARGET: "good",
-    FrameStatus.HELD_UP: "doubt",
-    FrameStatus.NOT_VERIFIED: "doubt",
-    FrameStatus.CANCELLED: "plain",
+    verification.FrameStatus.ON_TARGET: "good",
+    verification.FrameStatus.HELD_UP: "doubt",
+    verification.FrameStatus.NOT_VERIFIED: "doubt",
+    verification.FrameStatus.CANCELLED: "plain",
 }
 
 
@@ -36,7 +30,7 @@ _MEASURES: Final = (
 )
 
 
-def run_frame_table(run: RunVerdict) -> dict[str, Any]:
+def run_frame_table(run: verification.RunVerdict) -> dict[str, Any]:
     """Return the table of the frames that a person looks at, for the template of the page.
 
     Wrong, lost and late frames, then those with the largest errors; columns that any frame has
@@ -61,14 +55,14 @@ def run_frame_table(run: RunVerdict) -> dict[str, Any]:
     }
 
 
-def run_frame_place_text(frame: FrameVerdict) -> str:
+def run_frame_place_text(frame: verification.FrameVerdict) -> str:
     """Return the target of *frame* in mm."""
     return ", ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in frame.target_m)
 
 
-def _run_frame_row(frames: Sequence[FrameVerdict]) -> dict[str, Any]:
+def _run_frame_row(frames: Sequence[verification.FrameVerdict]) -> dict[str, Any]:
     """Return a row for frames with the same thing wrong: the worst of them, and which others."""
-    frame = worst_frame_of(frames)
+    frame = verification.worst_frame_of(frames)
     others = [str(other.number) for other in frames if other is not frame]
     named = ", ".join([*others[:_NAMED], *(["..."] if len(others) > _NAMED else [])])
     failed = [name for name, passed in frame.criteria.items() if not passed]
@@ -92,11 +86,13 @@ def _run_frame_row(frames: Sequence[FrameVerdict]) -> dict[str, Any]:
             *("" if value is None else f"{value:.{digits}f}" for value, digits in errors),
         ],
         "faults": "; ".join(faults),
-        "effect": "" if frame.consequence is None else verdict_consequence_text(frame.consequence),
+        "effect": ""
+        if frame.consequence is None
+        else verification.verdict_consequence_text(frame.consequence),
     }
 
 
-def _timing_text(frame: FrameVerdict) -> str:
+def _timing_text(frame: verification.FrameVerdict) -> str:
     """Return the time by which a frame was latched early or late, if it was."""
     if frame.lateness_us is None or not (frame.late or frame.early):
         return ""

@@ -6,17 +6,10 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from haptogram import verification
 from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.model.lattice import find_lattice
 from haptogram.records.frame import Evidence
-from haptogram.verification import (
-    FrameStatus,
-    FrameVerdict,
-    Tolerance,
-    Verdict,
-    cut_run_verdict_text,
-    tolerance_text,
-)
 from haptogram.verification.frame.criteria import CRITERIA as FRAME_CRITERIA
 from haptogram.verification.pins.pin_verdict import captured_elements_text
 
@@ -33,7 +26,7 @@ def run_count_wording(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def run_frame_wording(frame: FrameVerdict) -> str:
+def run_frame_wording(frame: verification.FrameVerdict) -> str:
     """Return the verdict on a frame with its number on the wire and its time, in one line."""
     place = f"sequence {frame.key.sequence}, loop {frame.key.loop}, index {frame.key.index}"
     if frame.key.sequence == 0:
@@ -60,7 +53,9 @@ def run_faults_wording(result: Mapping[str, Any]) -> Iterator[str]:
 
 def run_host_delay_text(result: Mapping[str, Any]) -> str | None:
     """Return the number of frames that host and machine held up, by cause; None: none."""
-    held_up = [f for f in result["not_on_target"] if f["status"] == FrameStatus.HELD_UP]
+    held_up = [
+        f for f in result["not_on_target"] if f["status"] == verification.FrameStatus.HELD_UP
+    ]
     if not held_up:
         return None
     known = Counter(frame["faults"][0] for frame in held_up)
@@ -72,7 +67,7 @@ def run_host_delay_text(result: Mapping[str, Any]) -> str | None:
 
 def run_remedy_text(result: Mapping[str, Any]) -> str | None:
     """Return the remedy for a run that a busy machine left inconclusive, or None."""
-    if result["verdict"] != str(Verdict.INCONCLUSIVE) or "faults" in result:
+    if result["verdict"] != str(verification.Verdict.INCONCLUSIVE) or "faults" in result:
         return None
     is_virtual = result["configuration"].get("port", "") is None
     if run_host_delay_text(result) is None or "host" not in result:
@@ -174,7 +169,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     yield (
         f"{run_count_wording(frames['sent'], 'frame')} sent, {frames['latched']} latched, "
         f"{frames['verified']} verified, {frames['on_target']} of them on target"
-        f"{cut_run_verdict_text(frames)}"
+        f"{verification.cut_run_verdict_text(frames)}"
     )
     lateral, axial = result["lateral_error_mm"]["max"], result["axial_error_mm"]["max"]
     if lateral is not None:
@@ -194,7 +189,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _run_tolerance_sentence_end(result: Mapping[str, Any]) -> str:
-    stated = tolerance_text(Tolerance(**result["tolerance"]))
+    stated = verification.tolerance_text(verification.Tolerance(**result["tolerance"]))
     return "" if stated == "none" else f" and a tolerance of {stated}"
 
 

@@ -11,34 +11,14 @@ import numpy as np
 from haptogram.campaigns.soak.campaign import SoakCampaign
 from haptogram.campaigns.soak.tally import MEMORY_GREW, STATES, VIOLATIONS, SoakTally
 
-from ..figures.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    VERMILION,
-    embed_picture,
-    figure_legend,
-    new_figure,
-)
-from ..formats.document import (
-    Block,
-    Check,
-    Document,
-    Finding,
-    Level,
-    Outcome,
-    Picture,
-    Section,
-    Table,
-)
+from ..figures import style
+from ..formats import document
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-_TONES: Final = {"PASS": "good", "FAIL": "bad", "INCONCLUSIVE": "doubt"}
 _FAULT_HEAD: Final = ("fault", "injected", "detected", "harmless", "found as")
 _COUNTER_HEAD: Final = ("counter", "board", "explained by")
 
@@ -64,7 +44,7 @@ _TRAFFIC: Final = {
 }
 
 
-def soak_document(campaign: SoakCampaign) -> Document:
+def soak_document(campaign: SoakCampaign) -> document.Document:
     """Return the account of *campaign*: its violations, its faults, its totals."""
     sentence, tally = _soak_sentence(campaign), campaign.tally
     verdict = sentence.partition(":")[0].partition(",")[0]
@@ -72,23 +52,23 @@ def soak_document(campaign: SoakCampaign) -> Document:
     properties = {name: str(value) for name, value in setup if value is not None}
     totals = {f"totals.{name}": str(n) for name, n in sorted(tally.totals.items())}
     faults, counters = _soak_fault_rows(tally), list(_soak_counter_rows(tally))
-    return Document(
+    return document.Document(
         command="soak",
         heading=sentence,
         title=f"soak, {verdict.lower()}",
-        tone=_TONES[verdict],
+        tone=document.TONES[verdict.lower()],
         findings=list(_soak_findings(campaign)),
         lead=list(_soak_conditions(campaign)),
         sections=[
-            Section("Course", list(_soak_course_pictures(campaign))),
-            Section(
+            document.Section("Course", list(_soak_course_pictures(campaign))),
+            document.Section(
                 "Faults, and how they were found",
-                [Table(_FAULT_HEAD, faults, (1, 2, 3), (4,))] if faults else [],
+                [document.Table(_FAULT_HEAD, faults, (1, 2, 3), (4,))] if faults else [],
             ),
-            Section("Totals", [Table((), _soak_total_rows(tally), (0,))]),
-            Section(
+            document.Section("Totals", [document.Table((), _soak_total_rows(tally), (0,))]),
+            document.Section(
                 "Counters of the board, and the faults that explain them",
-                [Table(_COUNTER_HEAD, counters, (1,), (2,))] if counters else [],
+                [document.Table(_COUNTER_HEAD, counters, (1,), (2,))] if counters else [],
             ),
         ],
         checks=list(_soak_checks(campaign)),
@@ -97,19 +77,19 @@ def soak_document(campaign: SoakCampaign) -> Document:
     )
 
 
-def _soak_findings(campaign: SoakCampaign) -> Iterator[Finding]:
+def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
     for example in campaign.tally.examples:
-        yield Finding(Level.ERROR, *example.split(": ", 1))
+        yield document.Finding(document.Level.ERROR, *example.split(": ", 1))
     if not campaign.done:
-        yield Finding(Level.ERROR, "segments", _soak_sentence(campaign))
+        yield document.Finding(document.Level.ERROR, "segments", _soak_sentence(campaign))
     if MEMORY_GREW in campaign.failures:
-        yield Finding(Level.ERROR, "memory", _soak_memory(campaign))
+        yield document.Finding(document.Level.ERROR, "memory", _soak_memory(campaign))
 
 
-def _soak_course_pictures(campaign: SoakCampaign) -> Iterator[Block]:
+def _soak_course_pictures(campaign: SoakCampaign) -> Iterator[document.Block]:
     if campaign.tally.course:
-        yield Picture(
-            lambda: embed_picture(
+        yield document.Picture(
+            lambda: style.embed_picture(
                 draw_soak_course(campaign),
                 "The course of the soak.",
                 "Damaged frames are those that either end found; lost and late ones are those to "
@@ -178,32 +158,32 @@ def _soak_counter_rows(tally: SoakTally) -> Iterator[tuple[str, str, str]]:
             yield counter, str(total), causes
 
 
-def _soak_checks(campaign: SoakCampaign) -> Iterator[Check]:
+def _soak_checks(campaign: SoakCampaign) -> Iterator[document.Check]:
     for name, statement in VIOLATIONS.items():
         count = campaign.failures.get(name, 0)
         examples: list[str] = []
         if count:
-            outcome = Outcome.FAILED
+            outcome = document.Outcome.FAILED
             message = f"{name}: {count} times" if count > 1 else f"{name}: once"
             examples = [text for text in campaign.tally.examples if f", {name}: " in text]
             examples += [_soak_memory(campaign)] if name == MEMORY_GREW else []
         elif campaign.done:
-            outcome = Outcome.PASSED
+            outcome = document.Outcome.PASSED
             message = f"{name}: never, in {campaign.done_s:g} s of virtual time"
         else:
-            outcome, message = Outcome.NOT_JUDGED, "no segment came to its end"
-        yield Check("violations", statement, outcome, message, examples, name)
+            outcome, message = document.Outcome.NOT_JUDGED, "no segment came to its end"
+        yield document.Check("violations", statement, outcome, message, examples, name)
     message = f"{campaign.done} of {campaign.setup.segments} segments"
-    outcome = Outcome.PASSED if campaign.is_complete else Outcome.INCONCLUSIVE
+    outcome = document.Outcome.PASSED if campaign.is_complete else document.Outcome.INCONCLUSIVE
     statement = "the soak comes to its end"
     seconds = campaign.spent_s
-    yield Check("segments", statement, outcome, message, kind="cut short", seconds=seconds)
+    yield document.Check("segments", statement, outcome, message, kind="cut short", seconds=seconds)
 
 
 _CURVES: Final = (
-    ("damaged", "damaged", BLUE),
-    ("lost", "lost", ORANGE),
-    ("late", "late", GREEN),
+    ("damaged", "damaged", style.BLUE),
+    ("lost", "lost", style.ORANGE),
+    ("late", "late", style.GREEN),
 )
 #: Unit of the axis of time, its length in seconds, and the longest soak that it suits in seconds.
 _TIME_UNITS: Final = (("s", 1.0, 300.0), ("min", 60.0, 18_000.0), ("h", 3600.0, np.inf))
@@ -219,7 +199,7 @@ def draw_soak_course(campaign: SoakCampaign) -> Figure:
     def column(name: str) -> list[float]:
         return [course[n][name] if n in course else 0 for n in range(last + 1)]
 
-    with new_figure(8.0, 5.2) as figure:
+    with style.new_figure(8.0, 5.2) as figure:
         frames, late, wrong = figure.subplots(
             3, 1, sharex=True, height_ratios=(3.0, 2.0, 1.2), squeeze=True
         )
@@ -228,7 +208,9 @@ def draw_soak_course(campaign: SoakCampaign) -> Figure:
             frames.stairs(rates, edges, color=colour, label=label, lw=1.2)
         frames.set_yscale("symlog", linthresh=10.0)  # an outage loses hundreds, a fault one
         frames.set(ylabel="frames per second")
-        late.stairs(np.array(column("latest_us")) / 1e3, edges, color=BLACK, label="latest frame")
+        late.stairs(
+            np.array(column("latest_us")) / 1e3, edges, color=style.BLACK, label="latest frame"
+        )
         late.set(ylabel="after its time (ms)")
         _draw_soak_violations(wrong, np.array(column("violations")), edges)
         wrong.set(
@@ -239,7 +221,7 @@ def draw_soak_course(campaign: SoakCampaign) -> Figure:
         for axes in (frames, late):
             axes.set_ylim(bottom=0.0)
         figure.align_ylabels()
-        figure_legend(figure, columns=5)
+        style.figure_legend(figure, columns=5)
     return figure
 
 
@@ -249,7 +231,7 @@ def _draw_soak_violations(axes: Axes, counts: np.ndarray, edges: np.ndarray) -> 
         middles, least = (edges[1:] + edges[:-1]) / 2.0, edges[-1] / 200.0
         found = counts > 0
         width = max(edges[1] - edges[0], least)
-        axes.bar(middles[found], counts[found], width, color=VERMILION, label="violations")
+        axes.bar(middles[found], counts[found], width, color=style.VERMILION, label="violations")
         axes.set_ylim(0.0, 1.15 * counts.max())
     else:
         axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes)

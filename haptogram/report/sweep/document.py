@@ -11,7 +11,7 @@ from haptogram.campaigns.sweep.campaign import SweepCampaign
 from haptogram.campaigns.sweep.rows import MEASURES, VERDICTS, Measure, Row, badness
 
 from ..figures.style import embed_picture
-from ..formats.document import Block, Document, Picture, Section, Table
+from ..formats.document import TONES, Block, Document, Picture, Section, Table
 from .levels import SweepLevel, sweep_levels
 from .pictures import draw_sweep_axes, draw_sweep_map
 
@@ -20,7 +20,6 @@ _MOST_WORST: Final = 20
 _MOST_REASON: Final = 60  # characters; the rows have all of it
 _MOST_AXES: Final = 6  # of one picture
 _MOST_LEVELS: Final = 20  # of one axis of a map, or of a table
-_TONES: Final = {"pass": "good", "fail": "bad", "error": "bad", "inconclusive": "doubt"}
 
 
 def sweep_document(campaign: SweepCampaign) -> Document:
@@ -43,7 +42,7 @@ def sweep_document(campaign: SweepCampaign) -> Document:
         command="sweep",
         heading=f"{verdict.upper()}: {len(rows)} points{whole}: {told}",
         title=f"sweep of {plan.config.run}, {verdict}",
-        tone=_TONES[verdict],
+        tone=TONES[verdict],
         lead=[f"{len(rows)} points of {plan.config.run}, over {names}"],
         sections=[
             Section("Where it breaks", list(_sweep_pictures(rows, labels, levels, measure))),

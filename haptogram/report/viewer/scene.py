@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import AcousticModel, RectangularPiston
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS
 
-from ..formats.document import Document
+from ..formats.document import TONES, Document
 from .frames import STATUSES, ViewerFrame, frame_columns, odd_frames_of_viewer
 
 MAGIC: Final = b"HGV1"
@@ -153,10 +153,6 @@ def _padded_viewer_data(data: bytes) -> bytes:
     return data + bytes(-len(data) % _ALIGNMENT)
 
 
-#: Colour of a page by the verdict of the run that it shows.
-_TONES: Final = {"pass": "good", "fail": "bad", "inconclusive": "doubt"}
-
-
 def view_document(
     scene: ViewerScene | None, *, title: str, lead: list[str], verdict: str = ""
 ) -> Document:
@@ -175,7 +171,7 @@ def view_document(
         command="view",
         heading=f"{verdict.upper()}: {title}" if verdict else title,
         title=title,
-        tone=_TONES.get(verdict.lower(), "plain"),
+        tone=TONES.get(verdict.lower(), "plain"),
         lead=[sentence.removesuffix(".") for sentence in lead],
         template="view.html",
         content=lambda: {"scene": scene and scene.embedded()},

@@ -2,11 +2,3 @@
 
 from .document import WatchReport, watched_status_text
 from .words import watched_client_places_mm, watched_pattern_text, watched_place_text
-
-__all__ = [
-    "WatchReport",
-    "watched_client_places_mm",
-    "watched_pattern_text",
-    "watched_place_text",
-    "watched_status_text",
-]

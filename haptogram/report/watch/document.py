@@ -14,11 +14,12 @@ from haptogram.acoustics import Drive, saturated_weights
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus
 from haptogram.evidence.dialects.watched_board import WatchedBoard
-from haptogram.verification import FrameStatus, FrameVerdict, Verdict, grouped_frame_findings
+from haptogram.verification import FrameStatus, FrameVerdict, grouped_frame_findings
 from haptogram.verification.frame.verdict import WRONG
 from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
 
 from ..formats.document import (
+    TONES,
     Block,
     Check,
     Document,
@@ -38,7 +39,6 @@ _KEPT: Final = 5_000  # latches of the view: some 3 MB of a page
 _LATCH_HEAD: Final = ("latch", "device time (s)", "cause", "pattern", "verdict", "strange")
 _LISTED: Final = 200  # latches of a table that a person reads
 _MM: Final = 1e3
-_TONES: Final = {Verdict.PASS: "good", Verdict.FAIL: "bad", Verdict.INCONCLUSIVE: "doubt"}
 _IN_SECTIONS: Final = ("defect", "torn", "remark")  # lines of a result that a section holds
 
 
@@ -94,7 +94,7 @@ class WatchReport:
             command="watch",
             heading=sentence,
             title=f"{result.verdict}, {result.latches} latches",
-            tone=_TONES[result.verdict],
+            tone=TONES[result.verdict],
             findings=list(_watch_findings(result, self._verdicts)),
             lead=[
                 f"the board is {self._board.dialect}",

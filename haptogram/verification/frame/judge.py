@@ -33,7 +33,7 @@ from . import criteria
 from .crc_drive import drive_of_crc
 from .ideal_drive import IdealFrameDrive
 from .ordinary import BY_CRC, OrdinaryFrames, Pair
-from .several import judge_several_foci
+from .several import SeveralFociFrame
 from .single import SingleFocusFrame, judge_silent_frame, verdict_not_radiated
 from .target import FrameTarget
 from .verdict import WRONG, FrameStatus, FrameVerdict
@@ -206,9 +206,8 @@ class FrameJudge:
             if not ideals:
                 note = f"the solver {intended.solver} refuses these foci for the array of the board"
                 return dataclasses.replace(seen, faults=faults, note=note)
-            return judge_several_foci(
-                seen, intended, output, faults, ideals, self.tolerance, self.uncertainty
-            )
+            several = SeveralFociFrame(intended, output, ideals, self.uncertainty)
+            return several.judge(seen, faults)
         (target,) = targets
         one = SingleFocusFrame(intended, output, target, self.uncertainty)
         if found is None or (isinstance(found, NotSingle) and _is_frame_undecided(found, target)):

@@ -72,6 +72,8 @@ class OrdinaryFrames:
         self._why_not = ParallelPistons.why_not(model)
         if not tolerance.is_strict:
             self._why_not = "a tolerance"
+        elif set(_HOLD) != set(criteria.CRITERIA):
+            self._why_not = "a criterion that is not compiled"
         if self._why_not is None:
             self._pistons = ParallelPistons.of(model)
         self._air_rad_m = uncertainty.speed_share(model.medium) * model.wavenumber

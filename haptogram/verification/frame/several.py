@@ -11,12 +11,13 @@ import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 
 from haptogram.acoustics import Drive
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.reconstruct.patterns.foci_fit import (
     FociFit,
     fit_foci,
@@ -25,7 +26,7 @@ from haptogram.acoustics.reconstruct.patterns.foci_fit import (
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
 
-from ..tolerance import Tolerance, Uncertainty
+from ..tolerance import Uncertainty
 from . import criteria
 from .ideal_drive import (
     LEAST_BALANCE,
@@ -77,200 +78,218 @@ class _Findings:
     limits_m: Sequence[FloatArray] | None
 
 
-def judge_several_foci(
-    seen: FrameVerdict,
-    intended: Intended,
-    latched: Drive,
-    faults: tuple[str, ...],
-    ideals: Sequence[IdealFrameDrive],
-    tolerance: Tolerance,
-    known: Uncertainty,
-) -> FrameVerdict:
-    """Return the verdict on a frame with several foci.
+@dataclass(frozen=True, eq=False)
+class SeveralFociFrame:
+    """A frame with several foci, and the drive that its board radiates.
 
-    Parameters
+    Attributes
     ----------
-    seen : FrameVerdict
-        Verdict of the frame so far.
+    intended : Intended
+        The frame.
     latched : Drive
         Radiated drive.
-    faults : tuple of str
-        Faults that the codes prove.
-    ideals : sequence of IdealDrive
+    ideals : sequence of IdealFrameDrive
         What the foci ask for, as the host may have known the array: the nearest one counts.
-    tolerance : Tolerance
-        Which misses pass.
     known : Uncertainty
         How well array and air are known.
     """
-    targets = ideals[0].targets
-    active = meaningful_frame_elements(intended, latched) & targets[0].active
-    levels = IdealFociLevels.of(intended, latched.weights(), targets)
-    ideal = min(ideals, key=lambda one: one.distance(latched, active))
-    error_rad = ideal.phase_error_rad(latched, active)
-    found = _judge_frame_foci_strictly(ideal, intended, latched, active, error_rad)
-    if not tolerance.is_strict and not all(found.verdicts.values()) and active.any():
-        host, fault = _host_of_foci(ideal, latched, active, known)
-        if host is not None:
-            found = _judge_foci_of_host(ideal, host, intended, latched, active)
-            error_rad = host.error_rad
-        else:
-            found = _judge_frame_foci_tolerantly(
-                ideal, intended, latched, active, tolerance, known, fault
-            )
-            faults = faults or ((fault,) if fault else ())
-    status = frame_status_of(found.verdicts, faults, focused=False)
-    unseen = [*found.unseen, *_frame_foci_levels_not_made(levels, intended)]
-    notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
-    if status is FrameStatus.ON_TARGET and unseen:
-        status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
-    worst_m = max(
-        found.limits_m or [], key=lambda limit: float(np.linalg.norm(limit)), default=None
-    )
-    smallest_mm = (
-        None if worst_m is None else _MM * float(np.linalg.norm(worst_m)) + tolerance.miss_mm
-    )
-    return dataclasses.replace(
-        seen,
-        status=status,
-        criteria=found.verdicts,
-        faults=faults,
-        note="; ".join(notes),
-        phase_error_rad=error_rad,
-        bound_mm=None if worst_m is None else _frame_foci_mm(worst_m),
-        smallest_miss_mm=smallest_mm,
-        uncertainty_mm=ideal.place_uncertainty(known),
-        balance=levels.balance,
-        efficiency=levels.efficiency,
-        pressure_rms_pa=abs(complex(targets[0].arrivals @ latched.weights())) / math.sqrt(2.0),
-        **_farthest_from_frame_target_mm(ideal.placed, found),
-    )
 
+    intended: Intended
+    latched: Drive
+    ideals: Sequence[IdealFrameDrive]
+    known: Uncertainty
 
-def _judge_frame_foci_strictly(
-    ideal: IdealFrameDrive,
-    intended: Intended,
-    latched: Drive,
-    active: Bools,
-    error_rad: float,
-    slack: float = 0.0,
-) -> _Findings:
-    """Return the findings about a drive that may differ from the ideal one by rounding only."""
-    offsets_m, limits_m = ideal.offsets_m(latched.weights()), ideal.limits_m()
-    s5 = criteria.frame_amplitudes_ok(intended, latched)
-    verdicts = {
-        "S1": error_rad <= ideal.targets[0].phase_limit_rad,
-        "S2": ideal.in_place(offsets_m),
-        "S3": ideal.excess_level(latched.weights(), tolerant=False) == 0.0,
-        "S5": s5 and ideal.amplitudes_ok(latched, slack),
-    }
-    # A drive that is the ideal one but for rounding cannot be off: then its peaks are too flat.
-    flat = verdicts["S1"] and verdicts["S5"] and not verdicts["S2"]
-    if (limits_m is not None and not flat) or not active.any():
-        return _Findings(verdicts, list(_frame_without_place(ideal)), offsets_m, limits_m)
-    if flat:
-        del verdicts["S2"]
-    # Foci without a pressure peak of their own still have a place in the phases.
-    unseen = list(_frame_without_place(ideal)) or [_NOT_THESE]
-    fit = _fit_frame_foci(ideal, intended, latched, active)
-    if fit is None or fit.residual_rad > ideal.targets[0].phase_limit_rad:
-        return _Findings(verdicts, unseen, offsets_m, None)
-    limits_m = _frame_foci_limits_m(ideal, fit)
-    if limits_m is None or not _are_frame_foci_within(fit, limits_m, 0.0):
-        return _Findings(verdicts, unseen, list(fit.offsets_m), None)
-    return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
+    def judge(self, seen: FrameVerdict, faults: tuple[str, ...]) -> FrameVerdict:
+        """Return the verdict.
 
+        Parameters
+        ----------
+        seen : FrameVerdict
+            Verdict of the frame so far.
+        faults : tuple of str
+            Faults that the codes prove.
+        """
+        ideal = min(self.ideals, key=lambda one: one.distance(self.latched, self._active))
+        targets, tolerance = ideal.targets, ideal.targets[0].tolerance
+        levels = IdealFociLevels.of(self.intended, self._weights, targets)
+        error_rad = ideal.phase_error_rad(self.latched, self._active)
+        found = self._judge_strictly(ideal, error_rad)
+        if not tolerance.is_strict and not all(found.verdicts.values()) and self._active.any():
+            host, fault = self._host(ideal)
+            if host is not None:
+                found, error_rad = self._judge_of_host(ideal, host), host.error_rad
+            else:
+                found = self._judge_tolerantly(ideal, fault)
+                faults = faults or ((fault,) if fault else ())
+        status = frame_status_of(found.verdicts, faults, focused=False)
+        unseen = [*found.unseen, *_frame_foci_levels_not_made(levels, self.intended)]
+        notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
+        if status is FrameStatus.ON_TARGET and unseen:
+            status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
+        worst_m = max(
+            found.limits_m or [], key=lambda limit: float(np.linalg.norm(limit)), default=None
+        )
+        smallest_mm = (
+            None if worst_m is None else _MM * float(np.linalg.norm(worst_m)) + tolerance.miss_mm
+        )
+        return dataclasses.replace(
+            seen,
+            status=status,
+            criteria=found.verdicts,
+            faults=faults,
+            note="; ".join(notes),
+            phase_error_rad=error_rad,
+            bound_mm=None if worst_m is None else _frame_foci_mm(worst_m),
+            smallest_miss_mm=smallest_mm,
+            uncertainty_mm=ideal.place_uncertainty(self.known),
+            balance=levels.balance,
+            efficiency=levels.efficiency,
+            pressure_rms_pa=abs(complex(targets[0].arrivals @ self._weights)) / math.sqrt(2.0),
+            **_farthest_from_frame_target_mm(ideal.placed, found),
+        )
 
-def _host_of_foci(
-    ideal: IdealFrameDrive, latched: Drive, active: Bools, known: Uncertainty
-) -> tuple[ToleratedHost | None, str | None]:
-    """Return the host whose drive this is, and what is wrong with the elements if there is none.
+    @cached_property
+    def _weights(self) -> ComplexArray:
+        return self.latched.weights()
 
-    A host within the tolerance or, if there is none, one that is beyond it for certain.
-    """
-    hosts = ToleratedHosts.of(ideal.targets[0], known, ideal.drive)
-    model = ideal.targets[0].model
-    with contextlib.suppress(ConfigurationError):  # a solver refuses some of them
-        host = ToleratedHost.nearest(hosts, np.angle(latched.weights()), active)
-        if host.explains:
-            return host, None
-        other = host.anywhere(model)
-        if other.explains and other.is_beyond(hosts.scale):
-            return other, None
-        return None, host.fault(model, proven=True)
-    return None, None
+    @cached_property
+    def _active(self) -> Bools:
+        """(N,) the elements that shall sound and do, and whose phase means something."""
+        active: Bools = self.ideals[0].targets[0].active
+        return meaningful_frame_elements(self.intended, self.latched) & active
 
+    def _judge_strictly(
+        self, ideal: IdealFrameDrive, error_rad: float, slack: float = 0.0
+    ) -> _Findings:
+        """Return the findings about a drive that may differ from the ideal one by rounding only."""
+        offsets_m, limits_m = ideal.offsets_m(self._weights), ideal.limits_m()
+        limit_rad = ideal.targets[0].phase_limit_rad
+        s5 = criteria.frame_amplitudes_ok(self.intended, self.latched)
+        verdicts = {
+            "S1": error_rad <= limit_rad,
+            "S2": ideal.in_place(offsets_m),
+            "S3": ideal.excess_level(self._weights, tolerant=False) == 0.0,
+            "S5": s5 and ideal.amplitudes_ok(self.latched, slack),
+        }
+        # A drive that is the ideal one but for rounding cannot be off: then its peaks are too flat.
+        flat = verdicts["S1"] and verdicts["S5"] and not verdicts["S2"]
+        if (limits_m is not None and not flat) or not self._active.any():
+            return _Findings(verdicts, list(_frame_without_place(ideal)), offsets_m, limits_m)
+        if flat:
+            del verdicts["S2"]
+        # Foci without a pressure peak of their own still have a place in the phases.
+        unseen = list(_frame_without_place(ideal)) or [_NOT_THESE]
+        fit = self._fit(ideal)
+        if fit is None or fit.residual_rad > limit_rad:
+            return _Findings(verdicts, unseen, offsets_m, None)
+        limits_m = _frame_foci_limits_m(ideal, fit)
+        if limits_m is None or not _are_frame_foci_within(fit, limits_m, 0.0):
+            return _Findings(verdicts, unseen, list(fit.offsets_m), None)
+        return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
-def _judge_foci_of_host(
-    ideal: IdealFrameDrive, host: ToleratedHost, intended: Intended, latched: Drive, active: Bools
-) -> _Findings:
-    """Return the findings about the drive of a tolerated host: as if it were what was asked for.
+    def _host(self, ideal: IdealFrameDrive) -> tuple[ToleratedHost | None, str | None]:
+        """Return the host whose drive this is, and what is wrong with the elements without one.
 
-    The peaks of several foci may be off by more than their host is: so far a miss does not show.
-    """
-    of_host = ideal.of_host(intended, host)
-    found = _judge_frame_foci_strictly(
-        of_host, intended, latched, active, host.error_rad / _EXACT, _MOST_SLACK * host.limit_rad
-    )
-    beyond = host.is_beyond(scale_of_tolerance(ideal.targets[0].tolerance, ideal.targets[0].model))
-    own_m = [None] * len(ideal.placed) if beyond else ideal.offsets_m(latched.weights())
-    limits_m = found.limits_m and [
-        np.maximum(limit_m + target.tolerated_m, _FLAT * target.tolerance.left_m(offset_m))
-        for limit_m, target, offset_m in zip(found.limits_m, ideal.placed, own_m, strict=True)
-    ]
-    offsets_m = [None if one is None else one + host.off[:3] for one in found.offsets_m]
-    if beyond:
-        found = dataclasses.replace(found, verdicts=found.verdicts | {"S2": False})
-    return dataclasses.replace(found, limits_m=limits_m, offsets_m=offsets_m)
+        A host within the tolerance or, if there is none, one that is beyond it for certain.
+        """
+        hosts = ToleratedHosts.of(ideal.targets[0], self.known, ideal.drive)
+        model = ideal.targets[0].model
+        with contextlib.suppress(ConfigurationError):  # a solver refuses some of them
+            host = ToleratedHost.nearest(hosts, np.angle(self._weights), self._active)
+            if host.explains:
+                return host, None
+            other = host.anywhere(model)
+            if other.explains and other.is_beyond(hosts.scale):
+                return other, None
+            return None, host.fault(model, proven=True)
+        return None, None
 
+    def _judge_of_host(self, ideal: IdealFrameDrive, host: ToleratedHost) -> _Findings:
+        """Return the findings about the drive of a tolerated host: as if that were asked for.
 
-def _judge_frame_foci_tolerantly(
-    ideal: IdealFrameDrive,
-    intended: Intended,
-    latched: Drive,
-    active: Bools,
-    tolerance: Tolerance,
-    known: Uncertainty,
-    fault: str | None,
-) -> _Findings:
-    """Return the findings about a drive for these foci in other air, or a little off.
+        The peaks of several foci may be off by more than their host is: so far a miss does not
+        show.
+        """
+        found = self._judge_strictly(
+            ideal.of_host(self.intended, host),
+            host.error_rad / _EXACT,
+            _MOST_SLACK * host.limit_rad,
+        )
+        target = ideal.targets[0]
+        beyond = host.is_beyond(scale_of_tolerance(target.tolerance, target.model))
+        own_m = [None] * len(ideal.placed) if beyond else ideal.offsets_m(self._weights)
+        limits_m = found.limits_m and [
+            np.maximum(limit_m + target.tolerated_m, _FLAT * target.tolerance.left_m(offset_m))
+            for limit_m, target, offset_m in zip(found.limits_m, ideal.placed, own_m, strict=True)
+        ]
+        offsets_m = [None if one is None else one + host.off[:3] for one in found.offsets_m]
+        if beyond:
+            found = dataclasses.replace(found, verdicts=found.verdicts | {"S2": False})
+        return dataclasses.replace(found, limits_m=limits_m, offsets_m=offsets_m)
 
-    A solver may come to another drive there, with other phases between the foci.  So the places are
-    fitted from the phases that there are, whatever the weights of the foci.
-    """
-    limit_rad = ideal.targets[0].phase_limit_rad
-    excess = ideal.excess_level(latched.weights(), tolerant=True)
-    s5 = criteria.frame_amplitudes_ok(intended, latched)
-    verdicts = {"S5": s5} | ({"S1": False} if fault else {})
-    if intended.solver == "naive":  # in other air a solver may jump to another drive altogether
-        verdicts["S3"] = excess <= _MOST_EXCESS
-    unseen = [_OTHER_LEVELS] if excess > 0.0 else []
-    if not ideal.amplitudes_ok(latched, ideal.tolerated_amplitudes):
-        unseen.append(_OTHER_AMPLITUDES)
-    fit = _fit_frame_foci(ideal, intended, latched, active)
-    if fit is None:
-        return _Findings(verdicts, [*unseen, _NOT_THESE], [], None)
-    slack_rad = (
-        frame_scatter_rad(ideal.targets[0], known),
-        max(target.aberration_rad for target in ideal.targets),
-    )
-    if not fault and (_sizes_of_frame_errors(fit, limit_rad, slack_rad) <= _SECOND_ORDER).all():
-        verdicts["S1"] = True
-    blurred = fit
-    if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
-        blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
-        unseen.append(_NOT_THESE)
-    limits_m = _frame_foci_limits_m(ideal, blurred)
-    within = limits_m is not None and _are_frame_foci_within(fit, limits_m, tolerance.miss_mm)
-    if limits_m is None or not (within or _are_frame_peaks_sharp(ideal, limits_m)):
-        return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
-    verdicts["S2"] = within
-    if "S1" not in verdicts:
-        unseen.append(_NOT_THESE)
-    if not _frame_peaks_follow(ideal, latched, limits_m, tolerance):
-        unseen.append(_OTHER_PEAKS)
-    verdicts = dict(sorted(verdicts.items()))
-    return _Findings(verdicts, unseen, list(fit.offsets_m), limits_m)
+    def _judge_tolerantly(self, ideal: IdealFrameDrive, fault: str | None) -> _Findings:
+        """Return the findings about a drive for these foci in other air, or a little off.
+
+        A solver may come to another drive there, with other phases between the foci.  So the places
+        are fitted from the phases that there are, whatever the weights of the foci.
+        """
+        target = ideal.targets[0]
+        limit_rad, miss_mm = target.phase_limit_rad, target.tolerance.miss_mm
+        excess = ideal.excess_level(self._weights, tolerant=True)
+        s5 = criteria.frame_amplitudes_ok(self.intended, self.latched)
+        verdicts = {"S5": s5} | ({"S1": False} if fault else {})
+        if self.intended.solver == "naive":  # in other air a solver may jump to another drive
+            verdicts["S3"] = excess <= _MOST_EXCESS
+        unseen = [_OTHER_LEVELS] if excess > 0.0 else []
+        if not ideal.amplitudes_ok(self.latched, ideal.tolerated_amplitudes):
+            unseen.append(_OTHER_AMPLITUDES)
+        fit = self._fit(ideal)
+        if fit is None:
+            return _Findings(verdicts, [*unseen, _NOT_THESE], [], None)
+        slack_rad = (
+            frame_scatter_rad(target, self.known),
+            max(target.aberration_rad for target in ideal.targets),
+        )
+        if not fault and (_sizes_of_frame_errors(fit, limit_rad, slack_rad) <= _SECOND_ORDER).all():
+            verdicts["S1"] = True
+        blurred = fit
+        if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
+            blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
+            unseen.append(_NOT_THESE)
+        limits_m = _frame_foci_limits_m(ideal, blurred)
+        within = limits_m is not None and _are_frame_foci_within(fit, limits_m, miss_mm)
+        if limits_m is None or not (within or _are_frame_peaks_sharp(ideal, limits_m)):
+            return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
+        verdicts["S2"] = within
+        if "S1" not in verdicts:
+            unseen.append(_NOT_THESE)
+        if not self._do_peaks_follow(ideal, limits_m, miss_mm):
+            unseen.append(_OTHER_PEAKS)
+        return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
+
+    def _fit(self, ideal: IdealFrameDrive) -> FociFit | None:
+        """Return the fit of the foci to the phases, or None."""
+        superposed, foci = self.intended.solver == "naive", self.intended.foci
+        known = [f.amplitude * np.exp(1j * f.phase_rad) for f in foci if f.amplitude > 0.0]
+        return fit_foci(
+            ideal.targets[0].model,
+            waves_of_foci_pattern(ideal.targets[0].model, superposed=superposed),
+            np.array([target.position_m for target in ideal.placed]),
+            self._weights,
+            self._active,
+            ideal.targets[0].phase_limit_rad,
+            np.array(known) if superposed else None,
+        )
+
+    def _do_peaks_follow(
+        self, ideal: IdealFrameDrive, limits_m: Sequence[FloatArray], miss_mm: float
+    ) -> bool:
+        """Return True if the pressure peaks are no further off than the fitted foci may be."""
+        return all(
+            offset_m is not None
+            and np.linalg.norm(offset_m) <= np.linalg.norm(limit_m) + miss_mm / _MM
+            for offset_m, limit_m in zip(ideal.offsets_m(self._weights), limits_m, strict=True)
+        )
 
 
 def _sizes_of_frame_errors(
@@ -286,23 +305,6 @@ def _sizes_of_frame_errors(
     return sizes
 
 
-def _fit_frame_foci(
-    ideal: IdealFrameDrive, intended: Intended, latched: Drive, active: Bools
-) -> FociFit | None:
-    """Return the fit of the foci to the phases, or None."""
-    superposed = intended.solver == "naive"
-    known = [f.amplitude * np.exp(1j * f.phase_rad) for f in intended.foci if f.amplitude > 0.0]
-    return fit_foci(
-        ideal.targets[0].model,
-        waves_of_foci_pattern(ideal.targets[0].model, superposed=superposed),
-        np.array([target.position_m for target in ideal.placed]),
-        latched.weights(),
-        active,
-        ideal.targets[0].phase_limit_rad,
-        np.array(known) if superposed else None,
-    )
-
-
 def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
     """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
     limits = []
@@ -311,18 +313,6 @@ def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArra
         if not np.linalg.norm(limits[-1]) < LOST * target.distance_m:
             return None
     return limits
-
-
-def _frame_peaks_follow(
-    ideal: IdealFrameDrive, latched: Drive, limits_m: Sequence[FloatArray], tolerance: Tolerance
-) -> bool:
-    """Return True if the pressure peaks are no further off than the fitted foci may be."""
-    offsets_m = ideal.offsets_m(latched.weights())
-    return all(
-        offset_m is not None
-        and np.linalg.norm(offset_m) <= np.linalg.norm(limit_m) + tolerance.miss_mm / _MM
-        for offset_m, limit_m in zip(offsets_m, limits_m, strict=True)
-    )
 
 
 def _are_frame_peaks_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray]) -> bool:

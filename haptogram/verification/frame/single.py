@@ -10,15 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptogram.acoustics import (
-    Drive,
-    NoFocus,
-    NotSingle,
-    Reconstruction,
-    SingleFocus,
-    focus_phases,
-    phase_step_rad,
-)
+from haptogram import acoustics
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
@@ -34,7 +26,7 @@ _MM: Final = 1e3
 _STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
 _ACROSS_AND_ALONG: Final = 2
 #: Between the rounding of 8 bits, which whoever reconstructs may take, and what it calls off.
-_FINEST_RAD: Final = 0.75 * phase_step_rad(8)
+_FINEST_RAD: Final = 0.75 * acoustics.phase_step_rad(8)
 _ABOUT: Final = 1.5  # of the phase limit: what a focus that somebody fitted may leave
 _NOT_SEARCHED: Final = (
     "where the drive focuses, if anywhere, was not searched for: many frames before have no focus"
@@ -44,7 +36,7 @@ _ELSEWHERE: Final = (
 )
 
 
-def verdict_not_radiated(found: NoFocus) -> str:
+def verdict_not_radiated(found: acoustics.NoFocus) -> str:
     """Name the fault of a board that latched a right drive and radiated nothing."""
     return f"the drive is right, but nothing was radiated: {found.reason}"
 
@@ -52,7 +44,7 @@ def verdict_not_radiated(found: NoFocus) -> str:
 def judge_silent_frame(
     seen: FrameVerdict,
     intended: Intended,
-    latched: Drive,
+    latched: acoustics.Drive,
     faults: tuple[str, ...],
     *,
     heard: bool,
@@ -93,14 +85,14 @@ class SingleFocusFrame:
     """
 
     intended: Intended
-    latched: Drive
+    latched: acoustics.Drive
     target: FrameTarget
     known: Uncertainty
 
     def judge(
         self,
         seen: FrameVerdict,
-        found: Reconstruction | None,
+        found: acoustics.Reconstruction | None,
         faults: tuple[str, ...],
     ) -> FrameVerdict:
         """Return the verdict.
@@ -133,11 +125,11 @@ class SingleFocusFrame:
         else:
             if target.observable.any():
                 verdicts["S2"] = self._is_in_place(found)
-            if isinstance(found, SingleFocus):
+            if isinstance(found, acoustics.SingleFocus):
                 notes += [found.ambiguity_text] if found.rivals_m else []
                 measures |= _where_against_frame_target(target, found)
                 faults += self._unexplained(verdicts, faults)
-            elif isinstance(found, NotSingle):
+            elif isinstance(found, acoustics.NotSingle):
                 faults += self._unexplained(verdicts, faults) or self._outliers(found, faults)
                 if not faults:  # the right drive in other air: a focus, but not a sharp one
                     measures |= _where_against_frame_target(target, found)
@@ -148,7 +140,7 @@ class SingleFocusFrame:
                 notes.append(_frame_without_focus(found))
             elif not faults:
                 faults = (verdict_not_radiated(found),)
-        status = frame_status_of(verdicts, faults, focused=isinstance(found, SingleFocus))
+        status = frame_status_of(verdicts, faults, focused=isinstance(found, acoustics.SingleFocus))
         if status is FrameStatus.ON_TARGET and unseen:
             status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
         return dataclasses.replace(
@@ -192,21 +184,23 @@ class SingleFocusFrame:
         )
         return measures, verdicts | {"S5": s5}
 
-    def _is_in_place(self, found: Reconstruction) -> bool:
+    def _is_in_place(self, found: acoustics.Reconstruction) -> bool:
         """S2."""
-        if not isinstance(found, SingleFocus):
+        if not isinstance(found, acoustics.SingleFocus):
             return False
         offset_m = np.array(found.position_m) - self.target.position_m
         return criteria.is_frame_on_target(self.target, offset_m)
 
-    def _is_ambiguous(self, verdicts: dict[str, bool], found: Reconstruction) -> bool:
+    def _is_ambiguous(self, verdicts: dict[str, bool], found: acoustics.Reconstruction) -> bool:
         """Return True if phases that suit the target were found to suit another point or none.
 
         Few elements with few bits can fit two points, or a search that is not told the target none.
         """
         if not verdicts["S1"] or self._is_in_place(found):
             return False
-        return isinstance(found, SingleFocus | NotSingle) and self._is_of_this_drive(found)
+        return isinstance(
+            found, acoustics.SingleFocus | acoustics.NotSingle
+        ) and self._is_of_this_drive(found)
 
     def _unexplained(self, verdicts: dict[str, bool], faults: tuple[str, ...]) -> tuple[str, ...]:
         """Name what a tolerance leaves of the elements, if the codes show no fault."""
@@ -216,7 +210,7 @@ class SingleFocusFrame:
         fault = self._host.fault(model) or self._host.scatter_text(model)
         return () if fault is None else (fault,)
 
-    def _outliers(self, found: NotSingle, faults: tuple[str, ...]) -> tuple[str, ...]:
+    def _outliers(self, found: acoustics.NotSingle, faults: tuple[str, ...]) -> tuple[str, ...]:
         """Name the elements that do not suit the focus of the others, if the codes show no fault.
 
         Either the codes themselves are out of step, for these elements in this air, or something
@@ -229,28 +223,30 @@ class SingleFocusFrame:
             return (f"{names} out of step with the others",)
         return (f"{names} radiated otherwise than latched",)
 
-    def _is_of_this_drive(self, found: SingleFocus | NotSingle) -> bool:
+    def _is_of_this_drive(self, found: acoustics.SingleFocus | acoustics.NotSingle) -> bool:
         """Return True if what somebody found can be said of the latched phases.
 
         It cannot if the elements that were found to be off are not off in these phases.
         """
-        if isinstance(found, NotSingle) and not found.outliers:
+        if isinstance(found, acoustics.NotSingle) and not found.outliers:
             return True  # nothing was found, which any search may come to
         model, limit_rad = self.target.model, self.target.phase_limit_rad
         off = np.zeros(model.array.count, dtype=np.bool_)
-        off[list(found.outliers if isinstance(found, NotSingle) else ())] = True
-        arrivals = np.angle(self.latched.weights()) - focus_phases(model, found.position_m)
+        off[list(found.outliers if isinstance(found, acoustics.NotSingle) else ())] = True
+        arrivals = np.angle(self.latched.weights()) - acoustics.focus_phases(
+            model, found.position_m
+        )
         agreeing = arrivals[self._active & ~off]
         error_rad = np.abs(wrapped_phases(arrivals - np.angle(np.exp(1j * agreeing).sum())))
         rms = math.sqrt(np.mean(error_rad[self._active & ~off] ** 2))
         within_rad = _ABOUT * limit_rad + self.target.tolerated_rad
-        finest_rad = min(_FINEST_RAD, 0.75 * phase_step_rad(self.latched.phase_bits))
+        finest_rad = min(_FINEST_RAD, 0.75 * acoustics.phase_step_rad(self.latched.phase_bits))
         return rms <= within_rad and bool((error_rad[off] > finest_rad).all())
 
 
-def _ambiguous_frame_focus(target: FrameTarget, found: Reconstruction) -> str:
+def _ambiguous_frame_focus(target: FrameTarget, found: acoustics.Reconstruction) -> str:
     """Return a note that names the point, or none, that a search without the target finds."""
-    if not isinstance(found, SingleFocus):
+    if not isinstance(found, acoustics.SingleFocus):
         return (
             "the phases suit the target, but a search that is not told the target finds no focus: "
             "S2 judges the one next to the target"
@@ -263,7 +259,7 @@ def _ambiguous_frame_focus(target: FrameTarget, found: Reconstruction) -> str:
     )
 
 
-def _frame_without_focus(found: NotSingle) -> str:
+def _frame_without_focus(found: acoustics.NotSingle) -> str:
     x, y, z = (_MM * coordinate for coordinate in found.position_m)
     return (
         f"no single focus; the most that was found is {found.pressure_rms_pa:.0f} Pa at "
@@ -283,9 +279,9 @@ def _unobservable_frame_target(target: FrameTarget) -> str:
 
 
 def _where_against_frame_target(
-    target: FrameTarget, found: SingleFocus | NotSingle
+    target: FrameTarget, found: acoustics.SingleFocus | acoustics.NotSingle
 ) -> dict[str, Any]:
-    force_n = found.force_n if isinstance(found, SingleFocus) else None
+    force_n = found.force_n if isinstance(found, acoustics.SingleFocus) else None
     if force_n is not None and not math.isfinite(force_n):
         force_n = None
     return target.miss(np.array(found.position_m) - target.position_m) | {

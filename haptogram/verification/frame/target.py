@@ -15,11 +15,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.own_axes import axes_about_normal
-from haptogram.acoustics.solvers.focus_fit import (
-    LEAST_SEEN_SHARE,
-    PhaseFit,
-    focus_phase_response,
-)
+from haptogram.acoustics.solvers import focus_fit
 from haptogram.errors import ConfigurationError
 
 from ..tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
@@ -31,7 +27,7 @@ _MM: Final = 1e3
 _NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proportion
 _SECOND_ORDER: Final = 1.04  # of the bound of the first order
 #: When a coordinate is observed, and how exactly, as the compiled loops take it.
-OBSERVED: Final[FloatArray] = np.array([LEAST_SEEN_SHARE, _NEAR, _SECOND_ORDER, LOST])
+OBSERVED: Final[FloatArray] = np.array([focus_fit.LEAST_SEEN_SHARE, _NEAR, _SECOND_ORDER, LOST])
 _SAME_LINE: Final = 1e-6
 _AT_CENTRE_M: Final = 1e-6
 _AIRS: Final = 41  # between the slowest and the fastest that is tolerated
@@ -135,7 +131,7 @@ class FrameTarget:
 
     @cached_property
     def _response(self) -> tuple[FloatArray, Bools]:
-        return focus_phase_response(self.model, self.position_m, active=self.active)
+        return focus_fit.focus_phase_response(self.model, self.position_m, active=self.active)
 
     @property
     def response(self) -> FloatArray:
@@ -159,7 +155,7 @@ class FrameTarget:
         """Return (3,) the offset of the focus that a fit finds from the target on."""
         return self._fit(phases_rad, active).position_m - self.position_m
 
-    def _fit(self, phases_rad: FloatArray, active: Bools) -> PhaseFit:
+    def _fit(self, phases_rad: FloatArray, active: Bools) -> focus_fit.PhaseFit:
         return fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
 
     @cached_property
@@ -229,7 +225,7 @@ class FrameTarget:
         return self.tolerance.speed_share(self.model.medium)
 
     @cached_property
-    def _air_fits(self) -> tuple[PhaseFit, PhaseFit]:
+    def _air_fits(self) -> tuple[focus_fit.PhaseFit, focus_fit.PhaseFit]:
         """The foci that fit a host in the fastest and one in the slowest tolerated air."""
         speed_m_s, share = self.model.medium.sound_speed_m_s, self._speed_share
         hosts = (self.model.with_sound_speed(speed_m_s * (1.0 + sign * share)) for sign in (1, -1))

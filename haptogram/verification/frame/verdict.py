@@ -60,6 +60,27 @@ class Verdict(enum.StrEnum):
         return self is Verdict.PASS
 
 
+class Judged:
+    """Base of a result with a verdict: true if it passed, and only then (``assert result``)."""
+
+    __slots__ = ()
+    verdict: Verdict
+
+    @property
+    def passed(self) -> bool:
+        """True if the verdict is a pass."""
+        return self.verdict is Verdict.PASS
+
+    def __bool__(self) -> bool:
+        """Return :attr:`passed`."""
+        return self.passed
+
+    @property
+    def exit_status(self) -> int:
+        """0 pass, 1 fail, 3 inconclusive."""
+        return self.verdict.exit_status
+
+
 @dataclass(frozen=True, slots=True)
 class Cut:
     """Interruption of a run before its end.

@@ -17,7 +17,7 @@ from haptogram.records.frame import Evidence, Intended, Observation
 from haptogram.records.pins import PinRecord
 from haptogram.settings.arguments import Progress
 
-from ..frame.verdict import Verdict
+from ..frame.verdict import Judged, Verdict
 from ..run import verify_run
 from ..run_verdict import RunVerdict
 from ..tolerance import Tolerance, Uncertainty
@@ -30,7 +30,7 @@ _NAMED: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
-class JoinedCaptureVerdict:
+class JoinedCaptureVerdict(Judged):
     """The verdict by all captures of a run; true if it passed, and only then.
 
     Attributes
@@ -61,15 +61,6 @@ class JoinedCaptureVerdict:
     no_field: str = ""
     observations: tuple[Observation, ...] = ()
     frames: tuple[Intended, ...] = ()
-
-    def __bool__(self) -> bool:
-        """Return True if everything that was captured passed."""
-        return self.verdict is Verdict.PASS
-
-    @property
-    def exit_status(self) -> int:
-        """0 pass, 1 fail, 3 inconclusive."""
-        return self.verdict.exit_status
 
     @property
     def elements(self) -> tuple[int, ...]:

@@ -19,6 +19,7 @@ from haptogram.records.frame import Intended
 from haptogram.records.pins import PinRecord
 
 from ..frame.verdict import Verdict
+from ..groups import groups_of_elements
 from .elements.faults import (
     CHAINS,
     PinFault,
@@ -28,7 +29,7 @@ from .elements.faults import (
     grouped_pin_faults,
 )
 from .elements.levels import LevelsInTime, levels_of_pins_in_time
-from .elements.offsets import ElementOffsets, structures_of_offsets
+from .elements.offsets import ElementOffsets
 from .held.drives import held_pin_drives
 from .held.frame_times import frames_at_held_drives
 from .pin_verdict import PinLimits, PinVerdict
@@ -382,11 +383,16 @@ class _PinJudge:
         self._offsets = ElementOffsets.of(self.record, self.shown.drives, alone)
         kinds = {PinFaultKind.SHIFTED, PinFaultKind.INVERTED}
         shifted = [self.run.elements[p] for p, fault in faults.items() if fault.kind in kinds]
-        found, explained = structures_of_offsets(
-            self._offsets, shifted, self._limits.phase_rad, self.steps
+        offsets = self._offsets
+        found, explained = groups_of_elements(
+            dict(zip(offsets.elements, offsets.phase_rad.tolist(), strict=True)),
+            shifted,
+            self._limits.phase_rad,
+            self.steps,
+            dict(zip(offsets.elements, offsets.channels, strict=True)),
         )
-        for text in found:
-            self._find("phases", text)
+        for group in found:
+            self._find("phases", group.text)
         return explained if found else set()
 
     def _note_doubtful_frames(self, judged: NDArray[np.intp], mixed: Bools) -> Bools:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptogram.records.pins import LineBytes
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import decode_frame, fastest_cobs
+from haptogram_protocol.framing import decode_frame
 from haptogram_protocol.messages import Header, Message, MessageType, parse_body
 
 

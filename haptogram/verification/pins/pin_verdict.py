@@ -13,7 +13,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.frame import Evidence
 from haptogram.records.pins import CarrierPeriods
 
-from ..frame.verdict import Verdict
+from ..frame.verdict import Judged, Verdict
 from .elements.levels import LevelsInTime
 from .elements.offsets import ElementOffsets
 from .run_drives import Bools
@@ -55,7 +55,7 @@ class PinLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class PinVerdict:
+class PinVerdict(Judged):
     """The verdict on the captured pins of a run; true if it passed, and only then.
 
     Attributes
@@ -134,15 +134,6 @@ class PinVerdict:
     carrier: CarrierPeriods | None = None
     offsets: ElementOffsets | None = None
     levels: LevelsInTime | None = None
-
-    def __bool__(self) -> bool:
-        """Return True if the captured pins passed."""
-        return self.verdict is Verdict.PASS
-
-    @property
-    def exit_status(self) -> int:
-        """0 pass, 1 fail, 3 inconclusive."""
-        return self.verdict.exit_status
 
     @property
     def scope(self) -> str:

@@ -132,77 +132,77 @@ def frames_shown_by_pins(
     record: PinRecord, run: PinRunDrives, offset: float | None = None
 ) -> FramesShownByPins:
     """Return the frames of a run that a capture shows; *offset* is when it begins, if known."""
-    limits = PinCaptureLimits.of(record)
     found = align_pins_to_run(record, run) if offset is None else PinAlignment(offset)
-    starts, ends = found.starts(run), found.ends(run)
-    plain_drives = _pin_drives(record, run, found, limits, each=False)
-    prior = sound_before_run(record, run, float(starts[0]))
-    lost, before = _frames_lost_on_pins(record, plain_drives, prior)
-    weights = pin_weights_of_frame(record, run, starts, ends).weights
-    steps, drives = _steps_and_drives(record, run, found, limits, weights, before)
-    lost |= _pins_without_latch(record, starts, ends) & ~steps.is_inside.any(axis=1)
-    late = _pin_lateness(steps, lost)
-    return FramesShownByPins(starts, ends, drives, steps, lost, late)
+    pins = _AlignedPins(record, run, found.starts(run), found.ends(run))
+    prior = sound_before_run(record, run, float(pins.starts[0]))
+    lost, before = _frames_lost_on_pins(record, pins.drives(each=False), prior)
+    steps = pins.steps(before)
+    lost |= _pins_without_latch(record, pins.starts, pins.ends) & ~steps.is_inside.any(axis=1)
+    drives, late = pins.drives(steps, before), _pin_lateness(steps, lost)
+    return FramesShownByPins(pins.starts, pins.ends, drives, steps, lost, late)
 
 
-def _steps_and_drives(
-    record: PinRecord,
-    run: PinRunDrives,
-    found: PinAlignment,
-    limits: PinCaptureLimits,
-    weights: ComplexArray,
-    before: NDArray[np.int64],
-) -> tuple[PinSteps, PinDrives]:
-    """Return the steps, and the drives from them on."""
-    starts, ends = found.starts(run), found.ends(run)
-    turns = common_turns_of_pins(record, run, weights, limits.phase_rad)
-    steps = pin_steps(record, run, starts, ends, before, turns)
-    latest = np.where(steps.is_inside, steps.after, 0.0).max(axis=1)[:-1]
-    held = np.append(-np.inf, starts[:-1] + latest + TORN_PERIODS)
-    if (held > starts - LATE_PERIODS).any():  # the search for a latch begins a little earlier
-        steps = pin_steps(record, run, starts, ends, before, turns, not_before=held)
-    if run.held is not None:  # what moves with a carrier that is not steady is no step
-        steps = replace(steps, is_inside=np.zeros_like(steps.is_inside))
-    return steps, _pin_drives(record, run, found, limits, steps, before)
+@dataclass(frozen=True, eq=False)
+class _AlignedPins:
+    """A capture beside the frames of a run, which are due and over at times of the capture."""
 
+    record: PinRecord
+    run: PinRunDrives
+    starts: FloatArray
+    ends: FloatArray
 
-def _pin_drives(
-    record: PinRecord,
-    run: PinRunDrives,
-    found: PinAlignment,
-    limits: PinCaptureLimits,
-    steps: PinSteps | None = None,
-    before: NDArray[np.int64] | None = None,
-    *,
-    each: bool = True,
-) -> PinDrives:
-    """Return the drives from when each pin has latched, by *steps* or else when it is due."""
-    starts, ends = found.starts(run), found.ends(run)
-    shape = run.count, len(run.elements)
-    lows = np.broadcast_to(starts[:, None], shape) + SETTLED
-    highs = np.broadcast_to(ends[:, None], shape) - 1.0
-    highs[-1] = _end_of_last_pin_frame(record, run, starts, ends)
-    if steps is not None:
-        late = np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
-        lows += np.where(steps.is_inside, late, late.max(axis=1, keepdims=True))
-        highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
-    if run.held is not None:
-        lows = np.maximum(lows, run.held[:, :1])
-        highs = np.minimum(highs, run.held[:, 1:])
-    begins = np.array([record.pins[element].begin for element in run.elements])
-    lows = np.where(lows < begins, np.nan, lows)  # a level that is not known shows nothing
-    means = pin_weights(record, run, lows, highs)
-    turns = common_turns_of_pins(record, run, means.weights, limits.phase_rad, each=each)
-    jitter = np.minimum(means.jitter_rad, max(limits.phase_rad, _MOST_JITTER_RAD))
-    return PinDrives(
-        run,
-        means.weights * np.exp(-1j * turns)[:, None],
-        np.arange(-1, run.count - 1) if before is None else before,
-        limits.phase_rad + jitter + run.allowed_rad[:, None],
-        # The width of a pulse scatters as its centre does.
-        limits.amplitude + max(0.0, float(np.median(jitter)) - limits.phase_rad),
-        turns,
-    )
+    @cached_property
+    def _limits(self) -> PinCaptureLimits:
+        return PinCaptureLimits.of(self.record)
+
+    def steps(self, before: NDArray[np.int64]) -> PinSteps:
+        """Return the steps of all pins; *before* is the frame that was shown before each."""
+        record, run, starts, ends = self.record, self.run, self.starts, self.ends
+        weights = pin_weights_of_frame(record, run, starts, ends).weights
+        turns = common_turns_of_pins(record, run, weights, self._limits.phase_rad)
+        steps = pin_steps(record, run, starts, ends, before, turns)
+        latest = np.where(steps.is_inside, steps.after, 0.0).max(axis=1)[:-1]
+        held = np.append(-np.inf, starts[:-1] + latest + TORN_PERIODS)
+        if (held > starts - LATE_PERIODS).any():  # the search for a latch begins a little earlier
+            steps = pin_steps(record, run, starts, ends, before, turns, not_before=held)
+        if run.held is not None:  # what moves with a carrier that is not steady is no step
+            steps = replace(steps, is_inside=np.zeros_like(steps.is_inside))
+        return steps
+
+    def drives(
+        self,
+        steps: PinSteps | None = None,
+        before: NDArray[np.int64] | None = None,
+        *,
+        each: bool = True,
+    ) -> PinDrives:
+        """Return the drives from when each pin has latched, by *steps* or else when it is due."""
+        record, run, limits = self.record, self.run, self._limits
+        shape = run.count, len(run.elements)
+        lows = np.broadcast_to(self.starts[:, None], shape) + SETTLED
+        highs = np.broadcast_to(self.ends[:, None], shape) - 1.0
+        highs[-1] = _end_of_last_pin_frame(record, run, self.starts, self.ends)
+        if steps is not None:
+            late = np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
+            lows += np.where(steps.is_inside, late, late.max(axis=1, keepdims=True))
+            highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
+        if run.held is not None:
+            lows = np.maximum(lows, run.held[:, :1])
+            highs = np.minimum(highs, run.held[:, 1:])
+        begins = np.array([record.pins[element].begin for element in run.elements])
+        lows = np.where(lows < begins, np.nan, lows)  # a level that is not known shows nothing
+        means = pin_weights(record, run, lows, highs)
+        turns = common_turns_of_pins(record, run, means.weights, limits.phase_rad, each=each)
+        jitter = np.minimum(means.jitter_rad, max(limits.phase_rad, _MOST_JITTER_RAD))
+        return PinDrives(
+            run,
+            means.weights * np.exp(-1j * turns)[:, None],
+            np.arange(-1, run.count - 1) if before is None else before,
+            limits.phase_rad + jitter + run.allowed_rad[:, None],
+            # The width of a pulse scatters as its centre does.
+            limits.amplitude + max(0.0, float(np.median(jitter)) - limits.phase_rad),
+            turns,
+        )
 
 
 def _end_of_last_pin_frame(

@@ -9,13 +9,3 @@ from .expectation import Expectation
 from .latch import SeenLatch
 from .result import WatchedLatch, WatchResult
 from .watch import Watch
-
-__all__ = [
-    "Defect",
-    "Diagnosis",
-    "Expectation",
-    "SeenLatch",
-    "Watch",
-    "WatchResult",
-    "WatchedLatch",
-]

@@ -18,7 +18,7 @@ from haptogram.acoustics.reconstruct.patterns.found import Pattern, Placed
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
 from .defect import Defect, Diagnosis
-from .frames import FrameDefects
+from .frames import MOST_KEPT, FrameDefects
 from .latch import SeenLatch
 
 _SOUNDING: Final = 1e-6
@@ -44,8 +44,6 @@ class DefectFinder:
         Places of the elements.
     channels : int
         Channels of one board.
-    most : int
-        Numbers of latches that are kept of each defect.
 
     Attributes
     ----------
@@ -53,17 +51,16 @@ class DefectFinder:
         What codecs counted of frames.
     """
 
-    def __init__(self, positions_m: FloatArray, channels: int, most: int = 10_000) -> None:
+    def __init__(self, positions_m: FloatArray, channels: int) -> None:
         self._neighbours = _neighbours_of_watched_elements(positions_m)
         self._centre_m: FloatArray = positions_m.mean(axis=0)
         self._distance_m = np.linalg.norm(positions_m - positions_m.mean(axis=0), axis=1)
         self._channels = channels
-        self._most = most
         self._latches: dict[Defect, list[int]] = defaultdict(list)
         self._stray: set[int] = set()
         self._silent: Counter[frozenset[int]] = Counter()
         self._reversed: dict[int, _WatchedPolarity] = defaultdict(_WatchedPolarity)
-        self.frames = FrameDefects(most)
+        self.frames = FrameDefects()
 
     def take(self, latch: SeenLatch, pattern: Pattern) -> tuple[Defect, ...]:
         """Take down a latch, and return the defects that its drive shows by itself."""
@@ -72,7 +69,7 @@ class DefectFinder:
         shown = tuple(self._shown(latch, pattern))
         self.frames.take(latch, is_named=Defect.AMPLITUDES_AS_PHASES in shown)
         for defect in shown:
-            if len(self._latches[defect]) < self._most:
+            if len(self._latches[defect]) < MOST_KEPT:
                 self._latches[defect].append(latch.number)
         if isinstance(pattern, Placed) and not latch.torn:
             self._take_polarities(latch, pattern)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
@@ -61,13 +62,13 @@ class ElementMistakes:
             steps = round(residual[element] / aim.step_rad)
             self._off[element, max(steps, half) if steps == -half else steps].append(number)
 
-    def diagnoses(self, reversed_: frozenset[int]) -> list[Diagnosis]:
-        """Return the defects, but for elements that are named as reversed."""
+    def diagnoses(self, known: Collection[int]) -> list[Diagnosis]:
+        """Return the defects, but for elements that are named otherwise."""
         found = [
             Diagnosis(Defect.ELEMENTS, f"elements {a} and {b} are swapped", tuple(latches))
             for (a, b), latches in self._swapped.items()
         ][:_NAMED]
-        off = {key: latches for key, latches in self._off.items() if key[0] not in reversed_}
+        off = {key: latches for key, latches in self._off.items() if key[0] not in known}
         if len(off) > _NAMED:
             latches = sorted({number for of_one in off.values() for number in of_one})
             count = len({element for element, _ in off})

@@ -48,8 +48,6 @@ class Expectation:
         The foci of each frame, in metres, in the axes of the model; one or several a frame.
     tolerance : Tolerance, optional
         Which misses pass on top of those of rounding; by default none.
-    uncertainty : Uncertainty, optional
-        How well array and air are known; by default exactly.
 
     Raises
     ------
@@ -69,14 +67,12 @@ class Expectation:
         frames_m: Sequence[ArrayLike],
         *,
         tolerance: Tolerance | None = None,
-        uncertainty: Uncertainty | None = None,
     ) -> None:
         if not len(frames_m):
             raise ConfigurationError("frames_m holds no frame, must be at least 1")
         self._model = model
         self._frames = [as_point_array("frames_m", np.atleast_2d(np.asarray(f))) for f in frames_m]
         self.tolerance = Tolerance() if tolerance is None else tolerance
-        self._uncertainty = Uncertainty() if uncertainty is None else uncertainty
         self._target = functools.lru_cache(_REMEMBERED)(self._make_target)
 
     @property
@@ -139,7 +135,7 @@ class Expectation:
             criteria=dict(sorted(verdicts.items())),
             faults=faults,
             note="; ".join(notes),
-            **target.shown_miss(self._uncertainty) | measures,
+            **target.shown_miss(Uncertainty()) | measures,
         )
 
     def _shows_focus(self, target: FrameTarget, steps: int) -> bool:

@@ -15,6 +15,8 @@ from haptogram.records.remark import UNDECIDED, About
 from .defect import Defect, Diagnosis
 from .latch import SeenLatch
 
+#: Latches that are kept of each defect, and remarks.
+MOST_KEPT: Final = 10_000
 _DETAILS: Final = {
     Defect.NO_COMMIT: "{} whole and never shown",
     Defect.BYTES_LOST: "{} torn",
@@ -26,8 +28,7 @@ _DETAILS: Final = {
 class _FoundDefects:
     """Numbers of latches, and what was counted of those that may be torn."""
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self) -> None:
         self.counts: Counter[Defect] = Counter()
         self.latches: dict[Defect, list[int]] = defaultdict(list)
         self.torn: list[tuple[int, str]] = []
@@ -36,28 +37,23 @@ class _FoundDefects:
         """Take down a latch that shows *defect*; None: nothing was latched."""
         self.counts[defect] += count
         latches = [] if number is None else [number]
-        self.latches[defect] = (self.latches[defect] + latches)[: self._most]
+        self.latches[defect] = (self.latches[defect] + latches)[:MOST_KEPT]
 
     def extend(self, other: _FoundDefects, *, without: Collection[Defect] = ()) -> None:
         """Take over what *other* has found."""
         for defect in (defect for defect in other.latches if defect not in without):
             self.counts[defect] += other.counts[defect]
-            self.latches[defect] = (self.latches[defect] + other.latches[defect])[: self._most]
-        self.torn = (self.torn + other.torn)[: self._most]
+            self.latches[defect] = (self.latches[defect] + other.latches[defect])[:MOST_KEPT]
+        self.torn = (self.torn + other.torn)[:MOST_KEPT]
 
     def add_torn(self, latch: SeenLatch) -> None:
         """Keep what was counted of a latch."""
-        if len(self.torn) < self._most:
+        if len(self.torn) < MOST_KEPT:
             self.torn.append((latch.number, latch.torn_text))
 
 
 class FrameDefects:
     """Collects what codecs counted, client by client.
-
-    Parameters
-    ----------
-    most : int
-        Latches that are kept of each defect, and remarks.
 
     Attributes
     ----------
@@ -65,9 +61,8 @@ class FrameDefects:
         What the board said of its clients.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._judged, self._of_client = _FoundDefects(most), _FoundDefects(most)
+    def __init__(self) -> None:
+        self._judged, self._of_client = _FoundDefects(), _FoundDefects()
         self._about: dict[About, str] = {}
         self._undecided: str | None = None
         self._has_whole = self._is_stopped = False
@@ -90,7 +85,7 @@ class FrameDefects:
 
     def remark(self, about: About, text: str) -> None:
         """Take down what the board says of its client."""
-        if len(self.remarks) < self._most:
+        if len(self.remarks) < MOST_KEPT:
             self.remarks.append(text)
         self._about.setdefault(about, text)
         self._is_stopped |= about in (About.STOPPED, About.OTHER_WIRE)
@@ -101,7 +96,7 @@ class FrameDefects:
         """Judge what came of the client, and begin anew with the next one."""
         self._judged = self._so_far()
         self._undecided = self.undecided
-        self._of_client, self._about = _FoundDefects(self._most), {}
+        self._of_client, self._about = _FoundDefects(), {}
         self._has_whole, self._is_own = False, None
 
     def wire_compared(self, *, is_own: bool) -> None:
@@ -155,7 +150,7 @@ class FrameDefects:
 
     def _so_far(self) -> _FoundDefects:
         """Return what is named of all clients, the one that is there included."""
-        found, of_client = _FoundDefects(self._most), self._of_client
+        found, of_client = _FoundDefects(), self._of_client
         found.extend(self._judged)
         if About.OTHER_WIRE in self._about or self._is_own is False:
             return found

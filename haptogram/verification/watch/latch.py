@@ -15,8 +15,11 @@ from haptogram.records.frame import Evidence
 
 POWER_UP: Final = "power-up"
 MODULATED: Final = "modulation"
+UPLOAD: Final = "upload"
+#: What boards count of latches whose pins pulse in every second period.
+HALVED: Final = "pins_at_half_carrier"
 #: What boards latch without a client; a silencer is on its way to what the client asked for.
-OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame", "silencer", MODULATED})
+OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame", "silencer", MODULATED, UPLOAD})
 #: What codecs count of a frame that is not whole: bytes of it were lost, or changed.
 TORN_KINDS: Final = frozenset(
     {
@@ -80,8 +83,8 @@ class SeenLatch:
 
     @property
     def is_sample(self) -> bool:
-        """True if a modulation went on: the amplitude changed, and no frame came."""
-        return self.cause == MODULATED
+        """True if the amplitude changed, and no frame came: by a modulation, or as bytes arrive."""
+        return self.cause in (MODULATED, UPLOAD)
 
     @property
     def level(self) -> float:

@@ -28,6 +28,7 @@ from .mistakes import Aim, ClientMistakes
 from .order import ExpectedOrder
 from .rearrangements import client_rearrangements
 from .result import WatchedLatch, WatchResult
+from .together import CommonLosses
 
 _REMEMBERED: Final = 1024  # drives; clients show the same ones again and again
 _TIMED: Final = 4096
@@ -85,6 +86,7 @@ class Watch:
         self._times_ms: deque[float] = deque(maxlen=_TIMED)
         self._aims: dict[tuple[float, ...], Aim] = {}
         self._elements = ElementMistakes(model)
+        self._common = CommonLosses(model)
         self._latches = 0
         self._only_phases = 0  # wrong frames whose focus is right
         self._notes: dict[str, None] = {}  # why frames are not verified
@@ -94,6 +96,7 @@ class Watch:
         self._latches += 1
         pattern, took_ms = self._pattern(latch)
         defects = self._finder.take(latch, pattern)
+        self._common.take(latch, pattern)
         verdict = None
         if latch.is_of_client:
             self._kinds[pattern.kind] += 1
@@ -127,8 +130,11 @@ class Watch:
         mistakes = [] if found is None or (named := found.diagnosis()) is None else [named]
         if self._order is not None:
             mistakes += self._order.diagnoses()
+        groups, members = self._common.groups()
         if not mistakes:
-            mistakes = self._elements.diagnoses(self._finder.reversed_elements)
+            known = self._finder.reversed_elements | members
+            mistakes = groups + self._elements.diagnoses(known)
+        mistakes += self._common.levels()
         return WatchResult(
             latches=self._latches,
             kinds=dict(self._kinds),

@@ -54,11 +54,9 @@ class Annotator(Protocol):
 
     def feed(self, chunk: bytes) -> Iterator[Annotated]:
         """Yield the pieces that *chunk* completes."""
-        ...
 
     def end(self) -> Iterator[Annotated]:
         """Yield the frame that the end of the stream leaves unfinished."""
-        ...
 
 
 class FrameAnnotator:

@@ -161,17 +161,3 @@ class EventReceived:
 HostEvent: TypeAlias = (
     ReplyReceived | RequestRefused | RequestTimedOut | EventReceived | FrameDropped
 )
-
-__all__ = [
-    "NEED_DATA",
-    "BoardEvent",
-    "EventReceived",
-    "FrameDropped",
-    "HostEvent",
-    "NeedData",
-    "ReplyReceived",
-    "RequestReceived",
-    "RequestRefused",
-    "RequestTimedOut",
-    "StreamReceived",
-]

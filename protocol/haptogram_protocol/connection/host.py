@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections import deque
 
+from ..cobs import PURE_PYTHON, Cobs
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import PURE_PYTHON, Cobs, FrameDecoder, encode_frame
+from ..framing import FrameDecoder, encode_frame
 from ..messages import (
     EVENT_RANGE,
     FIRST_STREAM_SEQ,
@@ -39,17 +40,8 @@ from ..messages import (
     signed_difference,
 )
 from ..state import LinkInput, LinkState, next_link_state
+from . import events
 from .counters import HOST_COUNTERS
-from .events import (
-    NEED_DATA,
-    EventReceived,
-    FrameDropped,
-    HostEvent,
-    NeedData,
-    ReplyReceived,
-    RequestRefused,
-    RequestTimedOut,
-)
 from .inbox import ConnectionInbox
 from .pending import PendingRequest, PendingRequests
 
@@ -62,7 +54,7 @@ class HostConnection:
     nonce : int, keyword-only
         Session to ask for, 1 to 65535, chosen at random.
     cobs : Cobs, keyword-only
-        COBS; :func:`~haptogram_protocol.framing.fastest_cobs` gives a compiled one.
+        COBS; :func:`~haptogram_protocol.cobs.fastest_cobs` gives a compiled one.
 
     Attributes
     ----------
@@ -94,7 +86,7 @@ class HostConnection:
         self._stuff = cobs.encode
         self._inbox = ConnectionInbox(FrameDecoder(cobs))
         self._output = bytearray()
-        self._events: deque[HostEvent] = deque()
+        self._events: deque[events.HostEvent] = deque()
         self._pending = PendingRequests()
         self._window = 1  # upload chunks that may be unanswered
         self._control_seq = 0
@@ -253,7 +245,7 @@ class HostConnection:
         self._pending.forget(waiting)
         if self.link_state is LinkState.OPEN or waiting.request is MessageType.HELLO:
             self.link_state = next_link_state(self.link_state, LinkInput.TIMED_OUT)
-        self._events.append(RequestTimedOut(waiting.request, waiting.seq, waiting.attempts))
+        self._events.append(events.RequestTimedOut(waiting.request, waiting.seq, waiting.attempts))
 
     # --- In ------------------------------------------------------------------------------------
 
@@ -282,23 +274,23 @@ class HostConnection:
         """
         self._inbox.receive(data, now_us)
 
-    def next_event(self) -> HostEvent | NeedData:
+    def next_event(self) -> events.HostEvent | events.NeedData:
         """Return the next event, or :data:`NEED_DATA`."""
         if self._events:
             return self._events.popleft()
         found = self._inbox.next_frame()
         if found is None:
-            return NEED_DATA
+            return events.NEED_DATA
         body, t_rx_us = found
         if isinstance(body, RemoteProtocolError):
             return self._drop(body.reason, str(body), t_rx_us)
         return self._judge(body, t_rx_us)
 
-    def _drop(self, reason: str, detail: str, t_rx_us: int) -> FrameDropped:
+    def _drop(self, reason: str, detail: str, t_rx_us: int) -> events.FrameDropped:
         self.counters[reason] += 1
-        return FrameDropped(reason, detail, t_rx_us)
+        return events.FrameDropped(reason, detail, t_rx_us)
 
-    def _judge(self, body: bytes, t_rx_us: int) -> HostEvent:
+    def _judge(self, body: bytes, t_rx_us: int) -> events.HostEvent:
         self.counters["frames"] += 1
         try:
             header, message = parse_body(body)
@@ -312,7 +304,7 @@ class HostConnection:
             return self._judge_event(header, message, t_rx_us)
         return self._drop("unknown_type", f"{message.TYPE.name} is not for a host", t_rx_us)
 
-    def _judge_event(self, header: Header, message: Message, t_rx_us: int) -> HostEvent:
+    def _judge_event(self, header: Header, message: Message, t_rx_us: int) -> events.HostEvent:
         if header.session != self.session:
             detail = f"event of session {header.session:#06x}, not of {self.session:#06x}"
             return self._drop("stale_session", detail, t_rx_us)
@@ -321,9 +313,9 @@ class HostConnection:
             return self._drop("duplicate", f"event {header.seq} was here before", t_rx_us)
         self.counters["gap"] += ahead
         self._event_expected += ahead + 1
-        return EventReceived(message, header, t_rx_us, ahead)
+        return events.EventReceived(message, header, t_rx_us, ahead)
 
-    def _judge_response(self, header: Header, message: Message, t_rx_us: int) -> HostEvent:
+    def _judge_response(self, header: Header, message: Message, t_rx_us: int) -> events.HostEvent:
         waiting = self._pending.get(header.seq)
         if waiting is None or not _is_answer_to_pending_request(message, waiting.request):
             detail = f"{message.TYPE.name} {header.seq} answers no request that waits"
@@ -337,10 +329,12 @@ class HostConnection:
         if isinstance(message, Error):
             if waiting.request is MessageType.HELLO or self.link_state is LinkState.OPEN:
                 self.link_state = next_link_state(self.link_state, LinkInput.REFUSED)
-            return RequestRefused(message, header.seq, waiting.request, t_rx_us)
+            return events.RequestRefused(message, header.seq, waiting.request, t_rx_us)
         if isinstance(message, UploadBeginReply):
             self._window = max(1, message.window)
-        return ReplyReceived(message, header.seq, waiting.request, rtt_us, t_rx_us, header.time_us)
+        return events.ReplyReceived(
+            message, header.seq, waiting.request, rtt_us, t_rx_us, header.time_us
+        )
 
     def _from_here(self, header: Header, message: Message, waiting: PendingRequest) -> bool:
         """Return True if a response is for this session: MUTE in any, ERROR in none.  HG-3.7."""

@@ -5,17 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from ..messages import (
-    MUST_UNDERSTAND,
-    STREAM_RANGE,
-    Flag,
-    Header,
-    MessageType,
-)
+from .. import messages
 
 # HG-3.5: IMMEDIATE has a meaning in these only.  MUTE is carried out whatever its flags (HG-6.4).
-_TAKES_IMMEDIATE: Final = frozenset({*STREAM_RANGE, int(MessageType.PLAY)})
-IMMEDIATE: Final = int(Flag.IMMEDIATE)  # as a number: an operation on a Flag costs microseconds
+_TAKES_IMMEDIATE: Final = frozenset({*messages.STREAM_RANGE, int(messages.MessageType.PLAY)})
+IMMEDIATE: Final = int(
+    messages.Flag.IMMEDIATE
+)  # as a number: an operation on a Flag costs microseconds
 
 
 @dataclass(slots=True)  # frozen would take four times as long to make
@@ -36,14 +32,14 @@ class ReceivedFrame:
         True if the frame is of the open session; it renews the lease then (HG-6.7).
     """
 
-    header: Header
+    header: messages.Header
     payload: bytes
     crc: int
     t_rx_us: int
     in_session: bool
 
 
-def unknown_received_flags(header: Header) -> int:
+def unknown_received_flags(header: messages.Header) -> int:
     """Return the must-understand flags that have no meaning in such a frame.  HG-3.4."""
     known = IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
-    return header.flags & MUST_UNDERSTAND & ~known
+    return header.flags & messages.MUST_UNDERSTAND & ~known

@@ -17,20 +17,6 @@ from typing import Protocol, TypeAlias, TypeVar, runtime_checkable
 
 from ..errors import LocalProtocolError
 
-__all__ = [
-    "BoardEnd",
-    "Codes",
-    "Commits",
-    "Dialect",
-    "DialectEnd",
-    "Display",
-    "HostEnd",
-    "OneWayHostEnd",
-    "Operation",
-    "Reply",
-    "no_dialect_bytes_for",
-]
-
 
 class Operation:
     """One thing that the bytes of a host ask of a board."""
@@ -63,16 +49,13 @@ class DialectEnd(Protocol[Sent_contra, Received]):
     @property
     def counters(self) -> Counter[str]:
         """Counts of the bytes and frames that this end cannot understand, by kind."""
-        ...
 
     @property
     def pending(self) -> int:
         """Bytes of a message that has not ended, which this end holds back."""
-        ...
 
     def receive_data(self, data: bytes) -> list[Received]:
         """Return the messages that *data* completes, in the order of the wire."""
-        ...
 
     def send(self, message: Sent_contra) -> bytes:
         """Return the bytes of *message*.
@@ -82,7 +65,6 @@ class DialectEnd(Protocol[Sent_contra, Received]):
         LocalProtocolError
             If this wire has no bytes for *message*.
         """
-        ...
 
 
 class HostEnd(DialectEnd[Operation, Reply], Protocol):
@@ -91,7 +73,6 @@ class HostEnd(DialectEnd[Operation, Reply], Protocol):
     @property
     def due(self) -> int:
         """Answers that the host waits for."""
-        ...
 
 
 class BoardEnd(DialectEnd[Reply, Operation], Protocol):
@@ -103,7 +84,6 @@ class BoardEnd(DialectEnd[Reply, Operation], Protocol):
         It is greater than *at*, and the length of *data* if no byte may; an end that cannot tell
         returns ``at + 1``.
         """
-        ...
 
 
 @runtime_checkable
@@ -113,17 +93,14 @@ class Commits(Protocol):
     @property
     def commit(self) -> str:
         """The command in words for a user: "FDh"."""
-        ...
 
     @property
     def unfinished(self) -> int:
         """Bytes of the frame that has begun and is not whole; its start is one of them."""
-        ...
 
     @property
     def uncommitted(self) -> int:
         """Whole frames since the last commit."""
-        ...
 
 
 class Display:
@@ -211,6 +188,8 @@ class Dialect:
     display : callable or None
         From the number of boards on the line to how a host shows phases on them; None: this program
         emulates the boards and does not drive them.
+    layout : str
+        Name of the layout of its emitters, as its own programs have it; empty: not known here.
     """
 
     name: str
@@ -223,6 +202,7 @@ class Dialect:
     host: Callable[..., HostEnd]
     signature: re.Pattern[bytes]
     display: Callable[[int], Display] | None = None
+    layout: str = ""
 
 
 class OneWayHostEnd:

@@ -231,4 +231,6 @@ INTERACTLAB: Final = Dialect(
     host=InteractlabHostEnd,
     signature=re.compile(rb"[\x80-\xff].{255}[\x00-\x41]{256}", re.DOTALL),
     display=lambda _: InteractlabDisplay(),
+    layout="interactlab",
 )
+DIALECTS: Final = (INTERACTLAB,)

@@ -10,7 +10,6 @@ from typing import Final
 
 from ..framing import FrameDecoder
 from .codec import Dialect
-from .table import DIALECTS
 
 HAPTOGRAM: Final = "haptogram"
 HTTP2: Final = "HTTP/2 (gRPC, as autd3 36 and older)"
@@ -20,21 +19,22 @@ LOOKED_AT_BYTES: Final = 4096
 _OTHERS: Final = {HTTP2: b"PRI * HTTP/2.0\r\n", AUTD3_SDK: b"ARMT"}
 
 
-def looks_like_dialect(
-    data: bytes, dialects: Iterable[Dialect] = DIALECTS.values()
-) -> tuple[str, ...]:
+def looks_like_dialect(data: bytes, dialects: Iterable[Dialect] | None = None) -> tuple[str, ...]:
     """Return the names of the wires that *data* looks like; none if it looks like none.
 
     Parameters
     ----------
     data : bytes
         What a client sent; only its first 4096 bytes count.
-    dialects : iterable of Dialect
-        The dialects in question. Haptogram's own wire, HTTP/2 and autd3-sdk are looked for
-        in any case.
+    dialects : iterable of Dialect, optional
+        The dialects in question, by default all. Haptogram's own wire, HTTP/2 and autd3-sdk are
+        looked for in any case.
     """
+    from .table import DIALECTS  # which loads every module here
+
     start = data[:LOOKED_AT_BYTES]
-    alike = [dialect for dialect in dialects if dialect.signature.search(start)]
+    every = DIALECTS.values() if dialects is None else dialects
+    alike = [dialect for dialect in every if dialect.signature.search(start)]
     links = [dialect for dialect in alike if not dialect.bauds]  # a handshake is no chance
     names = [dialect.name for dialect in links or alike]
     if any(isinstance(body, bytes) for body in FrameDecoder().feed(start)):

@@ -28,7 +28,7 @@ from .codec import Codes, Dialect, Operation
 from .fpga_bytes.board_end import FpgaBoardEnd
 from .fpga_bytes.display import FpgaDisplay
 from .fpga_bytes.host_end import FpgaHostEnd
-from .fpga_bytes.operations import Begin, Clocks, ModulationStep, Select, SetPhases, Swap
+from .fpga_bytes.operations import Begin, Clocks, ModulationStep, Select, Swap
 from .fpga_bytes.rules import FpgaByteRules
 
 CHANNELS: Final = 256
@@ -71,19 +71,6 @@ TACTILE_CORRECTION: Final = bytes.fromhex(
 )
 
 
-def sonicsurface_frame(codes: bytes, boards: tuple[int, ...] = (0,)) -> list[Operation]:
-    """Return the operations of a whole frame for the boards that listen.
-
-    Parameters
-    ----------
-    codes : bytes
-        A code for each of the 256 channels, in the order of the wire.
-    boards : tuple of int
-        The boards that listen: 0 is the primary, 1 the secondary.
-    """
-    return [Begin(), SetPhases(boards, 0, codes), Swap()]
-
-
 class _TactileDisplay(FpgaDisplay):
     """The tactile firmware: codes that its correction brings onto the step that is meant."""
 
@@ -117,6 +104,7 @@ SONICSURFACE: Final = Dialect(
     host=functools.partial(FpgaHostEnd, RULES),
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe(?:[\xc0\xc1]?[\x00-\x20]{256}){1,2}\xfd"),
     display=lambda boards: FpgaDisplay(RULES, 32, boards),
+    layout="sonicsurface",
 )
 TACTILE: Final = Dialect(
     name="sonicsurface-tactile",
@@ -131,4 +119,6 @@ TACTILE: Final = Dialect(
         rb"[\xa0-\xbf]\xfe[\x00-\x20]{256}\xfd|\xfe[\x00-\x20]{256}\xfd[\xa0-\xbf]"
     ),
     display=lambda _: _TactileDisplay(),
+    layout="sonicsurface",
 )
+DIALECTS: Final = (SONICSURFACE, TACTILE)

@@ -1,28 +1,22 @@
-"""Every dialect of a foreign board, by name."""
+"""Every dialect of a foreign board, by name: each module here lists its own in ``DIALECTS``."""
 
 from __future__ import annotations
 
-from typing import Final
+import importlib
+import pkgutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
 
-from .autd3.link import AUTD3
 from .codec import Dialect
-from .interactlab import INTERACTLAB
-from .sonicsurface import SONICSURFACE, TACTILE
-from .ultraino.arduino.dialects import MEGA64, NANO8, NANO16
-from .ultraino.fpga import CHAINED, SIMPLE, SIMPLE_128
 
-DIALECTS: Final[dict[str, Dialect]] = {
-    dialect.name: dialect
-    for dialect in (
-        SONICSURFACE,
-        TACTILE,
-        SIMPLE,
-        SIMPLE_128,
-        CHAINED,
-        MEGA64,
-        NANO8,
-        NANO16,
-        INTERACTLAB,
-        AUTD3,
-    )
-}
+
+def listed_in_modules(folder: Path, package: str, name: str) -> Iterator[Any]:
+    """Yield the items of the list *name* of every module in the *folder* of a *package*."""
+    for module in pkgutil.walk_packages([str(folder)], f"{package}."):
+        listed: Sequence[Any] = getattr(importlib.import_module(module.name), name, ())
+        yield from listed
+
+
+_FOUND: Final = listed_in_modules(Path(__file__).parent, __name__.rpartition(".")[0], "DIALECTS")
+DIALECTS: Final[dict[str, Dialect]] = {dialect.name: dialect for dialect in _FOUND}

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from ..documented import DocumentedEnum
 from ..record import Record, nested, record, repeated, wire
-from .header import Message, MessageType
+from .header import Message
 
 
 class TraceMode(DocumentedEnum):
@@ -39,14 +37,11 @@ class Config(Record):
 class GetConfig(Message):
     """Ask for the configuration."""
 
-    TYPE: ClassVar[MessageType] = MessageType.GET_CONFIG
-
 
 @record
 class SetConfig(Message):
     """Set the whole configuration.  HG-7.1."""
 
-    TYPE: ClassVar[MessageType] = MessageType.SET_CONFIG
     config: Config = nested(Config, "configuration")
 
 
@@ -60,14 +55,10 @@ class _ConfigBody(Message):
 class ConfigReply(_ConfigBody):
     """Answer to GET_CONFIG."""
 
-    TYPE: ClassVar[MessageType] = MessageType.CONFIG_REPLY
-
 
 @record
 class SetConfigReply(_ConfigBody):
     """Answer to SET_CONFIG."""
-
-    TYPE: ClassVar[MessageType] = MessageType.SET_CONFIG_REPLY
 
 
 @record
@@ -86,7 +77,6 @@ class Element(Record):
 class GetGeometry(Message):
     """Ask for positions and normals.  HG-7.5."""
 
-    TYPE: ClassVar[MessageType] = MessageType.GET_GEOMETRY
     first: int = wire("H", "first transducer asked for")
     count: int = wire("H", "transducers asked for")
 
@@ -95,7 +85,6 @@ class GetGeometry(Message):
 class GeometryReply(Message):
     """Positions and normals, as many as fit.  HG-7.5."""
 
-    TYPE: ClassVar[MessageType] = MessageType.GEOMETRY_REPLY
     total: int = wire("H", "number of transducers of the board")
     first: int = wire("H", "first transducer in this reply")
     elements: tuple[Element, ...] = repeated(Element, "transducers, in order")

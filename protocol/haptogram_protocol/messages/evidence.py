@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from ..documented import DocumentedEnum
 from ..record import Record, nested, record, repeated, tail, wire
-from .header import Message, MessageType
+from .header import Message
 
 
 class DriveKind(DocumentedEnum):
@@ -29,7 +27,6 @@ class LatchKey(Record):
 class ReadDrive(Message):
     """Ask for the drive at the transducers.  HG-8.6."""
 
-    TYPE: ClassVar[MessageType] = MessageType.READ_DRIVE
     kind: DriveKind = wire("B", "0 latched, 1 radiated", enum=DriveKind)
     first: int = wire("H", "first transducer asked for")
     count: int = wire("H", "transducers asked for")
@@ -39,7 +36,6 @@ class ReadDrive(Message):
 class DriveReply(Message):
     """Phase and amplitude, as they are at one moment.  HG-8.6."""
 
-    TYPE: ClassVar[MessageType] = MessageType.DRIVE_REPLY
     kind: DriveKind = wire("B", "0 latched, 1 radiated", enum=DriveKind)
     key: LatchKey = nested(LatchKey, "the drive that is latched")
     t_latch_us: int = wire("I", "device time of that latch")
@@ -51,7 +47,6 @@ class DriveReply(Message):
 class Trace(Message):
     """A stream frame was latched at the header's t_device.  HG-8.3."""
 
-    TYPE: ClassVar[MessageType] = MessageType.TRACE
     index: int = wire("I", "unwrapped sequence number of the stream frame")
     crc: int = wire("I", "CRC-32 of the latched drive: N phases u8, N amplitudes u8")
 
@@ -60,7 +55,6 @@ class Trace(Message):
 class TracePlayback(Message):
     """A frame of a sequence was latched at the header's t_device.  HG-8.3."""
 
-    TYPE: ClassVar[MessageType] = MessageType.TRACE_PLAYBACK
     key: LatchKey = nested(LatchKey, "which frame")
     crc: int = wire("I", "CRC-32 of the latched drive: N phases u8, N amplitudes u8")
 
@@ -69,7 +63,6 @@ class TracePlayback(Message):
 class TraceDrive(Message):
     """A drive was latched at the header's t_device, in full.  HG-8.4."""
 
-    TYPE: ClassVar[MessageType] = MessageType.TRACE_DRIVE
     key: LatchKey = nested(LatchKey, "which frame")
     data: bytes = tail("N phases u8, then N amplitudes u8", unit=2)
 
@@ -89,7 +82,6 @@ class TraceRecord(Record):
 class ReadTrace(Message):
     """Ask for latches from the trace ring.  HG-8.5."""
 
-    TYPE: ClassVar[MessageType] = MessageType.READ_TRACE
     first: int = wire("I", "number of the first latch asked for")
     count: int = wire("H", "latches asked for")
 
@@ -98,7 +90,6 @@ class ReadTrace(Message):
 class TraceReply(Message):
     """Latches from the trace ring, as many as fit.  HG-8.5."""
 
-    TYPE: ClassVar[MessageType] = MessageType.TRACE_REPLY
     oldest: int = wire("I", "number of the oldest latch that the ring still holds")
     next: int = wire("I", "number that the next latch will get")
     records: tuple[TraceRecord, ...] = repeated(TraceRecord, "latches, oldest first")

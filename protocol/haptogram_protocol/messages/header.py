@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import re
 from typing import ClassVar, Final, Self
 
 from ..documented import DocumentedEnum, DocumentedFlag
@@ -13,6 +14,7 @@ VERSION_MAJOR: Final = 2  # HG-4.2
 VERSION_MINOR: Final = 0
 MAX_TRANSDUCERS: Final = 1024  # HG-5.1
 FIRST_STREAM_SEQ: Final = 0xFFF0  # HG-3.6: so that every run crosses the wrap
+_WORD: Final = re.compile("(?<!^)(?=[A-Z])")  # where a word of a name begins
 RESPONSE_OFFSET: Final = 0x40  # HG-3.3: type of a response = type of its request + 0x40
 
 
@@ -130,11 +132,16 @@ class Message(Record):
     Attributes
     ----------
     TYPE : MessageType
-        Type byte of the message.
+        Type byte of the message: the one of its name, such as ``GET_CONFIG`` of ``GetConfig``.
     """
 
     __slots__ = ()
     TYPE: ClassVar[MessageType]
+
+    def __init_subclass__(cls) -> None:
+        name = _WORD.sub("_", cls.__name__).upper()
+        if name in MessageType.__members__:
+            cls.TYPE = MessageType[name]
 
     def serialize(self) -> bytes:
         """Return the payload.
@@ -169,7 +176,6 @@ class Ack(Message):
 class Error(Message):
     """The request was refused; this layout is frozen across major versions.  HG-10.1."""
 
-    TYPE: ClassVar[MessageType] = MessageType.ERROR
     request: int = wire("B", "type of the request")
     code: int = wire("B", "error code")
     detail: int = wire("I", "number that belongs to the code")

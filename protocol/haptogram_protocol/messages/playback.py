@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from ..documented import DocumentedEnum
 from ..record import record, tail, wire
-from .header import Ack, Message, MessageType
+from .header import Ack, Message
 
 
 class UploadKind(DocumentedEnum):
@@ -21,7 +19,6 @@ class UploadKind(DocumentedEnum):
 class UploadBegin(Message):
     """Announce an upload.  HG-7.2."""
 
-    TYPE: ClassVar[MessageType] = MessageType.UPLOAD_BEGIN
     kind: UploadKind = wire("B", "1 phases, 2 points, 3 phase correction", enum=UploadKind)
     points_per_frame: int = wire("B", "kind 2: focal points in every frame; else 0")
     target: int = wire("H", "sequence id, 1 or more; kind 3: 0")
@@ -33,7 +30,6 @@ class UploadBegin(Message):
 class UploadBeginReply(Message):
     """The board is ready for the upload.  HG-7.2."""
 
-    TYPE: ClassVar[MessageType] = MessageType.UPLOAD_BEGIN_REPLY
     max_chunk: int = wire("H", "bytes of data in one chunk, at most")
     window: int = wire("H", "chunks that may be unanswered at a time")
 
@@ -42,7 +38,6 @@ class UploadBeginReply(Message):
 class UploadChunk(Message):
     """Part of an upload, at an absolute offset: sending it twice does no harm.  HG-7.3."""
 
-    TYPE: ClassVar[MessageType] = MessageType.UPLOAD_CHUNK
     offset: int = wire("I", "where these bytes belong")
     data: bytes = tail("bytes of the upload")
 
@@ -51,7 +46,6 @@ class UploadChunk(Message):
 class UploadChunkReply(Message):
     """Progress of the upload.  HG-7.3."""
 
-    TYPE: ClassVar[MessageType] = MessageType.UPLOAD_CHUNK_REPLY
     received: int = wire("I", "bytes that are there, from the start")
 
 
@@ -59,7 +53,6 @@ class UploadChunkReply(Message):
 class UploadCommit(Message):
     """Take the upload, whole or not at all.  HG-7.4."""
 
-    TYPE: ClassVar[MessageType] = MessageType.UPLOAD_COMMIT
     target: int = wire("H", "as in UPLOAD_BEGIN")
 
 
@@ -67,7 +60,6 @@ class UploadCommit(Message):
 class UploadCommitReply(Message):
     """The upload is in force.  HG-7.4."""
 
-    TYPE: ClassVar[MessageType] = MessageType.UPLOAD_COMMIT_REPLY
     frames: int = wire("I", "frames in the sequence; kind 3: number of transducers")
 
 
@@ -75,7 +67,6 @@ class UploadCommitReply(Message):
 class Play(Message):
     """Play a sequence on the board's clock, from the header's t_apply on.  HG-7.6."""
 
-    TYPE: ClassVar[MessageType] = MessageType.PLAY
     sequence: int = wire("H", "sequence id")
     period_us: int = wire("I", "time from one frame to the next, microseconds")
     loops: int = wire("I", "how often; 0: until STOP")
@@ -86,28 +77,21 @@ class Play(Message):
 class PlayReply(Ack):
     """Answer to PLAY."""
 
-    TYPE: ClassVar[MessageType] = MessageType.PLAY_REPLY
-
 
 @record
 class Stop(Message):
     """End playback; the last drive is held for ``hold_ms``.  HG-7.7."""
-
-    TYPE: ClassVar[MessageType] = MessageType.STOP
 
 
 @record
 class StopReply(Ack):
     """Answer to STOP."""
 
-    TYPE: ClassVar[MessageType] = MessageType.STOP_REPLY
-
 
 @record
 class PlaybackEnded(Message):
     """A sequence ended, by itself or by STOP, MUTE, a timer.  HG-7.8."""
 
-    TYPE: ClassVar[MessageType] = MessageType.PLAYBACK_ENDED
     sequence: int = wire("H", "sequence id")
     loops: int = wire("I", "whole passes played")
     frames: int = wire("I", "frames latched")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from ..documented import DocumentedFlag
 from ..record import record, wire
 from ..state import MuteReason, OutputState
-from .header import Ack, Message, MessageType
+from .header import Ack, Message
 
 
 class Feature(DocumentedFlag):
@@ -33,7 +31,6 @@ class Feature(DocumentedFlag):
 class Hello(Message):
     """Open a session; this layout is frozen across major versions.  HG-4.1."""
 
-    TYPE: ClassVar[MessageType] = MessageType.HELLO
     major: int = wire("B", "major version of the host")
     minor: int = wire("B", "minor version of the host")
     nonce: int = wire("H", "session asked for, never 0, chosen at random")
@@ -44,7 +41,6 @@ class Hello(Message):
 class HelloReply(Message):
     """Identity and capabilities of the board; frozen up to ``reserved``.  HG-4.3."""
 
-    TYPE: ClassVar[MessageType] = MessageType.HELLO_REPLY
     major: int = wire("B", "major version of the board")
     minor: int = wire("B", "minor version of the board")
     nonce: int = wire("H", "session now open")
@@ -83,49 +79,36 @@ class HelloReply(Message):
 class Arm(Message):
     """Allow output.  HG-6.3."""
 
-    TYPE: ClassVar[MessageType] = MessageType.ARM
-
 
 @record
 class Mute(Message):
     """Switch the output off, now, from any session.  HG-6.4."""
-
-    TYPE: ClassVar[MessageType] = MessageType.MUTE
 
 
 @record
 class Disarm(Message):
     """Switch the output off and forbid it.  HG-6.5."""
 
-    TYPE: ClassVar[MessageType] = MessageType.DISARM
-
 
 @record
 class ArmReply(Ack):
     """Answer to ARM."""
-
-    TYPE: ClassVar[MessageType] = MessageType.ARM_REPLY
 
 
 @record
 class MuteReply(Ack):
     """Answer to MUTE."""
 
-    TYPE: ClassVar[MessageType] = MessageType.MUTE_REPLY
-
 
 @record
 class DisarmReply(Ack):
     """Answer to DISARM."""
-
-    TYPE: ClassVar[MessageType] = MessageType.DISARM_REPLY
 
 
 @record
 class Ping(Message):
     """Ask for the device time.  HG-6.9."""
 
-    TYPE: ClassVar[MessageType] = MessageType.PING
     echo: int = wire("Q", "any number; comes back")
 
 
@@ -133,7 +116,6 @@ class Ping(Message):
 class Pong(Message):
     """The device time.  HG-6.9."""
 
-    TYPE: ClassVar[MessageType] = MessageType.PONG
     echo: int = wire("Q", "the number from the PING")
     t_rx_us: int = wire("I", "device time of the PING's closing delimiter")
     t_tx_us: int = wire("I", "device time of the first byte of this frame")
@@ -143,6 +125,5 @@ class Pong(Message):
 class StateChanged(Message):
     """The output state changed without a request.  HG-6.8."""
 
-    TYPE: ClassVar[MessageType] = MessageType.STATE_CHANGED
     state: OutputState = wire("B", "output state", enum=OutputState)
     reason: MuteReason = wire("B", "why", enum=MuteReason)

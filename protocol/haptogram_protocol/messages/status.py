@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Final
 
 from ..record import Record, nested, record, wire
 from ..state import MuteReason, OutputState
-from .header import Message, MessageType
+from .header import Message
 
 
 @record
@@ -67,18 +67,12 @@ class _StatusBody(Message):
 class Status(_StatusBody):
     """Counters and arrival margin, sent by itself every ``status_period_ms``.  HG-9.1."""
 
-    TYPE: ClassVar[MessageType] = MessageType.STATUS
-
 
 @record
 class GetStatus(Message):
     """Ask for the status."""
 
-    TYPE: ClassVar[MessageType] = MessageType.GET_STATUS
-
 
 @record
 class StatusReply(_StatusBody):
     """Answer to GET_STATUS."""
-
-    TYPE: ClassVar[MessageType] = MessageType.STATUS_REPLY

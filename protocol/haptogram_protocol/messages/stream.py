@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Final
 
 from ..errors import RemoteProtocolError
 from ..record import Record, record, repeated, tail, wire
-from .header import Message, MessageType
+from .header import Message
 
 _FULL: Final = 255  # amplitude code
 
@@ -15,7 +15,6 @@ _FULL: Final = 255  # amplitude code
 class Phases(Message):
     """Phases of every transducer at full amplitude.  HG-5.2."""
 
-    TYPE: ClassVar[MessageType] = MessageType.PHASES
     data: bytes = tail("N phases u8, 256 steps a turn")
 
 
@@ -23,7 +22,6 @@ class Phases(Message):
 class Drives(Message):
     """Phase and amplitude of every transducer.  HG-5.3."""
 
-    TYPE: ClassVar[MessageType] = MessageType.DRIVES
     data: bytes = tail("N phases u8, then N amplitudes u8, linear in pressure, 255 = full", unit=2)
 
 
@@ -42,7 +40,6 @@ class FocalPoint(Record):
 class Points(Message):
     """Focal points whose drive the board computes.  HG-5.4."""
 
-    TYPE: ClassVar[MessageType] = MessageType.POINTS
     points: tuple[FocalPoint, ...] = repeated(FocalPoint, "focal points", least=1)
 
 

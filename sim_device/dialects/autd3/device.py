@@ -16,29 +16,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from haptogram_protocol.dialects.autd3 import operations
 from haptogram_protocol.dialects.autd3.frame import (
     MAX_MESSAGE_ID,
     Autd3DeviceFrame,
     Autd3DeviceState,
-)
-from haptogram_protocol.dialects.autd3.operations import (
-    CHANNELS,
-    Clear,
-    ErrorCode,
-    FirmwareInfo,
-    FociStart,
-    FociSTM,
-    Gain,
-    InfoType,
-    Modulation,
-    ModulationStart,
-    Nop,
-    Silencer,
-    SwapSegment,
-    Sync,
-    Tag,
-    TransitionMode,
-    autd3_refusal,
 )
 from haptogram_protocol.dialects.codec import Operation
 
@@ -52,12 +34,12 @@ from .silencer import Pace
 _FOCUS_BYTES: Final = 8
 # v12.1.0, the newest firmware that autd3 38 knows
 _FIRMWARE: Final = {
-    InfoType.CPU_MAJOR: 0xA5,
-    InfoType.CPU_MINOR: 0,
-    InfoType.FPGA_MAJOR: 0xA5,
-    InfoType.FPGA_MINOR: 0,
-    InfoType.FPGA_FUNCTIONS: 0,
-    InfoType.CLEAR: 0,
+    operations.InfoType.CPU_MAJOR: 0xA5,
+    operations.InfoType.CPU_MINOR: 0,
+    operations.InfoType.FPGA_MAJOR: 0xA5,
+    operations.InfoType.FPGA_MINOR: 0,
+    operations.InfoType.FPGA_FUNCTIONS: 0,
+    operations.InfoType.CLEAR: 0,
 }
 
 
@@ -122,10 +104,10 @@ class Autd3Device:
 
     def _power_up(self) -> None:
         self._limits, self.pace = Autd3Limits(), Pace()
-        self._sequences: Autd3Memory[Autd3Patterns, FociStart] = Autd3Memory(
-            Autd3Patterns("clear", bytes(2 * CHANNELS)), _FOCUS_BYTES, self._counters
+        self._sequences: Autd3Memory[Autd3Patterns, operations.FociStart] = Autd3Memory(
+            Autd3Patterns("clear", bytes(2 * operations.CHANNELS)), _FOCUS_BYTES, self._counters
         )
-        self._modulation: Autd3Memory[bytes, ModulationStart] = Autd3Memory(
+        self._modulation: Autd3Memory[bytes, operations.ModulationStart] = Autd3Memory(
             bytes([FULL]), 1, self._counters
         )
 
@@ -138,15 +120,15 @@ class Autd3Device:
         """Do the operations of *frame* at the system time *now_ns*."""
         if frame.repeated:
             return
-        error, data = ErrorCode.NONE, self._state.data
+        error, data = operations.ErrorCode.NONE, self._state.data
         if frame.message_id > MAX_MESSAGE_ID:
-            error = ErrorCode.INVALID_MESSAGE_ID
+            error = operations.ErrorCode.INVALID_MESSAGE_ID
         for operation in frame.operations:
             error = self._do(operation, now_ns)
             if error:
                 break
-            if isinstance(operation, FirmwareInfo):
-                data = _FIRMWARE[InfoType(operation.kind)]
+            if isinstance(operation, operations.FirmwareInfo):
+                data = _FIRMWARE[operations.InfoType(operation.kind)]
         if error:
             self._counters[f"refused_{error.name.lower()}"] += 1
         self._state = Autd3DeviceState(frame.message_id, error, data)
@@ -161,28 +143,28 @@ class Autd3Device:
         times = (self._sequences.next_change(period), self._modulation.next_change(period))
         return min((time for time in times if time is not None), default=None)
 
-    def _do(self, operation: Operation, now_ns: int) -> ErrorCode:
-        if error := autd3_refusal(operation):
+    def _do(self, operation: Operation, now_ns: int) -> operations.ErrorCode:
+        if error := operations.autd3_refusal(operation):
             return error
-        doers: dict[type, Callable[[Any, int], ErrorCode]] = {
-            Clear: self._clear,
-            Silencer: self._silence,
-            Gain: self._write_gain,
-            Modulation: self._write_modulation,
-            FociSTM: self._write_foci,
-            SwapSegment: self._swap,
+        doers: dict[type, Callable[[Any, int], operations.ErrorCode]] = {
+            operations.Clear: self._clear,
+            operations.Silencer: self._silence,
+            operations.Gain: self._write_gain,
+            operations.Modulation: self._write_modulation,
+            operations.FociSTM: self._write_foci,
+            operations.SwapSegment: self._swap,
         }
         doer = doers.get(type(operation))
         if doer is not None:
             return doer(operation, now_ns)
-        known = isinstance(operation, Nop | Sync | FirmwareInfo)
-        return ErrorCode.NONE if known else ErrorCode.NOT_SUPPORTED_TAG
+        known = isinstance(operation, operations.Nop | operations.Sync | operations.FirmwareInfo)
+        return operations.ErrorCode.NONE if known else operations.ErrorCode.NOT_SUPPORTED_TAG
 
-    def _clear(self, *_: object) -> ErrorCode:
+    def _clear(self, *_: object) -> operations.ErrorCode:
         self._power_up()
-        return ErrorCode.NONE
+        return operations.ErrorCode.NONE
 
-    def _silence(self, operation: Silencer, _: int) -> ErrorCode:
+    def _silence(self, operation: operations.Silencer, _: int) -> operations.ErrorCode:
         limits = Autd3Limits.of(operation, self._limits)
         error = autd3_silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
         if not error:
@@ -190,17 +172,17 @@ class Autd3Device:
             self.pace = Pace(operation.update_rate, operation.intensity, operation.phase)
         return error
 
-    def _write_gain(self, operation: Gain, now_ns: int) -> ErrorCode:
+    def _write_gain(self, operation: operations.Gain, now_ns: int) -> operations.ErrorCode:
         segment = operation.segment
         if error := autd3_segment_refusal(segment):
             return error
         self._sequences.write(segment, Autd3Patterns("gain", operation.drives), Autd3Sampling())
         self._sequences.select(segment)
         if not operation.update:
-            return ErrorCode.NONE
-        return self._sequences.show(segment, TransitionMode.IMMEDIATE, 0, now_ns)
+            return operations.ErrorCode.NONE
+        return self._sequences.show(segment, operations.TransitionMode.IMMEDIATE, 0, now_ns)
 
-    def _write_foci(self, operation: FociSTM, now_ns: int) -> ErrorCode:
+    def _write_foci(self, operation: operations.FociSTM, now_ns: int) -> operations.ErrorCode:
         memory, segment = self._sequences, operation.segment
         error = autd3_segment_refusal(segment)
         if operation.start is not None and not error:
@@ -209,7 +191,7 @@ class Autd3Device:
             memory.abandon()
             return error
         if not memory.extend(operation.foci) or not operation.end or memory.start is None:
-            return ErrorCode.NONE
+            return operations.ErrorCode.NONE
         start, of_pattern = memory.start, memory.start.foci_of_pattern
         count = len(memory.part) // (of_pattern * _FOCUS_BYTES)
         if not count:
@@ -221,13 +203,13 @@ class Autd3Device:
         sampling = Autd3Sampling(start.divider, len(foci), start.repeat)
         memory.write(segment, Autd3Patterns("foci", foci), sampling)
         if not operation.update:
-            return ErrorCode.NONE
+            return operations.ErrorCode.NONE
         return memory.show(segment, start.transition_mode, start.transition_value, now_ns)
 
-    def _begin_foci(self, segment: int, start: FociStart) -> ErrorCode:
+    def _begin_foci(self, segment: int, start: operations.FociStart) -> operations.ErrorCode:
         if not 1 <= start.foci_of_pattern <= MAX_FOCI_OF_PATTERN or not start.sound_speed:
             self._counters["sequences_impossible"] += 1  # the FPGA would divide by zero
-            return ErrorCode.NOT_SUPPORTED_TAG
+            return operations.ErrorCode.NOT_SUPPORTED_TAG
         error = self._sequences.refusal(
             segment, start.transition_mode, start.repeat
         ) or autd3_silencer_refusal(self._limits, start.divider, self._modulation.divider)
@@ -235,7 +217,9 @@ class Autd3Device:
             self._sequences.begin(segment, start)
         return error
 
-    def _write_modulation(self, operation: Modulation, now_ns: int) -> ErrorCode:
+    def _write_modulation(
+        self, operation: operations.Modulation, now_ns: int
+    ) -> operations.ErrorCode:
         memory, segment, start = self._modulation, operation.segment, operation.start
         if start is not None:
             error = memory.refusal(
@@ -246,7 +230,7 @@ class Autd3Device:
                 return error
             memory.begin(segment, start)
         if not memory.extend(operation.samples) or not operation.end or memory.start is None:
-            return ErrorCode.NONE
+            return operations.ErrorCode.NONE
         begun, samples = memory.start, bytes(memory.part)
         memory.abandon()
         if not samples:
@@ -254,22 +238,22 @@ class Autd3Device:
             samples = bytes([FULL])
         memory.write(segment, samples, Autd3Sampling(begun.divider, len(samples), begun.repeat))
         if not operation.update:
-            return ErrorCode.NONE
+            return operations.ErrorCode.NONE
         return memory.show(segment, begun.transition_mode, begun.transition_value, now_ns)
 
-    def _swap(self, operation: SwapSegment, now_ns: int) -> ErrorCode:
+    def _swap(self, operation: operations.SwapSegment, now_ns: int) -> operations.ErrorCode:
         segment, mode = operation.segment, operation.transition_mode
-        if operation.tag is Tag.GAIN_SWAP:
-            mode = TransitionMode.IMMEDIATE
+        if operation.tag is operations.Tag.GAIN_SWAP:
+            mode = operations.TransitionMode.IMMEDIATE
         if error := autd3_segment_refusal(segment):
             return error
-        if operation.tag is Tag.MODULATION_SWAP:
+        if operation.tag is operations.Tag.MODULATION_SWAP:
             memory: Autd3Memory[Any, Any] = self._modulation
             dividers = self._sequences.divider, memory.divider_of(segment)
         else:
             memory = self._sequences
             holds_foci = isinstance(self._sequences.written(segment).data, Autd3Foci)
-            is_of_kind = holds_foci is (operation.tag is Tag.FOCI_STM_SWAP)
+            is_of_kind = holds_foci is (operation.tag is operations.Tag.FOCI_STM_SWAP)
             if error := autd3_segment_refusal(segment, is_of_kind=is_of_kind):
                 return error
             dividers = memory.divider_of(segment), self._modulation.divider

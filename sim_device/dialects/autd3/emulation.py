@@ -71,3 +71,4 @@ AUTD3: Final = Emulation(
     options=Devices,
     boards=lambda options: options.devices,
 )
+EMULATIONS: Final = (AUTD3,)

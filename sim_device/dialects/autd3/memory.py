@@ -9,12 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final, Generic, TypeVar
 
-from haptogram_protocol.dialects.autd3.operations import (
-    ErrorCode,
-    FociStart,
-    ModulationStart,
-    TransitionMode,
-)
+from haptogram_protocol.dialects.autd3 import operations
 
 from .refusals import SEGMENTS, autd3_segment_refusal, autd3_time_refusal, autd3_transition_refusal
 from .segments import PERIOD_NS, Autd3Sampling, Autd3SwapChain
@@ -24,7 +19,7 @@ MAX_ITEMS: Final = 65_536
 Content = TypeVar("Content")
 
 
-Start = TypeVar("Start", FociStart, ModulationStart)
+Start = TypeVar("Start", operations.FociStart, operations.ModulationStart)
 
 
 class Autd3Memory(Generic[Content, Start]):
@@ -72,7 +67,7 @@ class Autd3Memory(Generic[Content, Start]):
 
     def begin(self, segment: int, start: Start) -> None:
         """Begin to write *segment*."""
-        if start.transition_mode != TransitionMode.LATER:
+        if start.transition_mode != operations.TransitionMode.LATER:
             self._segment = segment
         self._samplings[segment] = Autd3Sampling(start.divider, 1, start.repeat)
         self.start = start
@@ -102,7 +97,7 @@ class Autd3Memory(Generic[Content, Start]):
         """Take *segment* to be out, as the processor does before the FPGA shows it."""
         self._segment = segment
 
-    def refusal(self, segment: int, mode: int, repeat: int | None = None) -> ErrorCode:
+    def refusal(self, segment: int, mode: int, repeat: int | None = None) -> operations.ErrorCode:
         """Return why *segment* cannot be shown by *mode*, with what it holds or *repeat*."""
         if error := autd3_segment_refusal(segment):
             return error
@@ -110,7 +105,7 @@ class Autd3Memory(Generic[Content, Start]):
             repeat = self._samplings[segment].repeat
         return autd3_transition_refusal(self._segment, segment, repeat, mode)
 
-    def show(self, segment: int, mode: int, value: int, now_ns: int) -> ErrorCode:
+    def show(self, segment: int, mode: int, value: int, now_ns: int) -> operations.ErrorCode:
         """Show *segment* as *mode* says; refuse a time that is too near."""
         if error := autd3_time_refusal(mode, value, now_ns):
             return error
@@ -119,7 +114,7 @@ class Autd3Memory(Generic[Content, Start]):
         period = now_ns // PERIOD_NS
         self._chain.advance(period)
         self._chain.swap(segment, self._samplings, mode, value, period)
-        return ErrorCode.NONE
+        return operations.ErrorCode.NONE
 
     def output(self, period: int) -> tuple[Content, int]:
         """Return the content that is out in *period*, and the index in it."""

@@ -17,19 +17,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.model.pulses import PulseDrive
-from haptogram_protocol.dialects.autd3.messages import (
-    Accepted,
-    Autd3Refused,
-    Autd3States,
-    Close,
-    Hello,
-    Open,
-    Pose,
-    Read,
-    Undecodable,
-    Update,
-    Write,
-)
+from haptogram_protocol.dialects.autd3 import messages
 from haptogram_protocol.dialects.autd3.operations import CHANNELS
 from haptogram_protocol.dialects.codec import Operation, Reply
 
@@ -77,7 +65,7 @@ class Autd3Unit(LatchingUnit):
         periods_between_latches: int = PERIODS_BETWEEN_LATCHES,
     ) -> None:
         super().__init__()
-        self.poses: tuple[Pose, ...] = ()
+        self.poses: tuple[messages.Pose, ...] = ()
         self._devices = [Autd3Device(self.counters) for _ in range(devices)]
         self._boot_us, self._boot_period = now_us, system_ns // PERIOD_NS
         self._gap = periods_between_latches
@@ -93,16 +81,16 @@ class Autd3Unit(LatchingUnit):
     def take(self, operation: Operation, t_us: int) -> list[Reply]:
         """Do what the client asks; return the answer of the link."""
         self.advance_to(t_us)
-        if isinstance(operation, Hello | Close):
-            return [Accepted()]
-        if isinstance(operation, Open | Update):
+        if isinstance(operation, messages.Hello | messages.Close):
+            return [messages.Accepted()]
+        if isinstance(operation, messages.Open | messages.Update):
             return [self._place(operation.devices)]
-        if isinstance(operation, Write):
+        if isinstance(operation, messages.Write):
             return [self._write(operation, t_us)]
-        if isinstance(operation, Read):
-            return [Autd3States(tuple(device.state for device in self._devices))]
-        if isinstance(operation, Undecodable):
-            return [Autd3Refused(operation.reason)]
+        if isinstance(operation, messages.Read):
+            return [messages.Autd3States(tuple(device.state for device in self._devices))]
+        if isinstance(operation, messages.Undecodable):
+            return [messages.Autd3Refused(operation.reason)]
         self.counters["operations_unknown"] += 1
         return []
 
@@ -120,26 +108,28 @@ class Autd3Unit(LatchingUnit):
             self._look(self._period_at(next_us))
         return []
 
-    def _place(self, poses: tuple[Pose, ...]) -> Reply:
+    def _place(self, poses: tuple[messages.Pose, ...]) -> Reply:
         if refused := self._refuse_number(len(poses)):
             return refused
         self.poses = poses
-        return Accepted()
+        return messages.Accepted()
 
-    def _write(self, operation: Write, t_us: int) -> Reply:
+    def _write(self, operation: messages.Write, t_us: int) -> Reply:
         if refused := self._refuse_number(len(operation.frames)):
             return refused
         now_ns = self._boot_period * PERIOD_NS + (t_us - self._boot_us) * _NS_PER_US
         for device, frame in zip(self._devices, operation.frames, strict=True):
             device.take(frame, now_ns)
         self._asked = self._period_at(t_us) + 1
-        return Accepted()
+        return messages.Accepted()
 
-    def _refuse_number(self, asked: int) -> Autd3Refused | None:
+    def _refuse_number(self, asked: int) -> messages.Autd3Refused | None:
         if asked == len(self._devices):
             return None
         self.counters["devices_differ"] += 1
-        return Autd3Refused(f"{asked} devices are opened, this board has {len(self._devices)}")
+        return messages.Autd3Refused(
+            f"{asked} devices are opened, this board has {len(self._devices)}"
+        )
 
     def _look(self, period: int, cause: str | None = None) -> None:
         """Take down what the devices radiate in *period*."""

@@ -23,7 +23,7 @@ class SimulatedBoard:
 
     def __init__(self, unit: SimulatedUnit, now_us: int) -> None:
         self.line_free_us = self.now_us = now_us
-        self.ahead = unit
+        self.ahead, self.announce = unit, unit.announce
         self._output = bytearray()
 
     @property

@@ -8,7 +8,7 @@ from typing import Final
 
 from haptogram.errors import unwritable_file
 
-from .process import PERIOD, SimulatedHello
+from .process import PERIOD, SAME, SimulatedHello, count_of_same
 
 _LINES: Final = ("carrier", "to_board", "to_host")
 _BITS: Final = 10  # of a byte
@@ -39,9 +39,10 @@ class SimulatedCapture:
         self._path, self._period_ns, self._bit_ns = path, hello.period_ns, byte_ns / _BITS
         names = [*_LINES, *hello.pins]
         self._codes = [_vcd_code(number) for number in range(len(names))]
-        self._high = 0
-        self._period = -1
-        self._rest = b""
+        self._hold_ns = max(round(byte_ns), hello.period_ns)  # until all of a time is known
+        self._high = self._periods = 0
+        self._changes: list[tuple[int, str]] = []  # since the period began
+        self._last = self._changes
         self._edges: list[tuple[int, str]] = []  # that are not written yet
         try:
             self._file = path.open("a+", encoding="ascii")
@@ -77,31 +78,41 @@ class SimulatedCapture:
 
     def changed(self, text: bytes) -> None:
         """Take down changes of pins, as they come; see :meth:`SimulatedPins.take`."""
-        *lines, self._rest = (self._rest + text).split(b"\n")
-        for line in lines:
-            if line + b"\n" == PERIOD:
-                self._period += 1
-                begin_ns = self._period * self._period_ns
-                self._edges.append((begin_ns, f"1{self._codes[0]}\n"))
-                self._edges.append((begin_ns + self._period_ns // 2, f"0{self._codes[0]}\n"))
-            elif line:
+        for line in text.splitlines(keepends=True):
+            if line == PERIOD:
+                self._last, self._changes = self._changes, []
+                self._end_period()
+            elif line.startswith(SAME):
+                for _ in range(count_of_same(line.rstrip())):
+                    self._end_period()
+            elif line.strip():
                 _, since, levels = line.split()
-                self._show(self._period * self._period_ns + int(since), int(levels, 16))
+                self._changes.append((int(since), self._shown(int(levels, 16))))
 
-    def _show(self, t_ns: int, high: int) -> None:
+    def _end_period(self) -> None:
+        """Take down the changes of a period, which are those of the last one."""
+        begin_ns = self._periods * self._period_ns
+        self._periods += 1
+        self._edges.append((begin_ns, f"1{self._codes[0]}\n"))
+        self._edges.append((begin_ns + self._period_ns // 2, f"0{self._codes[0]}\n"))
+        self._edges += [(begin_ns + since_ns, text) for since_ns, text in self._last]
+
+    def _shown(self, high: int) -> str:
+        """Return the edges from the levels that there were to these."""
         changed, self._high = high ^ self._high, high
+        edges = ""
         while changed:
             pin = (changed & -changed).bit_length() - 1
-            code = self._codes[len(_LINES) + pin]
-            self._edges.append((t_ns, f"{high >> pin & 1}{code}\n"))
+            edges += f"{high >> pin & 1}{self._codes[len(_LINES) + pin]}\n"
             changed &= changed - 1
+        return edges
 
     def write(self, up_to_ns: int) -> None:
-        """Write what happened up to a time; a byte that is being sent lasts till its end."""
+        """Write what happened up to a time; bytes and periods that last are written later."""
         self._edges.sort(key=lambda edge: edge[0])
         last_ns = -1
         for count, (t_ns, text) in enumerate(self._edges):
-            if t_ns > up_to_ns - _BITS * self._bit_ns:
+            if t_ns > up_to_ns - self._hold_ns:
                 self._edges = self._edges[count:]
                 return
             self._file.write(f"#{t_ns + self._offset_ns}\n{text}" if t_ns > last_ns else text)
@@ -110,8 +121,9 @@ class SimulatedCapture:
 
     def close(self, now_ns: int) -> None:
         """Write the rest: the pins of a board without power are low."""
-        self._show(now_ns, 0)
-        self.write(now_ns + round(_BITS * self._bit_ns))
+        self._last, self._changes = [*self._changes, (now_ns % self._period_ns, self._shown(0))], []
+        self._end_period()
+        self.write(now_ns + self._hold_ns)
         self._file.write(f"#{now_ns + self._offset_ns}\n")
         self._file.close()
 

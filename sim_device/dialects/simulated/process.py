@@ -7,8 +7,9 @@
     T 2000000       time passes up to 2000000 ns, or to the first byte of the board
 
     hello 1         first of all, and then up to a full stop: pins, period, start, by
-    |               a period of the carrier begins
     P 781 00ff      the levels of all pins from 781 ns of this period on
+    |               this period of the carrier ends
+    = 399           399 more have ended, in which the pins did as in the last one
     R 1500000 41    the board has sent the byte 41
     . 2000000       the time that is reached
 """
@@ -25,6 +26,7 @@ from haptogram.machine.line_process import LineProcess
 
 VERSION: Final = 1
 PERIOD: Final = b"|\n"  # and nothing else has this sign
+SAME: Final = b"= "
 PATIENCE_S: Final = 20.0
 _LONGEST_GRANT_NS: Final = 10_000_000  # a simulator that is slow still answers in time
 _MOST_PINS: Final = 4096
@@ -176,6 +178,14 @@ class SimulatorProcess:
         if not 1_000 <= period_ns <= 1_000_000 or start_ns < 0:
             self.fail(f"has a carrier of {period_ns} ns, must be 1000 to 1000000; start {start_ns}")
         return SimulatedHello(pins, period_ns, start_ns, said.get("by", ""))
+
+
+def count_of_same(line: bytes) -> int:
+    """Return the number of periods that are like the last one; raise ValueError for no number."""
+    count = line.removeprefix(SAME)
+    if not count.isdigit():
+        raise ValueError(f"{line.decode(errors='replace')!r}; behind = stands a number of periods")
+    return int(count)
 
 
 def _is_whole_hello(answer: bytearray) -> bool:

@@ -178,12 +178,12 @@ class SimulatedUnit:
             for t_ns, pulses in self._pins.take(text):
                 self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
         except ValueError as error:
-            self._process.garbage(str(error).encode())
+            self._process.fail(f"wrote {error}")
         if self._pins.halved and not self._has_warned:
             self._has_warned = True
             _LOG.warning("half the carrier: pins repeat after %d ns", 2 * self._pins.period_ns)
         due = self._process.now_ns // self._pins.period_ns
-        if not due - 1 <= self._pins.periods <= due:
+        if self._pins.periods != due:
             self._process.fail(
                 f"told of {self._pins.periods} periods of the carrier up to "
                 f"{self._process.now_ns} ns, must be {due}"

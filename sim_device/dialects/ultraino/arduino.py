@@ -18,7 +18,7 @@ from haptogram.acoustics.model.boards.grids import (
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.codec import Dialect
-from haptogram_protocol.dialects.ultraino.arduino import dialects
+from haptogram_protocol.dialects.ultraino.arduino import dialects, slots
 from haptogram_protocol.dialects.ultraino.arduino.board_end import ArduinoBoardEnd
 from haptogram_protocol.dialects.ultraino.arduino.firmware import (
     MAX_BOARDS,
@@ -26,17 +26,17 @@ from haptogram_protocol.dialects.ultraino.arduino.firmware import (
     NANO8_FIRMWARE,
     NANO16_FIRMWARE,
 )
-from haptogram_protocol.dialects.ultraino.arduino.slots import (
-    MEGA64_LAYOUT,
-    NANO8_LAYOUT,
-    NANO16_CONNECTED,
-    NANO16_LAYOUT,
-)
 
+from ...board.events import CarrierState
 from ..emulation import Emulation
+from ..unit import Unit
 from .slot_boards import Outputs, SlotBoards
+from .unsteady import UnsteadyUnit
 
 _USUAL, _ANIMATION = "usual", "animation"
+_AT_ONCE, _STAGGERED = "at-once", "staggered"
+_40_KHZ, _20_KHZ = "40kHz", "20kHz"
+_STEADY, _DRAWN_OUT = "steady", "drawn-out"
 _BOARDS_HELP: Final = "boards of the chain; the elements of each follow those of the one before"
 
 
@@ -57,6 +57,24 @@ class Mega64Chain(ArduinoChain):
         choices=(_USUAL, _ANIMATION),
         help="DriverMEGA, or DriverMEGAAnim, whose first duration chooses the pattern",
     )
+    ports: str = option(
+        _AT_ONCE,
+        unit="NAME",
+        choices=(_AT_ONCE, _STAGGERED),
+        help="written at once, or one after another: port J 30 cycles (27 degrees) after port A",
+    )
+    carrier: str = option(
+        _40_KHZ,
+        unit="NAME",
+        choices=(_40_KHZ, _20_KHZ),
+        help="that of the author's build, or of one that misses every second sync",
+    )
+    upload: str = option(
+        _STEADY,
+        unit="NAME",
+        choices=(_STEADY, _DRAWN_OUT),
+        help="the carrier while bytes arrive: as ever, or with periods that are drawn out (-6 dB)",
+    )
 
 
 def _arduino_emulation(
@@ -65,10 +83,17 @@ def _arduino_emulation(
     layout: BoardLayout,
     options: type[ArduinoChain] = ArduinoChain,
 ) -> Emulation:
-    def unit(options: ArduinoChain, now_us: int) -> SlotBoards:
-        animated = isinstance(options, Mega64Chain) and options.firmware == _ANIMATION
-        own = dataclasses.replace(outputs, shows_one=animated)
-        return SlotBoards(own, options.boards, now_us)
+    def unit(options: ArduinoChain, now_us: int) -> Unit:
+        if not isinstance(options, Mega64Chain):
+            return SlotBoards(outputs, options.boards, now_us)
+        animated, staggered = options.firmware == _ANIMATION, options.ports == _STAGGERED
+        own = dataclasses.replace(outputs, shows_one=animated, is_staggered=staggered)
+        boards = SlotBoards(own, options.boards, now_us)
+        usual = CarrierState.HALVED if options.carrier == _20_KHZ else CarrierState.STEADY
+        is_disturbed = options.upload == _DRAWN_OUT
+        if not is_disturbed and usual is CarrierState.STEADY:
+            return boards
+        return UnsteadyUnit(boards, usual, is_disturbed=is_disturbed)
 
     return Emulation(
         dialect=dialect,
@@ -82,13 +107,14 @@ def _arduino_emulation(
 
 
 MEGA64: Final = _arduino_emulation(
-    dialects.MEGA64, Outputs(MEGA64_FIRMWARE, MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
+    dialects.MEGA64, Outputs(MEGA64_FIRMWARE, slots.MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
 )
 NANO16: Final = _arduino_emulation(
     dialects.NANO16,
-    Outputs(NANO16_FIRMWARE, NANO16_LAYOUT, NANO16_CONNECTED),
+    Outputs(NANO16_FIRMWARE, slots.NANO16_LAYOUT, slots.NANO16_CONNECTED),
     ULTRAINO_NANO16,
 )
 NANO8: Final = _arduino_emulation(
-    dialects.NANO8, Outputs(NANO8_FIRMWARE, NANO8_LAYOUT), ULTRAINO_NANO8
+    dialects.NANO8, Outputs(NANO8_FIRMWARE, slots.NANO8_LAYOUT), ULTRAINO_NANO8
 )
+EMULATIONS: Final = (MEGA64, NANO8, NANO16)

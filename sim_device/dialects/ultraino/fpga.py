@@ -75,3 +75,4 @@ CHAINED: Final = Emulation(
     options=FpgaChain,
     boards=lambda options: options.boards,
 )
+EMULATIONS: Final = (SIMPLE, SIMPLE_128, CHAINED)

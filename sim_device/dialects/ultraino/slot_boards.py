@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
+from haptogram_protocol.dialects.ultraino.arduino import operations
 from haptogram_protocol.dialects.ultraino.arduino.firmware import ArduinoFirmware
-from haptogram_protocol.dialects.ultraino.arduino.operations import (
-    CommitDurations,
-    Forward,
-    SetDurations,
-    SetPattern,
-    Swap,
-)
 from haptogram_protocol.dialects.ultraino.arduino.slots import ArduinoSlotLayout
 
 from ...board.events import PulseLatch
@@ -26,6 +20,8 @@ from ..unit import LatchingUnit
 from .playlist import PERIOD_US, ArduinoPlaylist
 
 POWER_UP: Final = "power-up"
+CYCLES: Final = 396  # of the processor, in a period of MEGA64
+_CYCLES_OF_A_PORT: Final = 30 / 9  # from the first of ten ports to the last
 
 
 @dataclass(frozen=True)
@@ -43,12 +39,15 @@ class Outputs:
     shows_one : bool
         True if a commit of durations chooses the pattern to show (the animation firmware), and
         not for how long patterns last.
+    is_staggered : bool
+        Whether ports are written one after another, the last one 30 cycles after the first.
     """
 
     firmware: ArduinoFirmware
     layout: ArduinoSlotLayout
     connected: bytes = b""
     shows_one: bool = False
+    is_staggered: bool = False
 
 
 class SlotBoards(LatchingUnit):
@@ -87,16 +86,16 @@ class SlotBoards(LatchingUnit):
         self._playlist = ArduinoPlaylist(firmware.patterns, counts=not outputs.shows_one)
         self._durations = bytearray(self._playlist.durations)  # for the next commit
         self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
-            SetPattern: self._set_pattern,
-            SetDurations: self._set_durations,
-            CommitDurations: self._commit_durations,
-            Swap: self._swap,
+            operations.SetPattern: self._set_pattern,
+            operations.SetDurations: self._set_durations,
+            operations.CommitDurations: self._commit_durations,
+            operations.Swap: self._swap,
         }
         self._latch(POWER_UP, now_us)
 
     def take(self, operation: Operation, t_us: int) -> list[Reply]:
         """Do *operation*; return what the last board sends on."""
-        if isinstance(operation, Forward):
+        if isinstance(operation, operations.Forward):
             return [operation]
         if (handler := self._handlers.get(type(operation))) is not None:
             handler(operation, t_us)
@@ -116,14 +115,14 @@ class SlotBoards(LatchingUnit):
     def _period(self, t_us: int) -> int:
         return (t_us - self._boot_us) // PERIOD_US
 
-    def _set_pattern(self, operation: SetPattern, _: int) -> None:
+    def _set_pattern(self, operation: operations.SetPattern, _: int) -> None:
         pattern = self._next[operation.board, operation.pattern].reshape(-1)
         pattern[: len(operation.slots)] = np.frombuffer(operation.slots, np.uint8)
 
-    def _set_durations(self, operation: SetDurations, _: int) -> None:
+    def _set_durations(self, operation: operations.SetDurations, _: int) -> None:
         self._durations[: len(operation.periods)] = operation.periods
 
-    def _commit_durations(self, _: CommitDurations, t_us: int) -> None:
+    def _commit_durations(self, _: operations.CommitDurations, t_us: int) -> None:
         self._playlist.skip_to(self._period(t_us))
         if not self._outputs.shows_one:
             self._playlist.commit(bytes(self._durations))
@@ -133,7 +132,7 @@ class SlotBoards(LatchingUnit):
             self._playlist.show(self._durations[0])
             self._latch("shown", t_us)
 
-    def _swap(self, _: Swap, t_us: int) -> None:
+    def _swap(self, _: operations.Swap, t_us: int) -> None:
         self._playlist.skip_to(self._period(t_us))
         self._playlist.restart()
         self._shown, self._next = self._next, self._shown
@@ -149,4 +148,10 @@ class SlotBoards(LatchingUnit):
         if self._outputs.connected:
             slots = slots & np.frombuffer(self._outputs.connected, np.uint8)
         outputs = np.unpackbits(slots, axis=2, bitorder="little").astype(np.bool_)
-        return np.concatenate(list(outputs[:, :, list(self._outputs.layout.pins)]), axis=1)
+        pins = np.array(self._outputs.layout.pins)
+        if self._outputs.is_staggered:
+            begins = np.rint(np.arange(len(outputs[0])) * (CYCLES / len(outputs[0])))
+            cycles = np.arange(CYCLES)[:, None] - np.rint(pins // 8 * _CYCLES_OF_A_PORT)
+            slots_of = np.searchsorted(begins, cycles % CYCLES, side="right") - 1
+            return np.concatenate([board[slots_of, pins] for board in outputs], axis=1)
+        return np.concatenate(list(outputs[:, :, pins]), axis=1)

@@ -175,7 +175,7 @@ OTHERS = [
     ("verify", "--array 16", "'16' cannot be read: there is no such file; a grid is written NXxNY"),
     ("verify", "--fault device.off\xa0bank=4", "device.off bank=4, must be 0 to 3 (256 trans"),
     ("board", "--fault device.off\xa0column=16", "device.off column=16, must be 0 to 15 (256 "),
-    ("board", "--dialect sonic --mutant crc-61", "is 'sonic'; known are sonicsurface, "),
+    ("board", "--dialect sonic --mutant crc-61", "is 'sonic'; known are autd3, "),
     ("board", "--mutant x --dialect autd3", "x acts only on Haptogram's own firmware, not on a "),
     ("board", "--mutant crc-61", "is 'crc-61'; known are crc-unchecked"),
     ("board", "--latency-ms 16", "needs a baud rate"),

@@ -1,13 +1,14 @@
 """``haptogram verify --dialect``: our objects on boards of other makers."""
 
 import json
+import re
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from haptogram import DialectDriver
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.cli import main
 from haptogram.evidence.dialects.latches import dialect_run_observations
 from haptogram.evidence.virtual_board import VirtualBoard
@@ -24,7 +25,7 @@ HIGHEST_M, LOWEST_M, ABOVE_A_CAVITY_M = 0.15, 0.03, 0.022
 
 def short_line(name):
     """Return the options of a line of three points that suits the boards' own array."""
-    array = LAYOUT_OF_DIALECT[name].array()
+    array = LAYOUTS[DIALECTS[name].layout].array()
     width, depth, height = np.ptp(array.positions_m, axis=0)
     up = (
         ABOVE_A_CAVITY_M if height > 0.01 else np.clip(0.9 * max(width, depth), LOWEST_M, HIGHEST_M)
@@ -84,6 +85,28 @@ def test_a_short_object_is_verified_on_every_board(name, capsys, tmp_path):
     assert found["frames"]["verified"] == found["frames"]["sent"] == 3
     assert found["board"]["dialect"] == name
     assert found["board"]["phase_steps"] == DIALECTS[name].display(1).steps
+
+
+FOUND = {  # in the firmware of boards: dialect, exit status, and what is told
+    "last_bit=late": (
+        "sonicsurface",
+        1,
+        r"elements n mod 8 = 3 \(32 of 256\): one step of 32 late, .* mm along; \d+ Pa at",
+    ),
+    "ports=staggered": ("ultraino-mega64", 1, r"off target; .* mm along; \d+ Pa at the target"),
+    "carrier=20kHz": ("ultraino-mega64", 1, r"by up to -127/255, at the output: .* \d+ Pa at"),
+    "upload=drawn-out": ("ultraino-mega64", 0, r"while bytes arrive: -6\.0 dB \(0\.50 of every"),
+}
+
+
+@pytest.mark.parametrize("option", FOUND)
+def test_what_was_found_in_firmware_is_told_with_what_it_costs(option, capsys):
+    name, expected, told = FOUND[option]
+    words = ("--dialect", name, "--virtual-time", "--dialect-option", option, *short_line(name))
+    status, out, _ = verify(capsys, *words)
+    assert status == expected
+    assert "3 latched, 3 verified, 0 lost" in out
+    assert re.search(told, out)
 
 
 @pytest.mark.sampled(1)
@@ -154,7 +177,7 @@ def test_the_rate_is_that_of_the_budget(name, capsys, tmp_path):
     words = ("--dialect", name, "--virtual-time", *short_line(name))
     assert verify(capsys, *words, f"--json={result}")[0] == 0
     rate_hz = json.loads(result.read_text())["configuration"]["rate_hz"]
-    boards = -(-LAYOUT_OF_DIALECT[name].array().count // DIALECTS[name].channels)
+    boards = -(-LAYOUTS[DIALECTS[name].layout].array().count // DIALECTS[name].channels)
     budget = ["budget", "--dialect", name, "--boards", str(boards), "--rate-hz"]
     assert main([*budget, str(rate_hz)]) == 0
     if rate_hz < 1000.0:
@@ -209,7 +232,7 @@ def test_a_line_that_breaks_ends_the_run_and_not_its_results(capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--dialect", "sonicsurfaces"), "--dialect is 'sonicsurfaces'; known are sonicsurface, "),
+        (("--dialect", "sonicsurfaces"), "--dialect is 'sonicsurfaces'; known are autd3, "),
         (("--dialect", "sonicsurface", "--mode", "points"), "--mode acts only on Haptogram's own"),
         (("--dialect", "sonicsurface", "--lead-ms", "5"), "--lead-ms acts only on Haptogram's own"),
         (("--dialect-option", "boards=2"), "--dialect-option acts only with --dialect"),

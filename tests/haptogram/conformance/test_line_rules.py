@@ -7,7 +7,8 @@ import pytest
 from haptogram.conformance.client.wire import ClientWaitLimits, RawFrameClient
 from haptogram.conformance.judge.standing_rules import StandingRules
 from haptogram.conformance.outcome import RuleFindings
-from haptogram_protocol.framing import cobs_encode, encode_frame
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     Error,
     ErrorCode,

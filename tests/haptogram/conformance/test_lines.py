@@ -27,7 +27,8 @@ from haptogram.conformance.run.spawning import SpawnAccess
 from haptogram.conformance.verdict import INCONCLUSIVE_STATUS, Behaviour
 from haptogram.driver.line.port import PyserialTransport
 from haptogram.report.conformance.text import suite_text
-from haptogram_protocol.framing import FrameDecoder, cobs_encode, encode_frame
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
     Arm,
     ArmReply,

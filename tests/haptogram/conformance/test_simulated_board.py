@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from haptogram.start import main
+from haptogram.cli import main
 
 SCRIPT = Path(__file__).parents[2] / "system" / "simulated_firmware.py"
 MAP = """\

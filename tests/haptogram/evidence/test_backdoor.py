@@ -8,12 +8,12 @@ from haptogram.acoustics import AcousticModel, NoFocus, NotSingle, SingleFocus
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
-    BackdoorFileReader,
     is_observed_latch_of,
     observations_of_backdoor,
     observations_on_clock_of,
     observed_silences_on_clock_of,
 )
+from haptogram.evidence.backdoor_stream import BackdoorReader
 from haptogram.records.frame import Evidence, FrameKey
 from latched_drives import intend, seen
 from sim_device.backdoor.recorder import InlineReconstructionWorker
@@ -36,11 +36,14 @@ def run(path, array=(8, 8), **settings):
     return driver
 
 
+def records_in(path):
+    with BackdoorReader(str(path)) as backdoor:
+        return backdoor.read()
+
+
 def test_what_was_latched_comes_back_as_it_was(tmp_path):
     driver = run(tmp_path / "file")
-    backdoor = BackdoorFileReader(tmp_path / "file")
-    assert backdoor.read() == len(backdoor.records)
-    observations = observations_of_backdoor(backdoor.records, driver.session)
+    observations = observations_of_backdoor(records_in(tmp_path / "file"), driver.session)
     assert [o.key for o in observations] == [i.key for i in driver.intended]
     assert [o.drive for o in observations] == [i.drive for i in driver.intended]
     assert [o.drive_crc for o in observations] == [i.drive.digest() for i in driver.intended]
@@ -54,18 +57,16 @@ def test_what_was_latched_comes_back_as_it_was(tmp_path):
 
 def test_what_cannot_be_observed_is_infinitely_uncertain_again(tmp_path):
     run(tmp_path / "file", array=(64, 1))
-    backdoor = BackdoorFileReader(tmp_path / "file")
-    backdoor.read()
-    found = observations_of_backdoor(backdoor.records)[0].reconstruction
+    records = records_in(tmp_path / "file")
+    found = observations_of_backdoor(records)[0].reconstruction
     assert math.isinf(max(found.bound_m))
     assert found.observable == tuple(math.isfinite(bound) for bound in found.bound_m)
 
 
 def test_every_kind_of_reconstruction_survives_the_file(tmp_path):
     run(tmp_path / "file")
-    backdoor = BackdoorFileReader(tmp_path / "file")
-    backdoor.read()
-    latch = next(record for record in backdoor.records if record["kind"] == "latch")
+    records = records_in(tmp_path / "file")
+    latch = next(record for record in records if record["kind"] == "latch")
     kinds = [
         SingleFocus(
             (0.0, 0.1, 0.2), (0.1, math.inf, 0.1), (0.1, math.inf, 0.1), (True, False, True),
@@ -83,14 +84,13 @@ def test_every_kind_of_reconstruction_survives_the_file(tmp_path):
 
 def test_a_line_that_is_not_whole_yet_waits(tmp_path):
     path = tmp_path / "file"
-    backdoor = BackdoorFileReader(path)
-    assert backdoor.read() == 0
-    path.write_bytes(b'{"kind":"board"}\n{"kind":"la')
-    assert backdoor.read() == 1
-    with path.open("ab") as file:
+    path.touch()
+    with BackdoorReader(str(path)) as backdoor, path.open("ab", buffering=0) as file:
+        assert backdoor.read() == []
+        file.write(b'{"kind":"board"}\n{"kind":"la')
+        assert backdoor.read() == [{"kind": "board"}]
         file.write(b'tch"}\n{"kind":"end"}\n')
-    assert backdoor.read() == 2
-    assert [record["kind"] for record in backdoor.records] == ["board", "latch", "end"]
+        assert backdoor.read() == [{"kind": "latch"}, {"kind": "end"}]
 
 
 def test_records_are_found_by_their_key():
@@ -103,9 +103,8 @@ def test_records_are_found_by_their_key():
 @pytest.mark.parametrize("change", [{"t_latch_us": None, "drive_crc": None}, {"phase_codes": "!"}])
 def test_what_is_no_latch_record_is_refused(tmp_path, change):
     run(tmp_path / "file")
-    backdoor = BackdoorFileReader(tmp_path / "file")
-    backdoor.read()
-    record = next(record for record in backdoor.records if record["kind"] == "latch") | change
+    records = records_in(tmp_path / "file")
+    record = next(record for record in records if record["kind"] == "latch") | change
     del record["drive_crc"]
     with pytest.raises(ConfigurationError, match="latch record"):
         observations_of_backdoor([record])
@@ -113,9 +112,8 @@ def test_what_is_no_latch_record_is_refused(tmp_path, change):
 
 def test_a_host_that_came_after_the_wrap_counts_from_its_own_start(tmp_path):
     driver = run(tmp_path / "file")
-    backdoor = BackdoorFileReader(tmp_path / "file")
-    backdoor.read()
-    observations = observations_of_backdoor(backdoor.records)
+    records = records_in(tmp_path / "file")
+    observations = observations_of_backdoor(records)
     late = [dataclasses.replace(i, t_apply_us=i.t_apply_us - 2**32) for i in driver.intended]
     shifted = observations_on_clock_of(late, observations)
     assert [o.t_latch_us for o in shifted] == [i.t_apply_us for i in late]

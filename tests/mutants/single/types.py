@@ -7,9 +7,10 @@ import zlib
 from typing import Any, Final
 
 from haptogram.records.frame import Evidence
+from haptogram_protocol.cobs import cobs_decode
 from haptogram_protocol.connection import BoardConnection, FrameDropped
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import CRC_BYTES, DELIMITER, HEADER_BYTES, FrameDecoder, cobs_decode
+from haptogram_protocol.framing import CRC_BYTES, DELIMITER, HEADER_BYTES, FrameDecoder
 from haptogram_protocol.messages import (
     REQUEST_RANGE,
     RESPONSE_RANGE,

@@ -8,16 +8,18 @@ from typing import Any
 
 import pytest
 
+from dialect_frames import (
+    chained_ultraino_frame,
+    mega64_frame,
+    sonicsurface_frame,
+    ultraino_fpga_frame,
+)
 from haptogram_protocol.dialects.codec import Operation
 from haptogram_protocol.dialects.fpga_bytes.operations import Begin, SetAmplitudes, SetPhases, Swap
 from haptogram_protocol.dialects.interactlab import FULL_DUTY, QueueFrame
-from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
-from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
 from haptogram_protocol.dialects.ultraino.arduino.slots import MEGA64_LAYOUT, Pulse
-from haptogram_protocol.dialects.ultraino.fpga import chained_ultraino_frame
-from haptogram_protocol.dialects.ultraino.fpga import ultraino_fpga_frame as ultraino_fpga_frame
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 EXPECTED: dict[str, Any] = json.loads((DATA / "expected.json").read_text())

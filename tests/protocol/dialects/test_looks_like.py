@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dialect_frames import chained_ultraino_frame, mega64_frame, sonicsurface_frame
 from haptogram_protocol.dialects.autd3 import messages as link
 from haptogram_protocol.dialects.codec import Operation
 from haptogram_protocol.dialects.fpga_bytes.operations import (
@@ -23,11 +24,8 @@ from haptogram_protocol.dialects.looks_like import (
     LOOKED_AT_BYTES,
     looks_like_dialect,
 )
-from haptogram_protocol.dialects.sonicsurface import sonicsurface_frame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
-from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
-from haptogram_protocol.dialects.ultraino.fpga import chained_ultraino_frame
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import HelloReply, build_body
 from wire_export.vectors.samples import vector_sample

@@ -21,12 +21,13 @@ WAYS = (
     "echo",
     "no-clocks",
     "half",
+    "same",
 )
 
 
 def period_text(codes, digits):
     """Return the changes of a period in which every pin is high for half of it."""
-    changes = ["|"]
+    changes = []
     for step in range(STEPS):
         high = sum(
             1 << pin
@@ -34,7 +35,7 @@ def period_text(codes, digits):
             if code < STEPS and (step - code) % STEPS < 16
         )
         changes.append(f"P {step * PERIOD_NS // STEPS} {high:0{digits}x}")
-    return "\n".join(changes) + "\n"
+    return "\n".join(changes) + "\n|\n"
 
 
 class Simulator:
@@ -42,10 +43,11 @@ class Simulator:
 
     def __init__(self, pins, way):
         self.pins, self.way, self.misbehaves = pins, way, False
-        self.bit_ns, self.line, self.reached, self.period = 0, [], 0, 0
+        self.bit_ns, self.line, self.reached, self.period = 0, [], 0, PERIOD_NS
         self.codes, self.next, self.channel = [0] * pins, [0] * pins, 0
         self.text, self.listens, self.clocked = "", True, True
         self.show()
+        self.begun, self.told, self.same = self.text, None, 0  # the period now, the last, its like
 
     def show(self):
         codes = self.codes if self.clocked else [STEPS] * self.pins
@@ -76,8 +78,8 @@ class Simulator:
             while self.period <= min(due, until):
                 if self.way == "half":
                     high = self.period // PERIOD_NS % 2 * (2**self.pins - 1)
-                    self.text = f"|\nP 100 {high:0{-(-self.pins // 4)}x}\n"
-                lines.append(self.text)
+                    self.begun = f"P 100 {high:0{-(-self.pins // 4)}x}\n|\n"
+                self.tell_period(lines)
                 self.period += PERIOD_NS
             if due > until:
                 break
@@ -85,11 +87,27 @@ class Simulator:
             self.take(byte)
             if self.way == "echo":
                 self.reached = due
+                self.tell_same(lines)
                 return "".join(lines) + f"R {due} {byte:02x}\n. {due}\n"
+        self.tell_same(lines)
         stop, self.reached = until, until
         if self.misbehaves:
             stop = self.misbehave(lines, until)
         return "".join(lines) + f". {stop}\n"
+
+    def tell_period(self, lines):
+        """Tell of the period that has ended; "same" counts what is like the last one."""
+        if self.way == "same" and self.begun == self.told:
+            self.same += 1
+        else:
+            self.tell_same(lines)
+            lines.append(self.begun)
+        self.told, self.begun = self.begun, self.text
+
+    def tell_same(self, lines):
+        if self.same:
+            lines.append(f"= {self.same}\n")
+        self.same = 0
 
     def misbehave(self, lines, until):
         if self.way == "dies":
@@ -101,7 +119,7 @@ class Simulator:
         if self.way == "garbage":
             lines.append("Warning: metavalue detected\n")
         if self.way == "bad-pins":
-            lines.append("|\nP 30000 0\n")
+            lines.append("P 30000 0000\n|\n")
         if self.way == "skips":
             lines.clear()
         return until + {"back": -50_000_000, "ahead": 1_000, "stops": -1_000}.get(self.way, 0)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dialect_boards import DialectBoard
+from dialect_frames import mega64_frame
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
-from haptogram_protocol.dialects.ultraino.arduino.dialects import mega64_frame
 from haptogram_protocol.dialects.ultraino.arduino.firmware import MEGA64_FIRMWARE
 from haptogram_protocol.dialects.ultraino.arduino.slots import (
     MEGA64_LAYOUT,

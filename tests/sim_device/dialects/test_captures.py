@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dialect_boards import EXPECTED, DialectBoard, capture, dialect_of
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT
+from haptogram.acoustics.model.boards.table import LAYOUTS
+from haptogram_protocol.dialects.table import DIALECTS
 from sim_device.dialects.table import EMULATIONS
 
 EMULATED = [name for name in EXPECTED if dialect_of(name)[0] in EMULATIONS]
@@ -40,7 +41,7 @@ def expected_codes(name, latch):
 def relative_pressure(name, latch, target_mm):
     """Return |p| at a target in the client's axes, relative to what all emitters could give."""
     dialect, _ = dialect_of(name)
-    layout = LAYOUT_OF_DIALECT[dialect]
+    layout = LAYOUTS[DIALECTS[dialect].layout]
     distances = np.linalg.norm(
         layout.array().positions_m - layout.ours_m(np.array(target_mm) * 1e-3), axis=1
     )

@@ -34,8 +34,8 @@ def opened(simulator, array="4x4", **options):
     return open_virtual_port(PortConfig(board=board, clock="virtual", reconstruct=False))
 
 
-def records(frames, simulator=None):
-    port = opened(simulator)
+def records(frames, simulator=None, **options):
+    port = opened(simulator, **options)
     for frame in frames:
         port.write(frame)
         port.flush()
@@ -82,7 +82,7 @@ def test_it_is_the_same_each_time():
         ("ahead", "went ahead of its time"),
         ("stops", "and sent no byte"),
         ("garbage", "wrote 'Warning: metavalue detected'"),
-        ("bad-pins", "periods of the carrier"),
+        ("bad-pins", "wrote 'P 30000 0000'; a change is P, a time from 0 to 24999, and 4 digits"),
         ("skips", "periods of the carrier"),
     ],
 )
@@ -109,6 +109,16 @@ def test_one_that_hangs_is_given_up(monkeypatch):
         port.wait_until_ns(port.now_ns() + 20_000_000)
 
 
+def test_one_that_says_what_is_the_same_once_is_as_good(tmp_path):
+    frames, files = [OFF_FRAME, RAMP], [tmp_path / "all.vcd", tmp_path / "same.vcd"]
+    found = [
+        records(frames, command(PINS, *way), simulator_capture=file)
+        for way, file in zip(((), ("same",)), files, strict=True)
+    ]
+    assert found[1][1:] == found[0][1:]
+    assert files[1].read_bytes() == files[0].read_bytes()
+
+
 def test_one_that_answers_late_is_as_good():
     assert records([RAMP], command(PINS, "late"))[1:] == records([RAMP], command(PINS))[1:]
 
@@ -133,7 +143,7 @@ def test_what_is_no_simulator_of_this_board_is_refused(simulator, seen):
 
 
 def period(changes, digits=1):
-    return b"|\n" + b"".join(b"P %d %0*x\n" % (t_ns, digits, high) for t_ns, high in changes)
+    return b"".join(b"P %d %0*x\n" % (t_ns, digits, high) for t_ns, high in changes) + b"|\n"
 
 
 def test_the_fundamental_of_a_pin_is_that_of_its_pulse():
@@ -154,7 +164,7 @@ def test_a_period_in_which_the_drive_changes_is_no_drive():
 def test_a_carrier_of_half_the_frequency_is_counted_and_radiates_nothing():
     pins = SimulatedPins(1, 25_000)
     shown = list(pins.take((period([(0, 1)]) + period([(0, 0)])) * 20))
-    assert pins.halved == 4
+    assert pins.halved == 5
     assert abs(shown[-1].pulses.weights()[0]) < 1e-3
 
 

@@ -1,45 +1,15 @@
-"""Every board's layout by name, and the one that a dialect's clients assume."""
+"""Every board's layout by name."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from haptogram.acoustics.model.boards.bowls import TINYLEV
-from haptogram.acoustics.model.boards.grids import (
-    AUTD3,
-    INTERACTLAB,
-    SONICSURFACE,
-    SONICSURFACE_STACK,
-    ULTRAINO_FLAT8,
-    ULTRAINO_NANO8,
-    ULTRAINO_NANO16,
-    ULTRAINO_SONICSURFACE,
-    ULTRAINO_STACK,
-)
+from haptogram.acoustics.model.boards import bowls, grids
+from haptogram.acoustics.model.boards.layout import BoardLayout
 
 LAYOUTS: Final = {
     layout.name: layout
-    for layout in (
-        SONICSURFACE,
-        SONICSURFACE_STACK,
-        ULTRAINO_SONICSURFACE,
-        ULTRAINO_STACK,
-        ULTRAINO_FLAT8,
-        TINYLEV,
-        INTERACTLAB,
-        AUTD3,
-    )
-}
-#: Layout of each dialect, as its clients have it; that of Nano boards is assumed.
-LAYOUT_OF_DIALECT: Final = {
-    "sonicsurface": SONICSURFACE,
-    "sonicsurface-tactile": SONICSURFACE,
-    "ultraino-fpga": ULTRAINO_SONICSURFACE,
-    "ultraino-fpga-128": TINYLEV,
-    "ultraino-fpga-chained": ULTRAINO_STACK,
-    "ultraino-mega64": ULTRAINO_FLAT8,
-    "ultraino-nano8": ULTRAINO_NANO8,
-    "ultraino-nano16": ULTRAINO_NANO16,
-    "interactlab": INTERACTLAB,
-    "autd3": AUTD3,
+    for module in (grids, bowls)
+    for layout in vars(module).values()
+    if isinstance(layout, BoardLayout)
 }

@@ -26,6 +26,17 @@ _SPREAD: Final = 1.0  # over the square root of N, of the RMS residual of phases
 
 def is_beyond_chance(found: Explanation, step_rad: float) -> bool:
     """Return True if random phases of that step would hardly be explained as well."""
+    count, used = found.used.size, int(found.used.sum())
+    if step_rad > _COARSE_RAD:
+        rms_rad = pattern_residual_rms(found.fit.residual_rad[found.used])
+        rounded_rad = step_rad / math.sqrt(12.0) * (1.0 + _SPREAD / math.sqrt(count))
+        if found.normal is not None or found.charge or used < count or rms_rad > rounded_rad:
+            return False
+    return log_chance_of_explanation(found, step_rad) <= _CERTAIN
+
+
+def log_chance_of_explanation(found: Explanation, step_rad: float) -> float:
+    """Return the logarithm of the chance that random phases are explained as well."""
     unknowns, choices = _FOCUS, 1
     if found.normal is not None:
         unknowns += _TWIN
@@ -33,12 +44,7 @@ def is_beyond_chance(found: Explanation, step_rad: float) -> bool:
         unknowns, choices = unknowns + _VORTEX, 2 * MAX_CHARGE
     count, used = found.used.size, int(found.used.sum())
     rms_rad = pattern_residual_rms(found.fit.residual_rad[found.used])
-    if step_rad > _COARSE_RAD:
-        rounded_rad = step_rad / math.sqrt(12.0) * (1.0 + _SPREAD / math.sqrt(count))
-        if unknowns != _FOCUS or used < count or rms_rad > rounded_rad:
-            return False
-    chance = log_chance(count, used, rms_rad, step_rad, unknowns)
-    return chance + math.log(choices) <= _CERTAIN
+    return log_chance(count, used, rms_rad, step_rad, unknowns) + math.log(choices)
 
 
 def are_beyond_chance(foci: int, count: int, rms_rad: float, step_rad: float) -> bool:

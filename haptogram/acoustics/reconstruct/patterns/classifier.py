@@ -18,7 +18,10 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import points_with_field, propagators
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.patterns.chance import is_beyond_chance
+from haptogram.acoustics.reconstruct.patterns.chance import (
+    is_beyond_chance,
+    log_chance_of_explanation,
+)
 from haptogram.acoustics.reconstruct.patterns.explain import (
     Explanation,
     explain_turning_pattern,
@@ -309,13 +312,16 @@ class PatternClassifier:
         return simplest if is_beyond_chance(simplest, self._step_rad) else None
 
     def _simplest(self, phases: PatternPhases, found: Explanation) -> Explanation:
-        """Return a focus for a vortex whose axis went so far away that nothing turns."""
+        """Return a focus for a vortex that explains no more than its axis explains by chance.
+
+        An axis far away turns nothing, and yet a few elements that are off bend to it.
+        """
         if not found.charge:
             return found
         focus = explain_turning_pattern(phases, found.fit.position_m, self._limit_rad, near=True)
-        if focus is None or focus.used.sum() < found.used.sum() or not self._is_usable(focus):
+        if focus is None or not self._is_usable(focus):
             return found
-        return focus
+        return min(focus, found, key=lambda one: log_chance_of_explanation(one, self._step_rad))
 
     def _is_usable(self, found: Explanation) -> bool:
         return self._has_field(found.fit.position_m)

@@ -37,7 +37,6 @@ class Loudest(Protocol):
 
     def __call__(self, weights: ComplexArray, count: int) -> list[FloatArray]:
         """Return at most *count* points for (N,) weights."""
-        ...
 
 
 def find_foci_pattern(

@@ -5,27 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from haptogram_protocol.messages import (
-    DriveKind,
-    DriveReply,
-    Drives,
-    ErrorCode,
-    Feature,
-    FocalPoint,
-    Message,
-    Play,
-    Points,
-    ReadDrive,
-    ReadTrace,
-    SetConfig,
-    SetConfigReply,
-    Trace,
-    TraceDrive,
-    TraceMode,
-    TraceReply,
-    UploadBegin,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import PLAYBACK
 
 from ...case import case
@@ -34,31 +14,42 @@ from ...client.latching import latch_now
 from ...client.uploads import upload_to_board
 from ...outcome import SELF_REPORTED, check, require
 
-_POINT: Final = FocalPoint(0, 0, 150_000, 65_535, 0)
-_LATCHED, _RADIATED = ReadDrive(DriveKind.LATCHED, 0, 1), ReadDrive(DriveKind.RADIATED, 0, 1)
-_USES: Final[dict[Feature, Callable[[BoardClient], object]]] = {
-    Feature.AMPLITUDE: lambda b: _is_advertised_drive_latched(b, _advertised_drives(b)),
-    Feature.POINTS: lambda b: _is_advertised_drive_latched(b, Points((_POINT,))),
-    Feature.SEQUENCE_PHASES: lambda b: upload_to_board(b, UploadKind.PHASES, 1, _zeros(b)),
-    Feature.SEQUENCE_POINTS: lambda b: upload_to_board(b, UploadKind.POINTS, 2, _POINT.pack(), 1),
-    Feature.CONFIG: lambda b: b.link.call(SetConfig(b.base_config), SetConfigReply),
-    Feature.CORRECTION: lambda b: upload_to_board(b, UploadKind.CORRECTION, 0, _zeros(b)),
-    Feature.READ_LATCHED: lambda b: b.link.call(_LATCHED, DriveReply),
-    Feature.READ_RADIATED: lambda b: b.link.call(_RADIATED, DriveReply),
-    Feature.TRACE: lambda b: _traces_as_advertised(b, TraceMode.CRC, Trace),
-    Feature.TRACE_DRIVE: lambda b: _traces_as_advertised(b, TraceMode.DRIVE, TraceDrive),
-    Feature.TRACE_RING: lambda b: b.link.call(ReadTrace(0, 1), TraceReply),
+_POINT: Final = m.FocalPoint(0, 0, 150_000, 65_535, 0)
+_LATCHED, _RADIATED = (
+    m.ReadDrive(m.DriveKind.LATCHED, 0, 1),
+    m.ReadDrive(m.DriveKind.RADIATED, 0, 1),
+)
+_USES: Final[dict[m.Feature, Callable[[BoardClient], object]]] = {
+    m.Feature.AMPLITUDE: lambda b: _is_advertised_drive_latched(b, _advertised_drives(b)),
+    m.Feature.POINTS: lambda b: _is_advertised_drive_latched(b, m.Points((_POINT,))),
+    m.Feature.SEQUENCE_PHASES: lambda b: upload_to_board(b, m.UploadKind.PHASES, 1, _zeros(b)),
+    m.Feature.SEQUENCE_POINTS: lambda b: upload_to_board(
+        b, m.UploadKind.POINTS, 2, _POINT.pack(), 1
+    ),
+    m.Feature.CONFIG: lambda b: b.link.call(m.SetConfig(b.base_config), m.SetConfigReply),
+    m.Feature.CORRECTION: lambda b: upload_to_board(b, m.UploadKind.CORRECTION, 0, _zeros(b)),
+    m.Feature.READ_LATCHED: lambda b: b.link.call(_LATCHED, m.DriveReply),
+    m.Feature.READ_RADIATED: lambda b: b.link.call(_RADIATED, m.DriveReply),
+    m.Feature.TRACE: lambda b: _traces_as_advertised(b, m.TraceMode.CRC, m.Trace),
+    m.Feature.TRACE_DRIVE: lambda b: _traces_as_advertised(b, m.TraceMode.DRIVE, m.TraceDrive),
+    m.Feature.TRACE_RING: lambda b: b.link.call(m.ReadTrace(0, 1), m.TraceReply),
 }
 # Requests that are right in everything but the capability that they need.
-_REQUESTS: Final[tuple[tuple[Feature, Callable[[BoardClient], Message]], ...]] = (
-    (Feature.CONFIG, lambda b: SetConfig(b.config)),
-    (Feature.READ_LATCHED, lambda _: _LATCHED),
-    (Feature.READ_RADIATED, lambda _: _RADIATED),
-    (Feature.TRACE_RING, lambda _: ReadTrace(0, 1)),
-    (PLAYBACK, lambda _: Play(1, 1000, 1, 100)),
-    (Feature.SEQUENCE_PHASES, lambda b: UploadBegin(UploadKind.PHASES, 0, 1, len(_zeros(b)), 0)),
-    (Feature.SEQUENCE_POINTS, lambda _: UploadBegin(UploadKind.POINTS, 1, 1, 16, 0)),
-    (Feature.CORRECTION, lambda b: UploadBegin(UploadKind.CORRECTION, 0, 0, len(_zeros(b)), 0)),
+_REQUESTS: Final[tuple[tuple[m.Feature, Callable[[BoardClient], m.Message]], ...]] = (
+    (m.Feature.CONFIG, lambda b: m.SetConfig(b.config)),
+    (m.Feature.READ_LATCHED, lambda _: _LATCHED),
+    (m.Feature.READ_RADIATED, lambda _: _RADIATED),
+    (m.Feature.TRACE_RING, lambda _: m.ReadTrace(0, 1)),
+    (PLAYBACK, lambda _: m.Play(1, 1000, 1, 100)),
+    (
+        m.Feature.SEQUENCE_PHASES,
+        lambda b: m.UploadBegin(m.UploadKind.PHASES, 0, 1, len(_zeros(b)), 0),
+    ),
+    (m.Feature.SEQUENCE_POINTS, lambda _: m.UploadBegin(m.UploadKind.POINTS, 1, 1, 16, 0)),
+    (
+        m.Feature.CORRECTION,
+        lambda b: m.UploadBegin(m.UploadKind.CORRECTION, 0, 0, len(_zeros(b)), 0),
+    ),
 )
 
 
@@ -66,18 +57,18 @@ def _zeros(board: BoardClient) -> bytes:
     return bytes(board.identity.transducers)
 
 
-def _advertised_drives(board: BoardClient) -> Drives:
-    return Drives(bytes([255]) * 2 * board.identity.transducers)
+def _advertised_drives(board: BoardClient) -> m.Drives:
+    return m.Drives(bytes([255]) * 2 * board.identity.transducers)
 
 
-def _is_advertised_drive_latched(board: BoardClient, message: Message) -> None:
+def _is_advertised_drive_latched(board: BoardClient, message: m.Message) -> None:
     board.arm()
     with board.counting(latched=1):
         index = latch_now(board, message)
     board.check_status(f"{message.TYPE.name} are advertised", last_seq=index)
 
 
-def _traces_as_advertised(board: BoardClient, mode: TraceMode, kind: type[Message]) -> None:
+def _traces_as_advertised(board: BoardClient, mode: m.TraceMode, kind: type[m.Message]) -> None:
     since = board.arm(trace_mode=mode)
     latch_now(board)
     board.link.barrier()
@@ -101,15 +92,15 @@ def refuses_capabilities_not_advertised(board: BoardClient) -> None:
     require(bool(lacking), "the board advertises every capability that a request can need")
     for make in lacking:
         message = make(board)
-        board.link.refused(message, ErrorCode.UNSUPPORTED, message.TYPE)
+        board.link.refused(message, m.ErrorCode.UNSUPPORTED, message.TYPE)
 
 
 @case("HG-1.2/3", evidence=SELF_REPORTED)
 def drops_frames_of_capabilities_not_advertised(board: BoardClient) -> None:
     """DRIVES and POINTS are dropped and counted in unknown_type where they are not advertised"""
-    frames: dict[Feature, Message] = {
-        Feature.AMPLITUDE: _advertised_drives(board),
-        Feature.POINTS: Points((_POINT,)),
+    frames: dict[m.Feature, m.Message] = {
+        m.Feature.AMPLITUDE: _advertised_drives(board),
+        m.Feature.POINTS: m.Points((_POINT,)),
     }
     lacking = [message for feature, message in frames.items() if not board.has(feature)]
     require(bool(lacking), "the board advertises every capability that a stream frame can need")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from haptogram.errors import HaptogramError
-from haptogram_protocol.messages import Feature
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import UPLOADS
 
 from ...case import Depth, case
@@ -44,7 +44,7 @@ _DIFFERENT: Final = 30  # dialogues, after which hardly another clause is found
 _SHOWN: Final = 12  # last frames of a dialogue that differed once
 
 
-@case("HG-1.2/1-dialogues", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-1.2/1-dialogues", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def random_dialogues_match_the_model(board: BoardClient) -> None:
     """random legal and illegal dialogues: every reply, event and counter is that of the model"""
     is_modelled = identity_suits_lockstep_model(board.identity)

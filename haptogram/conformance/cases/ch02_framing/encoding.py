@@ -8,23 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from haptogram_protocol.framing import CRC_BYTES, MAX_ENCODED_BYTES, cobs_encode, encode_frame
-from haptogram_protocol.messages import (
-    DriveKind,
-    DriveReply,
-    Drives,
-    Error,
-    Feature,
-    HelloReply,
-    Message,
-    Mute,
-    Phases,
-    Ping,
-    ReadDrive,
-    StateChanged,
-    TraceMode,
-    UploadChunk,
-)
+from haptogram_protocol import messages as m
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import CRC_BYTES, MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
@@ -81,7 +67,7 @@ def drops_frames_with_wrong_stuffing(board: BoardClient) -> None:
     """a code byte that points past the end is counted in cobs, once; the frame has no effect"""
     good = b"\x01"
     while good.endswith(b"\x01"):  # without this byte it would be COBS, too
-        body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
+        body = board.link.body(m.Ping.TYPE, bytes(8), seq=board.link.next_seq())
         good = cobs_encode(malformed_with_crc(body))
     broken = [b"\x05\x01\x02", b"\xff" + b"\x07" * 40, good[:-1], good + b"\x02", b"\x02"]
     with board.counting(cobs=len(broken)):
@@ -126,27 +112,27 @@ def _runs_before_full_ends(shown: int, room: int) -> list[int]:
     return [run for run in runs if 0 <= run < room]
 
 
-def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, Message, bytes]]:
+def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, m.Message, bytes]]:
     """Yield drives with a zero behind each run: its length, the frame, the registers."""
     count = board.identity.transducers
-    graded = board.has(Feature.AMPLITUDE)
+    graded = board.has(m.Feature.AMPLITUDE)
     room = 2 * count if graded else count
     for run in (*_runs_to_stuff(room - 1), *_runs_before_full_ends(2 * count, room)):
         codes = bytearray(malformed_noise(board.random, room))
         codes[run] = 0
         if graded:
-            yield run, Drives(bytes(codes)), bytes(codes)
+            yield run, m.Drives(bytes(codes)), bytes(codes)
         else:
-            yield run, Phases(bytes(codes)), full_client_drive(bytes(codes))
+            yield run, m.Phases(bytes(codes)), full_client_drive(bytes(codes))
 
 
-@case("HG-2.2/1-drives", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
+@case("HG-2.2/1-drives", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def every_drive_is_stuffed(board: BoardClient) -> None:
     """drives with zeros 254 n bytes before, behind, and before the end: read back, traced
     undamaged
     """
-    if board.has(Feature.TRACE_DRIVE | Feature.CONFIG):
-        board.configure(trace_mode=TraceMode.DRIVE)
+    if board.has(m.Feature.TRACE_DRIVE | m.Feature.CONFIG):
+        board.configure(trace_mode=m.TraceMode.DRIVE)
     board.arm()
     judged = 0
     for run, message, registers in _drives_to_stuff(board):
@@ -164,9 +150,9 @@ def every_drive_is_stuffed(board: BoardClient) -> None:
     require(bool(judged), f"a drive of {board.identity.transducers} transducers fills no piece")
 
 
-def _ask_with_stuffing(board: BoardClient, count: int, name: str) -> DriveReply:
+def _ask_with_stuffing(board: BoardClient, count: int, name: str) -> m.DriveReply:
     """Return the reply to a READ_DRIVE of *count*; FAILED if what comes instead is damaged."""
-    wire, seq = board.link.request_wire(ReadDrive(DriveKind.LATCHED, 0, count))
+    wire, seq = board.link.request_wire(m.ReadDrive(m.DriveKind.LATCHED, 0, count))
     since = board.link.mark()
 
     def is_reply_or_damaged(piece: ReceivedByClient) -> bool:
@@ -177,7 +163,7 @@ def _ask_with_stuffing(board: BoardClient, count: int, name: str) -> DriveReply:
     if found is None:
         fail(f"{name} is not answered")
     _check_stuffing([found], f"the answer to {name}")
-    return board.link.reply_in(found, DriveReply, ReadDrive.TYPE)
+    return board.link.reply_in(found, m.DriveReply, m.ReadDrive.TYPE)
 
 
 def _check_stuffing(pieces: list[ReceivedByClient], name: str) -> None:
@@ -193,7 +179,7 @@ def every_stuffed_piece_is_read(board: BoardClient) -> None:
         for end in _ENDS if board.thorough else _ENDS[:1]:
             around = [malformed_noise(board.random, size) for size in (run, min(run, _MOST - run))]
             seq = board.link.next_seq()
-            body = board.link.body(Mute.TYPE, b"\x00" + around[0] + end + around[1], seq=seq)
+            body = board.link.body(m.Mute.TYPE, b"\x00" + around[0] + end + around[1], seq=seq)
             text = f"a frame with {end.hex(' ')} behind {run} bytes without a zero is not read"
             board.link.check_answered(seq, text, encode_frame(body))
 
@@ -204,7 +190,7 @@ def frames_have_crc32_checksum(board: BoardClient) -> None:
     board.link.session = 0
     for _ in range(3):
         reply = introduce_to_board(board)
-        if isinstance(reply, HelloReply):
+        if isinstance(reply, m.HelloReply):
             _check_checksum(board)
             return
         if reply is not None:
@@ -223,7 +209,7 @@ def frames_have_crc32_checksum(board: BoardClient) -> None:
 
 def _is_framed_greeting(piece: ReceivedByClient) -> bool:
     """Return True if a piece begins like an answer to HELLO, with any checksum."""
-    return piece.unstuffed[:1] in (bytes([HelloReply.TYPE]), bytes([Error.TYPE]))
+    return piece.unstuffed[:1] in (bytes([m.HelloReply.TYPE]), bytes([m.Error.TYPE]))
 
 
 def _check_checksum(board: BoardClient) -> None:
@@ -236,7 +222,7 @@ def _check_checksum(board: BoardClient) -> None:
 @case("HG-2.4/2", evidence=SELF_REPORTED)
 def drops_frames_of_wrong_checksum(board: BoardClient) -> None:
     """frames with a wrong CRC are counted in crc; they get no answer and use up no number"""
-    body = board.link.body(Ping.TYPE, bytes(8), seq=board.link.next_seq())
+    body = board.link.body(m.Ping.TYPE, bytes(8), seq=board.link.next_seq())
     others = malformed_checksums(body)
     del others["no checksum"]
     frames = [malformed_with_wrong_crc(body, flip) for flip in _DAMAGE]
@@ -255,7 +241,7 @@ def drops_frames_of_wrong_checksum(board: BoardClient) -> None:
         board.link.stream(flat)
 
 
-@case("HG-2.4/2-lease", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-2.4/2-lease", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def wrong_checksums_renew_no_lease(board: BoardClient) -> None:
     """frames with a wrong CRC do not keep an ARMED board alive"""
     judge_no_renewals(board, damaged_pings, LEASE)
@@ -268,13 +254,13 @@ def _bytes_like_mute(board: BoardClient) -> Iterator[tuple[str, bytes]]:
     """Yield bytes between delimiters that hold a MUTE, or most of one: what is wrong, the bytes."""
     noise = malformed_noise(board.random, MAX_ENCODED_BYTES)
     for session in (board.link.session, 0):
-        body = board.link.body(Mute.TYPE, seq=board.link.seq + 1, session=session)
+        body = board.link.body(m.Mute.TYPE, seq=board.link.seq + 1, session=session)
         whole = malformed_with_crc(body)
         mute = cobs_encode(whole)
         for flip in _FLIPS:
             wrong = malformed_with_wrong_crc(body, flip)
             yield f"the bits {flip:#x} of its CRC inverted", cobs_encode(wrong)
-        long = board.link.body(Mute.TYPE, bytes(_LONG), seq=0, session=session)
+        long = board.link.body(m.Mute.TYPE, bytes(_LONG), seq=0, session=session)
         wrong = malformed_with_wrong_crc(long)
         yield f"a payload of {_LONG} bytes and a wrong CRC", cobs_encode(wrong)
         yield "a byte too much", cobs_encode(whole + b"\x01")
@@ -287,9 +273,9 @@ def _bytes_like_mute(board: BoardClient) -> Iterator[tuple[str, bytes]]:
         yield "a byte before it", b"\x01" + mute
         yield "junk before it, too long with it", noise + mute
         junk = malformed_noise(board.random, MAX_ENCODED_BYTES + 100)
-        far = board.link.body(Mute.TYPE, junk, seq=0, session=session)
+        far = board.link.body(m.Mute.TYPE, junk, seq=0, session=session)
         yield "a payload beyond the longest frame", cobs_encode(malformed_with_crc(far))
-        inside = UploadChunk(0x7FFFFFFF, b"\x00" + whole + b"\x00" + encode_frame(body))
+        inside = m.UploadChunk(0x7FFFFFFF, b"\x00" + whole + b"\x00" + encode_frame(body))
         stale = board.link.body(inside.TYPE, inside.serialize(), seq=0, session=1)
         yield "a chunk around it", encode_frame(stale).strip(b"\x00")
 
@@ -300,7 +286,7 @@ def every_damaged_mute_is_none(board: BoardClient) -> None:
     on
     """
     board.wire.require_carried(2 * MAX_ENCODED_BYTES, _AHEAD_US // 4)
-    plays = board.has(Feature.SEQUENCE_PHASES) and board.thorough
+    plays = board.has(m.Feature.SEQUENCE_PHASES) and board.thorough
     if plays:
         send_phases_that_fit(board, _SEQUENCE, frames=2)
     for _ in board.wire.ways_of_mute():
@@ -331,8 +317,8 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
         board.wire.idle_while_sending()
         board.link.barrier()
         found = board.status()
-        told = board.link.events(StateChanged, since)
-        shows = board.has(Feature.READ_RADIATED)
+        told = board.link.events(m.StateChanged, since)
+        shows = board.has(m.Feature.READ_RADIATED)
         for holds, wrong in (
             (found.state is OutputState.ARMED, f"{found.state.name}, {found.reason.name}"),
             (found.queued == (not is_played), f"{found.queued} frames wait"),

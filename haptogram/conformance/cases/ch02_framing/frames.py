@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final, TypeAlias
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.framing import MAX_ENCODED_BYTES, cobs_encode, encode_frame
-from haptogram_protocol.messages import Arm, Feature, Phases, Ping, Pong, UploadChunk, UploadKind
+from haptogram_protocol.cobs import cobs_encode
+from haptogram_protocol.framing import MAX_ENCODED_BYTES, encode_frame
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -65,17 +66,17 @@ def frames_may_share_a_delimiter(board: BoardClient) -> None:
     """a stream frame and a PING that share a zero are both taken"""
     frames = [board.link.stream_wire(board.flat_phases()) for _ in range(3)]
     with board.counting(dropped_state=3, requests=1):
-        ping, _ = board.link.request_wire(Ping(1))
+        ping, _ = board.link.request_wire(m.Ping(1))
         board.link.exchange(*(frame[:-1] for frame in frames), ping)
 
 
 @case("HG-2.1/3")
 def frames_are_read_behind_junk(board: BoardClient) -> None:
     """a PING is answered right behind noise, halves of frames and runs too long"""
-    half = encode_frame(board.link.body(Ping.TYPE, bytes(8), seq=0x4444))[:-6]
+    half = encode_frame(board.link.body(m.Ping.TYPE, bytes(8), seq=0x4444))[:-6]
     junk = [malformed_noise(board.random, size) for size in (1, 3, 17, 300, 4095, 5000)]
     for before in [b"\xff", b"\x01", half, b"boot: ok\r\n", *junk]:
-        ping, seq = board.link.request_wire(Ping(len(before)))
+        ping, seq = board.link.request_wire(m.Ping(len(before)))
         text = f"a PING right behind {len(before)} bytes ({before[:8].hex(' ')} ...) is lost"
         # Without a pause: a board that waits for one loses the PING.
         board.link.check_answered(seq, text, before, ping)
@@ -86,7 +87,7 @@ def every_cut_frame_is_read(board: BoardClient) -> None:
     """PINGs in two pieces cut at every byte, byte by byte, and with a pause of 120 ms are
     answered
     """
-    size = len(board.link.request_wire(Ping(0), seq=0)[0])
+    size = len(board.link.request_wire(m.Ping(0), seq=0)[0])
     cuts: list[list[int]] = [[at] for at in range(1, size)]
     for at in cuts if board.thorough else cuts[::5]:
         _ask_in_pieces(board, at, _BYTE_US)
@@ -96,14 +97,14 @@ def every_cut_frame_is_read(board: BoardClient) -> None:
 
 def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
     """Send a PING cut at *cuts*, with a pause at each; FAILED if it is not answered."""
-    wire, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))
+    wire, seq = board.link.request_wire(m.Ping(board.random.getrandbits(64)))
     since = board.link.mark()
     for start, stop in zip([0, *cuts], [*cuts, len(wire)], strict=True):
         board.link.send(wire[start:stop])
         if stop < len(wire):
             board.wire.idle(pause_us)
     with named(f"a PING cut at {cuts[:3]} of {len(wire)} bytes, with pauses of {pause_us} µs"):
-        board.link.reply_in(board.link.answer_to(Ping.TYPE, seq, since), Pong, Ping.TYPE)
+        board.link.reply_in(board.link.answer_to(m.Ping.TYPE, seq, since), m.Pong, m.Ping.TYPE)
 
 
 @case("HG-2.3/1", evidence=SELF_REPORTED)
@@ -120,7 +121,7 @@ def ignores_empty_frames(board: BoardClient) -> None:
 def drops_frames_of_short_length(board: BoardClient) -> None:
     """1 to 13 bytes, some with a right CRC-32, are counted in short, once each"""
     pieces = [malformed_noise(board.random, size) for size in range(1, 14)]
-    pieces += [malformed_with_crc(bytes([Ping.TYPE] * size)) for size in range(10)]
+    pieces += [malformed_with_crc(bytes([m.Ping.TYPE] * size)) for size in range(10)]
     with board.counting(short=len(pieces), frames=0):
         board.link.send(*map(malformed_frame, pieces))
 
@@ -144,7 +145,7 @@ def reads_frames_of_longest_length(board: BoardClient) -> None:
 @case("HG-2.6/3", evidence=SELF_REPORTED)
 def discards_frames_beyond_the_longest_length(board: BoardClient) -> None:
     """runs of 4097 to 20000 bytes are counted in oversize, once; frames inside have no effect"""
-    inside = cobs_encode(malformed_with_crc(board.link.body(Arm.TYPE, seq=0x7000)))
+    inside = cobs_encode(malformed_with_crc(board.link.body(m.Arm.TYPE, seq=0x7000)))
     runs = [malformed_noise(board.random, size) for size in (4097, 5000, 8192, 20_000)]
     with board.counting(oversize=len(runs) + 1):
         for run in [*runs, malformed_noise(board.random, 4096) + inside]:
@@ -189,14 +190,14 @@ def line_takes_a_full_window(board: BoardClient) -> None:
 @case("HG-2.7/2-shortest", evidence=SELF_REPORTED)
 def line_takes_a_window_of_shortest_frames(board: BoardClient) -> None:
     """the shortest stream frames, rx_window bytes of them without a pause: each is counted"""
-    first = board.link.stream_raw(Phases.TYPE, b"")  # of a wrong length: 14 bytes before stuffing
+    first = board.link.stream_raw(m.Phases.TYPE, b"")  # of a wrong length: 14 bytes before stuffing
     count = (min(board.identity.rx_window, LONGEST_BURST_BYTES) - _PING_BYTES) // len(first)
-    frames = [first, *(board.link.stream_raw(Phases.TYPE, b"") for _ in range(count - 1))]
+    frames = [first, *(board.link.stream_raw(m.Phases.TYPE, b"") for _ in range(count - 1))]
     since = board.link.mark()
     with board.counting(bad_length=count, frames=count + 1, requests=1, gap=0):
-        ping, seq = board.link.request_wire(Ping(1))
+        ping, seq = board.link.request_wire(m.Ping(1))
         board.wire.send(b"".join([*frames, ping]))
-        board.link.answer_to(Ping.TYPE, seq, since)
+        board.link.answer_to(m.Ping.TYPE, seq, since)
 
 
 @case("HG-2.7/3", needs_reset=True, depth=Depth.DEFAULT)
@@ -211,9 +212,9 @@ def line_is_silent_before_hello(board: BoardClient) -> None:
 def _paused_bytes(board: BoardClient) -> Iterator[Paused]:
     """Yield requests, stream frames of every format, and bytes that are no frame."""
     link = board.link
-    yield "PING", "requests", lambda: link.request_wire(Ping(7))[0]
-    if board.has(Feature.SEQUENCE_PHASES):
-        chunk = UploadChunk(0, bytes(range(1, 1 + _CHUNK)))
+    yield "PING", "requests", lambda: link.request_wire(m.Ping(7))[0]
+    if board.has(m.Feature.SEQUENCE_PHASES):
+        chunk = m.UploadChunk(0, bytes(range(1, 1 + _CHUNK)))
         yield "UPLOAD_CHUNK", "requests", lambda: link.request_wire(chunk)[0]
     for kind in stream_kinds(board):
         yield kind.name, "dropped_state", partial(_paused_stream_frame, board, kind)
@@ -234,9 +235,9 @@ def every_pause_ends_no_frame(board: BoardClient) -> None:
     once
     """
     at_wall = not board.wire.is_virtual
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         count = board.identity.transducers
-        begin_upload(board, UploadKind.PHASES, _SEQUENCE, bytes(_CHUNK * count))
+        begin_upload(board, m.UploadKind.PHASES, _SEQUENCE, bytes(_CHUNK * count))
     for pause_ms in _pauses_ms(board):
         for paused in _paused_bytes(board):
             for place in _PLACES[:1] if at_wall and pause_ms >= _LONG_MS else _PLACES:
@@ -273,7 +274,7 @@ def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) 
 # --- What goes on meanwhile --------------------------------------------------------------------
 
 
-@case("HG-2.1/3-meanwhile", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-2.1/3-meanwhile", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_timer_goes_on_in_a_pause(board: BoardClient) -> None:
     """in a pause of 1.5 s within a PING frames are latched, STATUS comes, the hold ends, in time"""
     status_ms = max(_STATUS_MS, board.quick_status_ms)
@@ -283,7 +284,7 @@ def every_timer_goes_on_in_a_pause(board: BoardClient) -> None:
     times = (last_us - 200 * _MS, last_us)
     with board.counting(latched=2, timeouts=1, requests=1):
         board.link.send(*(board.link.stream_wire(board.flat_phases(), t_us) for t_us in times))
-        ping, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))
+        ping, seq = board.link.request_wire(m.Ping(board.random.getrandbits(64)))
         since, half = board.link.mark(), len(ping) // 2
         board.link.send(ping[:half])
         now_us = board.clock.device_estimate_us()  # a PING would end the pause
@@ -292,12 +293,12 @@ def every_timer_goes_on_in_a_pause(board: BoardClient) -> None:
         on_carrier_us = board.clock.on_carrier(times[1])
         HOLD.judge(board, since, on_carrier_us, _HOLD_MS, "hold_ms in a pause within a PING")
         board.link.send(ping[half:])
-        board.link.reply_in(board.link.answer_to(Ping.TYPE, seq, since), Pong, Ping.TYPE)
+        board.link.reply_in(board.link.answer_to(m.Ping.TYPE, seq, since), m.Pong, m.Ping.TYPE)
     due = _LONG_MS // status_ms
     judge_status_period(board, since, status_ms, due - 1, f"a pause of {due} within a PING")
 
 
-@case("HG-6.7/1-pauses", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-6.7/1-pauses", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def every_byte_of_a_frame_renews_no_lease(board: BoardClient) -> None:
     """a frame renews the lease when it is complete, not with its first bytes; half a frame never"""
     board.configure(host_timeout_ms=_LEASE_MS)
@@ -305,7 +306,7 @@ def every_byte_of_a_frame_renews_no_lease(board: BoardClient) -> None:
         since = board.link.mark()
         board.arm()
         start_us = board.clock.device_us()
-        ping, seq = board.link.request_wire(Ping(board.random.getrandbits(64)))
+        ping, seq = board.link.request_wire(m.Ping(board.random.getrandbits(64)))
         if late_ms is None:
             for byte in ping[:-1]:  # as far as they last until the lease is over
                 board.link.send(bytes([byte]))
@@ -314,10 +315,10 @@ def every_byte_of_a_frame_renews_no_lease(board: BoardClient) -> None:
             board.link.send(ping[:-5])
             board.wire.idle(late_ms * _MS)
             board.link.send(ping[-5:])
-            answer = board.link.answer_to(Ping.TYPE, seq, since)
-            pong = board.link.reply_in(answer, Pong, Ping.TYPE)
+            answer = board.link.answer_to(m.Ping.TYPE, seq, since)
+            pong = board.link.reply_in(answer, m.Pong, m.Ping.TYPE)
             start_us = board.clock.unwrap(pong.t_rx_us)
         LEASE.judge(board, since, start_us, _LEASE_MS, f"the lease, and {name}")
         if late_ms is None:
             board.link.send(ping[-1:])
-            board.link.answer_to(Ping.TYPE, seq, since)
+            board.link.answer_to(m.Ping.TYPE, seq, since)

@@ -6,26 +6,8 @@ import itertools
 from collections.abc import Callable, Iterator
 from typing import Final, TypeAlias
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import DELIMITER, decode_frame
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    REQUEST_RANGE,
-    RESPONSE_OFFSET,
-    Arm,
-    Error,
-    ErrorCode,
-    Feature,
-    Hello,
-    HelloReply,
-    Message,
-    Mute,
-    MuteReply,
-    Ping,
-    Play,
-    Pong,
-    UploadCommit,
-    parse_body,
-)
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import Depth, case
@@ -62,9 +44,9 @@ _Between: TypeAlias = Callable[[], list[bytes]]
 @case("HG-3.8/1")
 def checks_requests_in_order(board: BoardClient) -> None:
     """requests with two defects are refused for the one that is checked first"""
-    requests: list[Message] = [Ping(0)]
-    if board.identity.features & (Feature.SEQUENCE_PHASES | Feature.CORRECTION):
-        requests.append(UploadCommit(1))  # without an upload: BAD_STATE, were it right
+    requests: list[m.Message] = [m.Ping(0)]
+    if board.identity.features & (m.Feature.SEQUENCE_PHASES | m.Feature.CORRECTION):
+        requests.append(m.UploadCommit(1))  # without an upload: BAD_STATE, were it right
     judge_two_defects_of_requests(board, requests)
 
 
@@ -99,11 +81,11 @@ def answers_in_arrival_order(board: BoardClient) -> None:
     """a PING of the new session right behind its HELLO is answered, after it"""
     nonce = board.new_nonce()
     hello, first = board.link.request_wire(board.hello_message(nonce))
-    ping, second = board.link.request_wire(Ping(5), session=nonce)
+    ping, second = board.link.request_wire(m.Ping(5), session=nonce)
     since = board.link.mark()
     greeting, pong = board.link.exchange(hello, ping)
-    board.adopt(board.link.reply_in(greeting, HelloReply))
-    board.link.reply_in(pong, Pong)
+    board.adopt(board.link.reply_in(greeting, m.HelloReply))
+    board.link.reply_in(pong, m.Pong)
     numbers = [piece.frame_header.seq for piece in board.link.responses(since)]
     check_equal(numbers, [first, second], "numbers of the answers")
 
@@ -111,8 +93,8 @@ def answers_in_arrival_order(board: BoardClient) -> None:
 @case("HG-3.8/4", evidence=SELF_REPORTED)
 def frames_before_mute(board: BoardClient) -> None:
     """ARM, a stream frame, PLAY, ARM and MUTE at once: off behind it, each frame done or refused"""
-    ahead: list[Message] = [Ping(7), Arm()]
-    if board.has(Feature.SEQUENCE_PHASES):
+    ahead: list[m.Message] = [m.Ping(7), m.Arm()]
+    if board.has(m.Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, _SEQUENCE, frames=2)
         ahead.insert(1, play_request(board, _SEQUENCE, loops=0, unattended_ms=1000))
     for _ in board.wire.ways_of_mute():
@@ -121,7 +103,7 @@ def frames_before_mute(board: BoardClient) -> None:
             if not sounds:
                 board.disarm()
             before = board.status().counters
-            arm, *others = (_request_in_burst(board, message) for message in (Arm(), *ahead))
+            arm, *others = (_request_in_burst(board, message) for message in (m.Arm(), *ahead))
             frame = board.link.stream_wire(board.flat_phases())
             mute = _mute_in_burst(board, session)
             _judge_answers_in_burst(board, "MUTE behind others", arm, frame, *others, mute)
@@ -134,22 +116,22 @@ def frames_before_mute(board: BoardClient) -> None:
 def _judge_answers_in_burst(board: BoardClient, name: str, *wires: bytes) -> None:
     """Send a burst; FAILED unless its requests are carried out, or refused as overtaken."""
     answers = iter(board.link.exchange(*wires))
-    for _, sent in (parse_body(decode_frame(wire.strip(DELIMITER))) for wire in wires):
-        if sent.TYPE in REQUEST_RANGE:
+    for _, sent in (m.parse_body(decode_frame(wire.strip(DELIMITER))) for wire in wires):
+        if sent.TYPE in m.REQUEST_RANGE:
             _judge_answer_in_burst(board, f"{name}: {sent.TYPE.name}", sent, next(answers))
 
 
 def _judge_answer_in_burst(
-    board: BoardClient, name: str, sent: Message, answer: ReceivedByClient
+    board: BoardClient, name: str, sent: m.Message, answer: ReceivedByClient
 ) -> None:
     got, text = answer.message, f"{name} is answered by {board.link.answer_text(answer)}"
-    if isinstance(got, Error) and isinstance(sent, Arm | Play):
-        check_fields(got, name, code=ErrorCode.BAD_STATE, detail=OutputState.MUTED)
+    if isinstance(got, m.Error) and isinstance(sent, m.Arm | m.Play):
+        check_fields(got, name, code=m.ErrorCode.BAD_STATE, detail=OutputState.MUTED)
         return
-    check(got is not None and got.TYPE == sent.TYPE + RESPONSE_OFFSET, text)
-    if isinstance(got, MuteReply):
+    check(got is not None and got.TYPE == sent.TYPE + m.RESPONSE_OFFSET, text)
+    if isinstance(got, m.MuteReply):
         check_fields(got, name, state=OutputState.MUTED)
-    elif isinstance(sent, Hello):
+    elif isinstance(sent, m.Hello):
         check_fields(got, name, nonce=sent.nonce)
 
 
@@ -179,18 +161,18 @@ def mute_passes_all_checks(board: BoardClient) -> None:
 # --- MUTE in a burst ---------------------------------------------------------------------------
 
 
-def _request_in_burst(board: BoardClient, message: Message) -> bytes:
+def _request_in_burst(board: BoardClient, message: m.Message) -> bytes:
     return board.link.request_wire(message, flags=flags_at_once(message))[0]
 
 
 def _mute_in_burst(board: BoardClient, session: int | None) -> bytes:
-    return board.link.request_wire(Mute(), session=session)[0]
+    return board.link.request_wire(m.Mute(), session=session)[0]
 
 
 def _hello_in_burst(board: BoardClient) -> bytes:
     nonce = board.new_nonce()
     sent = _request_in_burst(board, board.hello_message(nonce))
-    board.link.session, board.link.stream_next = nonce, FIRST_STREAM_SEQ
+    board.link.session, board.link.stream_next = nonce, m.FIRST_STREAM_SEQ
     return sent
 
 
@@ -199,7 +181,7 @@ def _switches_on(board: BoardClient) -> Iterator[tuple[str, _Between]]:
     link = board.link
 
     def arm() -> bytes:
-        return _request_in_burst(board, Arm())
+        return _request_in_burst(board, m.Arm())
 
     def at_a_time() -> bytes:
         t_us = board.clock.ready_us(board.clock.device_estimate_us()) + _AHEAD_US
@@ -212,7 +194,7 @@ def _switches_on(board: BoardClient) -> Iterator[tuple[str, _Between]]:
             f"ARM and {kind.name}, IMMEDIATE",
             lambda make=kind.make: [arm(), link.stream_wire(make())],  # type: ignore[misc]
         )
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         play = play_request(board, _SEQUENCE, loops=0, unattended_ms=1000)
         yield "ARM and PLAY", lambda: [arm(), _request_in_burst(board, play)]
     yield (

@@ -9,26 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import encode_frame
-from haptogram_protocol.messages import (
-    MESSAGES,
-    MUST_UNDERSTAND,
-    REQUEST_RANGE,
-    RESPONSE_OFFSET,
-    STREAM_RANGE,
-    VERSION_MAJOR,
-    Error,
-    ErrorCode,
-    Flag,
-    Hello,
-    Message,
-    Mute,
-    MuteReply,
-    Ping,
-    Play,
-    UploadBegin,
-    UploadChunk,
-)
 
 from ...case import case
 from ...client import malformed_frames
@@ -53,15 +35,15 @@ _SEQUENCE: Final = 3
 _LONG: Final = 3000
 _UNKNOWN_REQUEST: Final = 0x7B
 _FLIPS: Final = (1, 1 << 15, 1 << 16, 1 << 31)
-_IDEMPOTENT: Final = (Mute, UploadChunk)  # HG-4.10
+_IDEMPOTENT: Final = (m.Mute, m.UploadChunk)  # HG-4.10
 _LOW_FLAGS: Final = (1, 2, 4, 8, 15)
 #: Defects of requests in the order of HG-3.8, with the codes of their refusals.
 _OF_REQUESTS: Final = {
-    "type": ErrorCode.UNSUPPORTED,
-    "session": ErrorCode.STALE_SESSION,
-    "flags": ErrorCode.UNSUPPORTED,
-    "length": ErrorCode.BAD_LENGTH,
-    "number": ErrorCode.SEQUENCE_REUSED,
+    "type": m.ErrorCode.UNSUPPORTED,
+    "session": m.ErrorCode.STALE_SESSION,
+    "flags": m.ErrorCode.UNSUPPORTED,
+    "length": m.ErrorCode.BAD_LENGTH,
+    "number": m.ErrorCode.SEQUENCE_REUSED,
 }
 #: Defects of stream frames in this order, with their counters.
 _OF_STREAM: Final = {
@@ -78,7 +60,7 @@ def crc_of_every_type(board: BoardClient) -> None:
     """frames of every type, short and long, with a bit of CRC or payload inverted, count in crc"""
     board.arm()
     for kind, payload in _payloads_of_every_type(board):
-        stream = kind not in REQUEST_RANGE
+        stream = kind not in m.REQUEST_RANGE
         seq = board.link.stream_next if stream else board.link.next_seq()
         body = board.link.body(kind, payload, seq=seq, flags=0x10 * stream)
         frames = [malformed_frames.malformed_with_wrong_crc(body, flip) for flip in _FLIPS]
@@ -93,10 +75,10 @@ def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
     """Return every type of a host with a payload: as of zeros, valid, and long."""
     fixed = [(int(kind.TYPE), bytes(kind.LAYOUT.size)) for kind in request_types_of_host()]
     messages = [kind.make() for kind in stream_kinds(board)]
-    messages.append(UploadChunk(0, board.random.randbytes(_LONG)))
+    messages.append(m.UploadChunk(0, board.random.randbytes(_LONG)))
     messages.append(board.hello_message(board.new_nonce()))
     valid = [(int(message.TYPE), message.serialize()) for message in messages]
-    return [*fixed, *valid, (int(Mute.TYPE), board.random.randbytes(_LONG))]
+    return [*fixed, *valid, (int(m.Mute.TYPE), board.random.randbytes(_LONG))]
 
 
 def _damaged_of_every_type(body: bytes) -> bytes:
@@ -109,7 +91,7 @@ def _damaged_of_every_type(body: bytes) -> bytes:
 # --- Requests ----------------------------------------------------------------------------------
 
 
-def _requests_of_every_type(board: BoardClient) -> list[Message]:
+def _requests_of_every_type(board: BoardClient) -> list[m.Message]:
     """Return a valid request of every type; the sequence that they play is stored."""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     board.arm()
@@ -131,15 +113,15 @@ def flags_of_every_type(board: BoardClient) -> None:
 
 
 def judge_unknown_flags(
-    board: BoardClient, messages: Iterable[Message], flags: Sequence[int]
+    board: BoardClient, messages: Iterable[m.Message], flags: Sequence[int]
 ) -> None:
     """FAILED unless requests with each of *flags* that they do not know are refused by its bits."""
     for message in messages:
-        known = ~flags_at_once(message) & MUST_UNDERSTAND
+        known = ~flags_at_once(message) & m.MUST_UNDERSTAND
         unknown = [flag for flag in flags if flag & known]
         with board.counting(requests=len(unknown)):
             for flag in unknown:
-                board.link.refused(message, ErrorCode.UNSUPPORTED, flag & known, flags=flag)
+                board.link.refused(message, m.ErrorCode.UNSUPPORTED, flag & known, flags=flag)
 
 
 @case("HG-3.4/2-requests")
@@ -147,13 +129,13 @@ def low_flags_are_ignored(board: BoardClient) -> None:
     """requests of every type with each bit of the low nibble are carried out, PLAY at once"""
     for low in _LOW_FLAGS:
         for message in _requests_of_every_type(board):
-            plays = isinstance(message, Play)
+            plays = isinstance(message, m.Play)
             flags = low | flags_at_once(message)
             past_us = board.clock.device_us() - 2_000_000 if plays else 0  # HG-3.5/2: not used
             answer = board.link.ask(message, flags=flags, time_us=past_us)
-            if isinstance(message, UploadBegin):
+            if isinstance(message, m.UploadBegin):
                 require_room_for_upload(message, answer)
-            due, text = message.TYPE + RESPONSE_OFFSET, board.link.answer_text(answer)
+            due, text = message.TYPE + m.RESPONSE_OFFSET, board.link.answer_text(answer)
             name = f"{message.TYPE.name} with the flags {flags:#04x}"
             check_equal(answer.frame_header.type, due, f"{name} is answered by {text}")
 
@@ -170,7 +152,7 @@ def replies_are_remembered(board: BoardClient) -> None:
             first = board.link.ask_at_once(message)
             seq = first.frame_header.seq
             judge_repeated_reply(board, message, first, name)
-            board.link.refused_as_used(Ping(seq), seq)
+            board.link.refused_as_used(m.Ping(seq), seq)
         with named(f"an old {name}"), board.counting(requests=1, repeated=0):
             # GET_STATUS is the newest request now: what came before it is old.
             board.link.refused_as_used(message, seq)
@@ -191,8 +173,8 @@ def mute_of_every_size(board: BoardClient) -> None:
 def judge_mute(board: BoardClient, size: int, **header: int) -> None:
     """FAILED unless MUTE with a payload of so many bytes mutes an ARMED board."""
     board.arm()
-    answer = board.link.ask_raw(Mute.TYPE, board.random.randbytes(size), **header)
-    state = board.link.reply_in(answer, MuteReply).state
+    answer = board.link.ask_raw(m.Mute.TYPE, board.random.randbytes(size), **header)
+    state = board.link.reply_in(answer, m.MuteReply).state
     check_equal(state.name, "MUTED", f"MUTE with {header}, {size} bytes: {state.name}")
 
 
@@ -213,22 +195,24 @@ def header_of_every_reply(board: BoardClient) -> None:
         for again in ({"flags": 0x40}, {"seq": seq, "flags": flags}, {"seq": seq, "time_us": 5}):
             _check_header(board, board.link.ask(message, **again), message)
     for session in (board.link.session, 0, board.link.session ^ 0x0101, 0xFFFF):
-        _check_header(board, board.link.ask(Mute(), session=session), Mute())
+        _check_header(board, board.link.ask(m.Mute(), session=session), m.Mute())
     for hello in (
         board.hello_message(board.link.session),
-        Hello(VERSION_MAJOR + 1, 0, board.link.session, 0),
-        Hello(VERSION_MAJOR, 0, 0, 0),
+        m.Hello(m.VERSION_MAJOR + 1, 0, board.link.session, 0),
+        m.Hello(m.VERSION_MAJOR, 0, 0, 0),
     ):
         _check_header(board, board.link.ask(hello), hello)
     _check_header(board, board.link.ask_raw(_UNKNOWN_REQUEST), None)
 
 
-def _check_header(board: BoardClient, answer: ReceivedByClient, message: Message | None) -> None:
+def _check_header(board: BoardClient, answer: ReceivedByClient, message: m.Message | None) -> None:
     """FAILED unless an answer is of the open session, and of the type of its request or ERROR."""
     name = message.TYPE.name if message is not None else "an unknown request"
     check_answer_session(answer, board.link.session, name)
     kind = answer.frame_header.type
-    types = {int(Error.TYPE)} | ({message.TYPE + RESPONSE_OFFSET} if message is not None else set())
+    types = {int(m.Error.TYPE)} | (
+        {message.TYPE + m.RESPONSE_OFFSET} if message is not None else set()
+    )
     check(kind in types, f"{name} is answered by a frame of type {kind:#04x}")
 
 
@@ -236,7 +220,7 @@ def _check_header(board: BoardClient, answer: ReceivedByClient, message: Message
 
 
 def _unknown_frame_types(types: Iterable[int]) -> list[int]:
-    return [kind for kind in types if kind not in MESSAGES]
+    return [kind for kind in types if kind not in m.MESSAGES]
 
 
 @case("HG-3.3/2-types", evidence=SELF_REPORTED)
@@ -245,7 +229,7 @@ def foreign_types_are_dropped(board: BoardClient) -> None:
     answer
     """
     board.arm()
-    kinds = [*_unknown_frame_types(STREAM_RANGE), *range(REQUEST_RANGE.stop, 0x100)]
+    kinds = [*_unknown_frame_types(m.STREAM_RANGE), *range(m.REQUEST_RANGE.stop, 0x100)]
     judge_foreign_types(board, kinds, board.link.session, board.link.session ^ 0x8000, 0)
 
 
@@ -259,7 +243,7 @@ def judge_foreign_types(board: BoardClient, kinds: Sequence[int], *sessions: int
 
 
 def _frame_of_foreign_type(board: BoardClient, kind: int, session: int) -> bytes:
-    if kind in STREAM_RANGE:
+    if kind in m.STREAM_RANGE:
         seq = None if session == board.link.session else board.link.stream_next
         return board.link.stream_raw(kind, b"", session=session, seq=seq)
     return encode_frame(board.link.body(kind, bytes(4), seq=board.link.seq, session=session))
@@ -270,7 +254,7 @@ def unknown_types_are_refused(board: BoardClient) -> None:
     """each of the 48 unknown types of requests, of any session, is refused by its type:
     UNSUPPORTED
     """
-    kinds = _unknown_frame_types(REQUEST_RANGE)
+    kinds = _unknown_frame_types(m.REQUEST_RANGE)
     judge_unknown_requests(board, kinds, board.link.session, board.link.session ^ 0x0010)
 
 
@@ -279,7 +263,7 @@ def judge_unknown_requests(board: BoardClient, kinds: Sequence[int], *sessions: 
     with board.counting(requests=len(sessions) * len(kinds)):
         for kind, session in itertools.product(kinds, sessions):
             payload = board.random.randbytes(kind % 20)
-            board.link.refused_raw(kind, payload, ErrorCode.UNSUPPORTED, kind, session=session)
+            board.link.refused_raw(kind, payload, m.ErrorCode.UNSUPPORTED, kind, session=session)
 
 
 # --- Two defects -------------------------------------------------------------------------------
@@ -303,12 +287,12 @@ class _Frame:
 
 def _spoil(board: BoardClient, frame: _Frame, defects: Iterable[str]) -> _Frame:
     """Return a frame with these defects."""
-    draw, stream = board.random, frame.kind in STREAM_RANGE
+    draw, stream = board.random, frame.kind in m.STREAM_RANGE
     used = board.link.stream_next - 1 if stream else board.link.seq
-    varies = frame.kind == UploadChunk.TYPE
+    varies = frame.kind == m.UploadChunk.TYPE
     changes: dict[str, dict[str, Any]] = {
         "type": {
-            "kind": draw.choice(_unknown_frame_types(STREAM_RANGE if stream else REQUEST_RANGE))
+            "kind": draw.choice(_unknown_frame_types(m.STREAM_RANGE if stream else m.REQUEST_RANGE))
         },
         "session": {"session": board.link.session ^ 1 << draw.randrange(16)},
         "flags": {"flags": frame.flags | draw.choice((0x20, 0x40, 0x80, 0xE0))},
@@ -322,7 +306,7 @@ def _spoil(board: BoardClient, frame: _Frame, defects: Iterable[str]) -> _Frame:
 
 def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Frame) -> int:
     """Return the detail of the ERROR for a defect; *right* is the frame without one."""
-    kind = MESSAGES[right.kind]
+    kind = m.MESSAGES[right.kind]
     return {
         "type": frame.kind,
         "session": board.link.session,
@@ -344,7 +328,7 @@ def _name_with_defects(name: str, defects: Iterable[str]) -> str:
     return f"{name} with {', '.join(f'a wrong {defect}' for defect in defects)}"
 
 
-def _right_request(board: BoardClient, message: Message) -> _Frame:
+def _right_request(board: BoardClient, message: m.Message) -> _Frame:
     seq = board.link.seq + 1 & 0xFFFF
     return _Frame(message.TYPE, message.serialize(), seq, board.link.session)
 
@@ -359,14 +343,14 @@ def two_defects_of_requests(board: BoardClient) -> None:
 
 
 def judge_two_defects_of_requests(
-    board: BoardClient, messages: Iterable[Message], *, thorough: bool = True
+    board: BoardClient, messages: Iterable[m.Message], *, thorough: bool = True
 ) -> None:
     """FAILED unless requests with two defects are refused for the one that is checked first."""
     for message in messages:
         right = _right_request(board, message)
         for defects in _pairs_of_defects(_OF_REQUESTS, thorough=thorough):
             first = defects[0]
-            if isinstance(message, UploadChunk) and first == "number":
+            if isinstance(message, m.UploadChunk) and first == "number":
                 continue  # HG-4.10: carried out every time
             frame = _spoil(board, right, defects)
             code, detail = _OF_REQUESTS[first], _detail_of_defect(board, frame, first, right)
@@ -401,7 +385,7 @@ def judge_two_defects_of_stream(
         message = kind.make()
         for defects in _pairs_of_defects(_OF_STREAM, thorough=thorough):
             payload, seq = message.serialize(), link.stream_next & 0xFFFF
-            right = _Frame(message.TYPE, payload, seq, link.session, Flag.IMMEDIATE)
+            right = _Frame(message.TYPE, payload, seq, link.session, m.Flag.IMMEDIATE)
             frame = _spoil(board, right, defects)
             link.stream_next += not {*defects} & {"session", "number"}
             name = _name_with_defects(kind.name, defects)
@@ -419,7 +403,7 @@ def each_type_counts_once(board: BoardClient) -> None:
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for armed in (True, False) if board.thorough else (True,):
         board.arm()
-        messages: list[Message] = [
+        messages: list[m.Message] = [
             *valid_requests_to_send(board, _SEQUENCE),
             *refused_requests_to_send(board),
         ]

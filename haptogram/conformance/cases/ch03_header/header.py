@@ -9,32 +9,9 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.annotation.words import annotated_type_name
-from haptogram_protocol.messages import (
-    RESPONSE_OFFSET,
-    VERSION_MAJOR,
-    ErrorCode,
-    Feature,
-    Flag,
-    FocalPoint,
-    GeometryReply,
-    GetGeometry,
-    Hello,
-    Message,
-    MessageType,
-    Mute,
-    Phases,
-    Ping,
-    Play,
-    ReadDrive,
-    SetConfig,
-    TraceMode,
-    UploadBegin,
-    UploadChunk,
-    UploadKind,
-    signed_difference,
-)
 from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 
@@ -74,13 +51,13 @@ def frames_begin_with_header(board: BoardClient) -> None:
 @case("HG-3.3/1")
 def replies_have_their_type(board: BoardClient) -> None:
     """each request is answered by its type + 0x40, or by ERROR"""
-    kinds: list[type[Message]] = [*requests_that_board_takes(board), Mute]
+    kinds: list[type[m.Message]] = [*requests_that_board_takes(board), m.Mute]
     for kind in kinds:
         payload = bytes(kind.LAYOUT.size)
-        if kind is Hello:
+        if kind is m.Hello:
             payload = board.hello_message(board.link.session).serialize()
         got = board.link.ask_raw(kind.TYPE, payload).frame_header.type
-        is_right = got in (kind.TYPE + RESPONSE_OFFSET, MessageType.ERROR)
+        is_right = got in (kind.TYPE + m.RESPONSE_OFFSET, m.MessageType.ERROR)
         check(is_right, f"{kind.TYPE.name} is answered by {annotated_type_name(got)}")
 
 
@@ -103,7 +80,7 @@ not_host_response = case_about_host("HG-3.3/4")
 @case("HG-3.4/1")
 def refuses_unknown_header_flags(board: BoardClient) -> None:
     """each must-understand flag that is unknown refuses a request, by its bit"""
-    judge_unknown_flags(board, (Ping(0),), (0x20, 0x40, 0x80, 0xE0, 0x21))
+    judge_unknown_flags(board, (m.Ping(0),), (0x20, 0x40, 0x80, 0xE0, 0x21))
 
 
 @case("HG-3.4/1-stream", evidence=SELF_REPORTED)
@@ -119,7 +96,7 @@ def ignores_low_flags(board: BoardClient) -> None:
         board.link.ping(flag, flags=flag)
     board.arm()
     with board.counting(latched=1):
-        board.link.stream(board.flat_phases(), flags=Flag.IMMEDIATE | 0x0F)
+        board.link.stream(board.flat_phases(), flags=m.Flag.IMMEDIATE | 0x0F)
         board.clock.wait_latched()
 
 
@@ -129,11 +106,11 @@ def sends_no_header_flags(board: BoardClient) -> None:
     judge_line_rule(full_client_dialogue(board), "HG-3.4/3")
 
 
-@case("HG-3.4/3-late", needs=Feature.CONFIG)
+@case("HG-3.4/3-late", needs=m.Feature.CONFIG)
 def every_late_flag(board: BoardClient) -> None:
     """behind a late latch no frame but its trace has LATE: no reply, no refusal, no STATUS"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
-    trace = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
+    trace = m.TraceMode.CRC if board.has(m.Feature.TRACE) else m.TraceMode.OFF
     period_ms = board.quick_status_ms
     since = board.link.mark()
     board.hello()
@@ -141,7 +118,7 @@ def every_late_flag(board: BoardClient) -> None:
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()
     board.wire.idle_beyond(1200 * period_ms)
-    for message in [*valid_requests_to_send(board, _SEQUENCE), Mute()]:
+    for message in [*valid_requests_to_send(board, _SEQUENCE), m.Mute()]:
         board.link.ask_at_once(message)
     judge_line_rule(board.wire.received[since:], "HG-3.4/3")
 
@@ -149,11 +126,11 @@ def every_late_flag(board: BoardClient) -> None:
 @case("HG-3.5/1")
 def immediate_is_of_play(board: BoardClient) -> None:
     """IMMEDIATE on any request but PLAY is refused with UNSUPPORTED, detail 0x10"""
-    flag = Flag.IMMEDIATE
+    flag = m.Flag.IMMEDIATE
     for kind in requests_that_board_takes(board):
-        if kind is not Play:
+        if kind is not m.Play:
             payload = bytes(kind.LAYOUT.size)
-            board.link.refused_raw(kind.TYPE, payload, ErrorCode.UNSUPPORTED, flag, flags=flag)
+            board.link.refused_raw(kind.TYPE, payload, m.ErrorCode.UNSUPPORTED, flag, flags=flag)
     board.arm()
     with board.counting(latched=1):
         latch_now(board)
@@ -166,7 +143,7 @@ def immediate_ignores_time(board: BoardClient) -> None:
     now_us = board.clock.device_us()
     for time_us in (0, 1, now_us - 1_000_000, now_us + 5_000_000, now_us + 2**31, 0xFFFFFFFF):
         with board.counting(latched=1):
-            board.link.stream(board.flat_phases(), time_us & 0xFFFFFFFF, flags=Flag.IMMEDIATE)
+            board.link.stream(board.flat_phases(), time_us & 0xFFFFFFFF, flags=m.Flag.IMMEDIATE)
             board.clock.wait_latched()
 
 
@@ -238,7 +215,7 @@ def header_defects_count_once(board: BoardClient) -> None:
         "duplicate": link.stream_wire(good, seq=used),
         "stale_session": link.stream_wire(good, seq=used, session=link.session ^ _STALE),
         "unsupported": link.stream_wire(good, flags=0x40),
-        "bad_length": link.stream_raw(Phases.TYPE, good.serialize() + b"\x00"),
+        "bad_length": link.stream_raw(m.Phases.TYPE, good.serialize() + b"\x00"),
         **malformed_by_counter(link),
     }
     with board.counting(frames=6, requests=0, **dict.fromkeys(wires, 1)):
@@ -257,7 +234,7 @@ def header_counts_add_up(board: BoardClient) -> None:
             board.link.stream(good)
             board.link.stream(good, seq=board.link.stream_next - 1)
             board.link.ping(number)
-            board.link.stream(good, flags=Flag.IMMEDIATE | 0x40)
+            board.link.stream(good, flags=m.Flag.IMMEDIATE | 0x40)
 
 
 @case("HG-3.2/1")
@@ -268,9 +245,9 @@ def values_are_little_endian(board: BoardClient) -> None:
     echo = 0x0123456789ABCDEF
     pong = board.link.ping(echo)
     check_fields(pong, "PONG", echo=echo)
-    apart_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
+    apart_us = m.signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
     check(0 <= apart_us < 1_000_000, f"t_rx {pong.t_rx_us:#x} and t_tx {pong.t_tx_us:#x} disagree")
-    board.link.refused(Ping(0), ErrorCode.STALE_SESSION, nonce, session=nonce ^ 0x0101)
+    board.link.refused(m.Ping(0), m.ErrorCode.STALE_SESSION, nonce, session=nonce ^ 0x0101)
     _check_counted_values(board)
     _check_geometry_values(board)
 
@@ -281,13 +258,13 @@ def _check_counted_values(board: BoardClient) -> None:
 
 
 def _check_geometry_values(board: BoardClient) -> None:
-    reply = board.link.call(GetGeometry(0, 0xFFFF), GeometryReply)
+    reply = board.link.call(m.GetGeometry(0, 0xFFFF), m.GeometryReply)
     far = [e for e in reply.elements if max(abs(e.x_um), abs(e.y_um), abs(e.z_um)) > 5_000_000]
     check(not far, f"a transducer 5 m away: {far[:1]}")
     bent = [e for e in reply.elements if abs(math.hypot(e.nx, e.ny, e.nz) / 32767 - 1) >= 0.02]
     check(not bent, f"a normal that is not of length 1 (32767): {bent[:1]}")
     if board.identity.transducers > 2:
-        some = board.link.call(GetGeometry(1, 2), GeometryReply)
+        some = board.link.call(m.GetGeometry(1, 2), m.GeometryReply)
         check_equal((some.first, len(some.elements)), (1, 2), "GET_GEOMETRY of 2 from 1")
 
 
@@ -303,7 +280,7 @@ def pitch_is_little_endian(board: BoardClient) -> None:
     check(identity.pitch_um == apart_um or abs(turned_um - apart_um) > 1, text)
 
 
-@case("HG-3.2/1-config", needs=Feature.CONFIG)
+@case("HG-3.2/1-config", needs=m.Feature.CONFIG)
 def takes_little_endian_values(board: BoardClient) -> None:
     """a configuration of six different numbers comes back as it was sent"""
     sent = board.configure(
@@ -339,7 +316,7 @@ def refuses_wrong_lengths(board: BoardClient) -> None:
     _check_wrong_lengths(board, [(kind, right) for kind in kinds for right in _near_lengths(kind)])
 
 
-def _near_lengths(kind: type[Message]) -> set[int]:
+def _near_lengths(kind: type[m.Message]) -> set[int]:
     return {kind.LAYOUT.size - 1, kind.LAYOUT.size + 1} - {-1}
 
 
@@ -348,22 +325,22 @@ def every_wrong_length(board: BoardClient) -> None:
     """requests of every type and 11 wrong lengths: the detail is the right one, 0 where it
     varies
     """
-    wrong: list[tuple[type[Message], int]] = []
+    wrong: list[tuple[type[m.Message], int]] = []
     for kind in requests_that_board_takes(board):
         right = kind.LAYOUT.size  # some others have its low byte
         sizes = {0, 1, 2 * right, right + 4, *(right + (1 << bits) for bits in range(7, 12))}
         wrong += [(kind, size) for size in sorted(sizes | _near_lengths(kind)) if size != right]
     if board.identity.features & UPLOADS:
-        wrong += [(UploadChunk, size) for size in range(UploadChunk.LAYOUT.size)]
+        wrong += [(m.UploadChunk, size) for size in range(m.UploadChunk.LAYOUT.size)]
     _check_wrong_lengths(board, wrong)
 
 
-def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[Message], int]]) -> None:
+def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[m.Message], int]]) -> None:
     """FAILED unless requests of these types and lengths are refused with the right length."""
     with board.counting(requests=len(wrong)):
         for kind, size in wrong:
             right = 0 if kind.TAIL else kind.LAYOUT.size
-            board.link.refused_raw(kind.TYPE, bytes(size), ErrorCode.BAD_LENGTH, right)
+            board.link.refused_raw(kind.TYPE, bytes(size), m.ErrorCode.BAD_LENGTH, right)
 
 
 @case("HG-3.2/4-stream", evidence=SELF_REPORTED)
@@ -375,9 +352,9 @@ def drops_wrong_lengths(board: BoardClient) -> None:
 @case("HG-3.2/5")
 def refuses_unlisted_values(board: BoardClient) -> None:
     """values that no table has are refused with BAD_VALUE and the field's offset"""
-    hello = bytes([VERSION_MAJOR, *bytes(7)])
+    hello = bytes([m.VERSION_MAJOR, *bytes(7)])
     with board.counting(requests=1):
-        board.link.refused_raw(Hello.TYPE, hello, ErrorCode.BAD_VALUE, 2)
+        board.link.refused_raw(m.Hello.TYPE, hello, m.ErrorCode.BAD_VALUE, 2)
     _judge_unlisted(board, lambda _: (0x77,))
 
 
@@ -397,16 +374,16 @@ def reads_unaligned_values(board: BoardClient) -> None:
 # --- Values of no table ------------------------------------------------------------------------
 
 
-def _requests_with_values(board: BoardClient) -> Iterator[Message]:
+def _requests_with_values(board: BoardClient) -> Iterator[m.Message]:
     """Yield a request that the board takes of every type, and kind, with such a byte."""
-    yield from (ReadDrive(kind, 0, 1) for kind in drive_kinds(board))
-    if board.has(Feature.CONFIG):
-        yield SetConfig(board.config)
+    yield from (m.ReadDrive(kind, 0, 1) for kind in drive_kinds(board))
+    if board.has(m.Feature.CONFIG):
+        yield m.SetConfig(board.config)
     if board.identity.features & UPLOADS:
         yield from _uploads_with_values(board)
 
 
-def _uploads_with_values(board: BoardClient) -> list[UploadBegin]:
+def _uploads_with_values(board: BoardClient) -> list[m.UploadBegin]:
     return [form.request(form.frame_bytes) for form in upload_forms(board, _UPLOADED)]
 
 
@@ -426,19 +403,21 @@ def _judge_unlisted(board: BoardClient, wrong_values: Callable[[ValueByte], Sequ
             with board.counting(requests=len(values)):
                 for value in values:
                     payload = byte.put(message.serialize(), value)
-                    board.link.refused_raw(message.TYPE, payload, ErrorCode.BAD_VALUE, byte.offset)
+                    board.link.refused_raw(
+                        message.TYPE, payload, m.ErrorCode.BAD_VALUE, byte.offset
+                    )
 
 
 @case("HG-3.2/5-points")
 def every_points_per_frame(board: BoardClient) -> None:
     """points_per_frame other than 0 without points, 0 with them, above max_points: BAD_VALUE"""
-    offset, unit = UploadBegin.WIRE["points_per_frame"].offset, FocalPoint.LAYOUT.size
+    offset, unit = m.UploadBegin.WIRE["points_per_frame"].offset, m.FocalPoint.LAYOUT.size
     for begin in _uploads_with_values(board):
-        has_points = begin.kind is UploadKind.POINTS
+        has_points = begin.kind is m.UploadKind.POINTS
         allowed = range(1, board.identity.max_points + 1) if has_points else (0,)
         byte = ValueByte("points_per_frame", offset, allowed)
         for number in byte.wrong_values(thorough=board.thorough):
             size = max(1, number) * unit if has_points else begin.size  # whole frames
             if size <= board.identity.max_upload_bytes:
                 wrong = dataclasses.replace(begin, points_per_frame=number, size=size)
-                board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)
+                board.link.refused(wrong, m.ErrorCode.BAD_VALUE, offset)

@@ -4,16 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    DriveKind,
-    Feature,
-    Phases,
-    Status,
-    TraceMode,
-    TracePlayback,
-)
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -31,7 +23,7 @@ from ...outcome import SELF_REPORTED, check, check_equal, require
 from ..ch05_stream.queue import judge_gaps
 
 _ACROSS: Final = 40  # frames from 0xFFF0 on: the wrap is the 17th
-_PLAYED_TRACE: Final = Feature.TRACE | Feature.SEQUENCE_PHASES | Feature.CONFIG
+_PLAYED_TRACE: Final = m.Feature.TRACE | m.Feature.SEQUENCE_PHASES | m.Feature.CONFIG
 _EVENTS: Final = 66_000
 _LONGEST_US: Final = 3_600_000_000  # of a playback that tells so many
 _PART: Final = 8_000  # events between two readings
@@ -108,7 +100,7 @@ def event_sequence_numbers_wrap(board: BoardClient) -> None:
     require(_EVENTS * period_us <= _LONGEST_US, text)
     send_phases_to_store(board, _SEQUENCE, frames=1)
     board.hello()
-    board.arm(trace_mode=TraceMode.CRC)
+    board.arm(trace_mode=m.TraceMode.CRC)
     alone_ms = min(10_000, board.identity.max_unattended_ms)
     part_us = min(_PART * period_us, alone_ms * 500)
     last, count = -1, 0
@@ -117,7 +109,7 @@ def event_sequence_numbers_wrap(board: BoardClient) -> None:
         since = board.link.mark()
         board.wire.idle(part_us)
         board.link.barrier()
-        for header, event in board.link.events(TracePlayback, since):
+        for header, event in board.link.events(m.TracePlayback, since):
             count += 1
             loop = event.key.loop
             text = f"behind event {last & 0xFFFF} comes event {header.seq}, of loop {loop}"
@@ -134,10 +126,10 @@ def first_number_of_stream(board: BoardClient) -> None:
         board.link.stream(board.flat_phases())
     board.hello()
     with board.counting(dropped_state=1, gap=3):
-        board.link.stream(board.flat_phases(), seq=FIRST_STREAM_SEQ + 3)
+        board.link.stream(board.flat_phases(), seq=m.FIRST_STREAM_SEQ + 3)
 
 
-@case("HG-3.6/4", needs=Feature.CONFIG)
+@case("HG-3.6/4", needs=m.Feature.CONFIG)
 def first_number_of_events(board: BoardClient) -> None:
     """the first event of each of 3 sessions has the number 0"""
     period_ms = board.quick_status_ms
@@ -145,7 +137,7 @@ def first_number_of_events(board: BoardClient) -> None:
     for _ in range(3):
         since = board.link.mark()
         board.hello()
-        board.due_event(Status, since, 3000 * period_ms)
+        board.due_event(m.Status, since, 3000 * period_ms)
         events = (piece for piece in board.wire.received[since:] if piece.is_event)
         first = next(e for e in events if e.frame_header.session == board.link.session)
         text = f"first event of the session: {annotated_frame_text(first.piece)}"
@@ -165,18 +157,18 @@ def _advance_to_number(board: BoardClient, number: int) -> None:
         wires: list[bytes] = []
         while link.stream_next < number and len(wires) < _BATCH:
             link.stream_next = min(link.stream_next + _JUMP, number - 1)
-            wires.append(link.stream_raw(Phases.TYPE, b""))
+            wires.append(link.stream_raw(m.Phases.TYPE, b""))
         link.send(*wires)
 
 
 def _wrong_latch_numbers(
-    board: BoardClient, since: int, mode: TraceMode, index: int
+    board: BoardClient, since: int, mode: m.TraceMode, index: int
 ) -> dict[str, int]:
     """Return the number of the last latch by every report of it."""
     told = {"last_seq": board.status().last_seq}
-    if board.has(Feature.READ_LATCHED):
-        told["DRIVE_REPLY"] = read_drive(board, DriveKind.LATCHED, 0, 1).key.index
-    if mode is not TraceMode.OFF:
+    if board.has(m.Feature.READ_LATCHED):
+        told["DRIVE_REPLY"] = read_drive(board, m.DriveKind.LATCHED, 0, 1).key.index
+    if mode is not m.TraceMode.OFF:
         latches = latches_received_from_board(board, since, mode)
         told[f"trace {mode.name}"] = latches[-1].index if latches else -1
     return {name: number for name, number in told.items() if number != index % _WRAP}

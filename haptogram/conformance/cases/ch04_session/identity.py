@@ -9,35 +9,9 @@ import zlib
 from collections.abc import Sequence
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES, encode_frame
-from haptogram_protocol.messages import (
-    REQUEST_RANGE,
-    STREAM_RANGE,
-    VERSION_MAJOR,
-    Arm,
-    Disarm,
-    DisarmReply,
-    ErrorCode,
-    Feature,
-    FocalPoint,
-    GetConfig,
-    GetGeometry,
-    GetStatus,
-    Hello,
-    HelloReply,
-    Message,
-    Mute,
-    MuteReply,
-    Ping,
-    PlaybackEnded,
-    Pong,
-    StateChanged,
-    Stop,
-    StopReply,
-    UploadChunk,
-    signed_difference,
-)
 from haptogram_protocol.rules import unsupported_types
 from haptogram_protocol.state import OutputState
 
@@ -49,26 +23,26 @@ from ...client.stream_kinds import request_types_of_host
 from ...client.wire import ReceivedByClient
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields
 
-_PLAYS: Final = Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS
-_UPLOADS: Final = _PLAYS | Feature.CORRECTION
-_ALWAYS: Final = Feature(0)
+_PLAYS: Final = m.Feature.SEQUENCE_PHASES | m.Feature.SEQUENCE_POINTS
+_UPLOADS: Final = _PLAYS | m.Feature.CORRECTION
+_ALWAYS: Final = m.Feature(0)
 #: Limits, their least values, and the capabilities of which one has to be advertised.  HG-4.3/8.
 LEAST_LIMITS: Final = (
     ("queue_depth", 4, _ALWAYS),
     ("max_horizon_us", 100_000, _ALWAYS),
     ("max_frame_rate_hz", 100, _ALWAYS),
     ("rx_window", MAX_ENCODED_BYTES + 2, _ALWAYS),
-    ("max_points", 1, Feature.POINTS | Feature.SEQUENCE_POINTS),
-    ("trace_ring", 16, Feature.TRACE_RING),
+    ("max_points", 1, m.Feature.POINTS | m.Feature.SEQUENCE_POINTS),
+    ("trace_ring", 16, m.Feature.TRACE_RING),
     ("upload_window", 1, _UPLOADS),
     ("max_chunk", 64, _UPLOADS),
-    ("max_upload_bytes", FocalPoint.LAYOUT.size, Feature.SEQUENCE_POINTS),
+    ("max_upload_bytes", m.FocalPoint.LAYOUT.size, m.Feature.SEQUENCE_POINTS),
     ("max_sequence_frames", 16, _PLAYS),
     ("max_playback_rate_hz", 1, _PLAYS),
     ("max_unattended_ms", 1000, _PLAYS),
 )
 _LISTEN_US: Final = 300_000
-_LONGEST_CHUNK: Final = MAX_BODY_BYTES - HEADER_BYTES - UploadChunk.LAYOUT.size
+_LONGEST_CHUNK: Final = MAX_BODY_BYTES - HEADER_BYTES - m.UploadChunk.LAYOUT.size
 _PROMPT_US: Final = 10_000
 _TRIES: Final = 8
 _CLOCK_US: Final = 10
@@ -137,7 +111,7 @@ def limits_are_large_enough(board: BoardClient) -> None:
         if not features or identity.features & features:
             got = getattr(identity, name)
             check(got >= least, f"{name} is {got}, must be {least} or more")
-    if identity.features & (Feature.SEQUENCE_PHASES | Feature.CORRECTION):
+    if identity.features & (m.Feature.SEQUENCE_PHASES | m.Feature.CORRECTION):
         got, least = identity.max_upload_bytes, identity.transducers
         check(got >= least, f"max_upload_bytes is {got}, a frame has {least}")
     if identity.features & _UPLOADS:
@@ -150,7 +124,7 @@ def window_fits_rx_window(board: BoardClient) -> None:
     """rx_window has room for upload_window of the longest chunks"""
     identity = board.identity
     board.need_any(_UPLOADS)
-    longest = UploadChunk(0xFFFFFFFF, b"\xff" * min(identity.max_chunk, _LONGEST_CHUNK))
+    longest = m.UploadChunk(0xFFFFFFFF, b"\xff" * min(identity.max_chunk, _LONGEST_CHUNK))
     window = identity.upload_window * len(board.link.request_wire(longest)[0])
     chunks = f"{identity.upload_window} chunks of {identity.max_chunk} bytes"
     text = f"rx_window is {identity.rx_window}; {chunks} are {window} on the line"
@@ -160,7 +134,7 @@ def window_fits_rx_window(board: BoardClient) -> None:
 @case("HG-4.1/3")
 def refuses_nonce_0(board: BoardClient) -> None:
     """HELLO with the nonce 0 is refused with BAD_VALUE, detail 2; nothing changes"""
-    board.link.refused(board.hello_message(0), ErrorCode.BAD_VALUE, 2)
+    board.link.refused(board.hello_message(0), m.ErrorCode.BAD_VALUE, 2)
     board.link.ping(1)
 
 
@@ -169,7 +143,7 @@ def opens_one_session(board: BoardClient) -> None:
     """after a second HELLO the first session is stale, for requests and stream"""
     old = board.link.session
     board.hello()
-    board.link.refused(Ping(0), ErrorCode.STALE_SESSION, board.link.session, session=old)
+    board.link.refused(m.Ping(0), m.ErrorCode.STALE_SESSION, board.link.session, session=old)
     with board.counting(stale_session=1):
         board.link.stream(board.flat_phases(), seq=0xFFF0, session=old)
 
@@ -177,34 +151,34 @@ def opens_one_session(board: BoardClient) -> None:
 @case("HG-4.1/4-reset", needs_reset=True)
 def no_session_at_reset(board: BoardClient) -> None:
     """after a reset no session is open"""
-    board.link.refused(Ping(0), ErrorCode.STALE_SESSION, 0, session=board.new_nonce())
+    board.link.refused(m.Ping(0), m.ErrorCode.STALE_SESSION, 0, session=board.new_nonce())
 
 
 @case("HG-4.2/1")
 def hello_states_the_version(board: BoardClient) -> None:
     """HELLO_REPLY states the version that the board has"""
     reply = board.hello()
-    check_fields(reply, "HELLO_REPLY", major=VERSION_MAJOR)
+    check_fields(reply, "HELLO_REPLY", major=m.VERSION_MAJOR)
     for minor in (0, 1, 255):
-        hello = Hello(VERSION_MAJOR, minor, board.new_nonce(), 0xFFFFFFFF)
-        again = board.link.call(hello, HelloReply)
+        hello = m.Hello(m.VERSION_MAJOR, minor, board.new_nonce(), 0xFFFFFFFF)
+        again = board.link.call(hello, m.HelloReply)
         board.adopt(again)
         check_fields(again, f"to HELLO of minor {minor}: HELLO_REPLY", minor=reply.minor)
-    hello = Hello(VERSION_MAJOR + 1, 0, board.new_nonce(), 0)
-    board.link.refused(hello, ErrorCode.VERSION, reply.major)
+    hello = m.Hello(m.VERSION_MAJOR + 1, 0, board.new_nonce(), 0)
+    board.link.refused(hello, m.ErrorCode.VERSION, reply.major)
 
 
 @case("HG-4.4/1-majors")
 def every_other_major(board: BoardClient) -> None:
     """HELLO of each other major version: ERROR(VERSION), and the session goes on"""
-    byte = ValueByte("major", Hello.WIRE["major"].offset, (VERSION_MAJOR,))
+    byte = ValueByte("major", m.Hello.WIRE["major"].offset, (m.VERSION_MAJOR,))
     _judge_majors(board, byte.wrong_values(thorough=board.thorough))
 
 
 @case("HG-4.4/1")
 def refuses_other_majors(board: BoardClient) -> None:
     """HELLO of other major versions is refused with VERSION; the session goes on"""
-    _judge_majors(board, (0, VERSION_MAJOR + 1, 255))
+    _judge_majors(board, (0, m.VERSION_MAJOR + 1, 255))
 
 
 def _judge_majors(board: BoardClient, majors: Sequence[int]) -> None:
@@ -212,15 +186,15 @@ def _judge_majors(board: BoardClient, majors: Sequence[int]) -> None:
     board.arm()
     with board.counting(requests=len(majors)):
         for major in majors:
-            hello = Hello(major, 0, board.new_nonce(), 0)
-            board.link.refused(hello, ErrorCode.VERSION, VERSION_MAJOR)
+            hello = m.Hello(major, 0, board.new_nonce(), 0)
+            board.link.refused(hello, m.ErrorCode.VERSION, m.VERSION_MAJOR)
     board.check_status("a refused HELLO", state=OutputState.ARMED)
 
 
 @case("HG-4.7/1", needs_reset=True)
 def no_event_without_session(board: BoardClient) -> None:
     """for 0.3 s after a reset and a PING without a session no event comes"""
-    board.link.refused(Ping(0), ErrorCode.STALE_SESSION, 0, session=77)
+    board.link.refused(m.Ping(0), m.ErrorCode.STALE_SESSION, 0, session=77)
     board.mute()
     board.wire.idle(_LISTEN_US)
     events = [piece for piece in board.wire.received if piece.is_event]
@@ -230,11 +204,11 @@ def no_event_without_session(board: BoardClient) -> None:
 @case("HG-4.11/1")
 def responses_have_their_session(board: BoardClient) -> None:
     """responses have the number of their request and the open session"""
-    requests: tuple[Message, ...] = (Ping(1), GetStatus(), GetConfig(), Arm(), Disarm())
+    requests: tuple[m.Message, ...] = (m.Ping(1), m.GetStatus(), m.GetConfig(), m.Arm(), m.Disarm())
     for message in requests:
         board.link.seq += 77
         check_answer_session(board.link.ask(message), board.link.session)
-    check_answer_session(board.link.ask(Ping(1), session=board.link.session ^ 0x0F0F), 0)
+    check_answer_session(board.link.ask(m.Ping(1), session=board.link.session ^ 0x0F0F), 0)
 
 
 def check_answer_session(answer: ReceivedByClient, due: int, name: str = "") -> None:
@@ -247,13 +221,13 @@ def check_answer_session(answer: ReceivedByClient, due: int, name: str = "") -> 
 def responses_tell_the_time(board: BoardClient) -> None:
     """the header time is that of the first byte: t_tx of a PONG; it rises from reply to reply"""
     for _ in range(_TRIES):
-        answers = [board.link.ask(message) for message in (Ping(1), GetStatus(), Ping(2))]
+        answers = [board.link.ask(message) for message in (m.Ping(1), m.GetStatus(), m.Ping(2))]
         times = [answer.frame_header.time_us for answer in answers]
         for answer in answers[::2]:
-            t_tx_us = board.link.reply_in(answer, Pong).t_tx_us
-            apart_us = abs(signed_difference(answer.frame_header.time_us, t_tx_us, 32))
+            t_tx_us = board.link.reply_in(answer, m.Pong).t_tx_us
+            apart_us = abs(m.signed_difference(answer.frame_header.time_us, t_tx_us, 32))
             check(apart_us <= _CLOCK_US, f"header time and t_tx differ by {apart_us} µs")
-        steps = [signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
+        steps = [m.signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
         in_order = all(0 <= step < 5_000_000 for step in steps)
         check(in_order, f"times of three responses in a row: {times}")
 
@@ -264,20 +238,20 @@ def refusals_tell_the_time(board: BoardClient) -> None:
     board.wire.require_exact_times()
     offset_us = _device_offset_us(board)
     greeting = board.hello_message(board.link.session)
-    for message, flags in ((Ping(1), 0x40), (greeting, 0)):
-        long, _ = board.link.request_wire(GetGeometry(0, 0xFFFF))
+    for message, flags in ((m.Ping(1), 0x40), (greeting, 0)):
+        long, _ = board.link.request_wire(m.GetGeometry(0, 0xFFFF))
         short, _ = board.link.request_wire(message, flags=flags)
         _, answer = board.link.exchange(long, short)
         due_us = offset_us + board.wire.begun_us(answer)
-        off_us = signed_difference(answer.frame_header.time_us, due_us & 0xFFFFFFFF, 32)
+        off_us = m.signed_difference(answer.frame_header.time_us, due_us & 0xFFFFFFFF, 32)
         name = annotated_type_name(answer.frame_header.type)
         check(abs(off_us) <= _CLOCK_US, f"the time of {name} is off by {off_us:+d} µs")
 
 
 def _device_offset_us(board: BoardClient) -> int:
     """Return the device clock less that of the transport, by a PONG that waited for nothing."""
-    answer = board.link.ask(Ping(0))
-    pong = board.link.reply_in(answer, Pong)
+    answer = board.link.ask(m.Ping(0))
+    pong = board.link.reply_in(answer, m.Pong)
     return pong.t_tx_us - board.wire.begun_us(answer)
 
 
@@ -286,8 +260,8 @@ def repetitions_keep_their_time(board: BoardClient) -> None:
     """a PING again, 20 ms later: the time in the header is that of the first PONG"""
     seq, times = board.link.next_seq(), []
     for _ in range(3):
-        answer = board.link.ask(Ping(5), seq=seq)
-        times.append((answer.frame_header.time_us, board.link.reply_in(answer, Pong).t_tx_us))
+        answer = board.link.ask(m.Ping(5), seq=seq)
+        times.append((answer.frame_header.time_us, board.link.reply_in(answer, m.Pong).t_tx_us))
         board.wire.idle(20_000)
     check_equal(len(set(times)), 1, f"header time and t_tx of a PONG and its repetitions: {times}")
 
@@ -308,31 +282,31 @@ def responses_come_promptly(board: BoardClient) -> None:
 def responses_precede_events(board: BoardClient) -> None:
     """MUTE without a session: MUTE_REPLY comes before STATE_CHANGED"""
     board.arm()
-    _responses_in_order(board, Mute(), (MuteReply, StateChanged), session=0)
+    _responses_in_order(board, m.Mute(), (m.MuteReply, m.StateChanged), session=0)
 
 
-@case("HG-4.11/5-play", needs=Feature.SEQUENCE_PHASES)
+@case("HG-4.11/5-play", needs=m.Feature.SEQUENCE_PHASES)
 def responses_precede_playback_ended(board: BoardClient) -> None:
     """STOP, MUTE, DISARM, HELLO during playback: reply, STATE_CHANGED, then PLAYBACK_ENDED"""
     send_phases_that_fit(board, 1, frames=2)
     hello = board.hello_message(board.new_nonce())
-    replies: tuple[tuple[Message, int | None, type[Message]], ...] = (
-        (Stop(), None, StopReply),
-        (Mute(), None, MuteReply),
-        (Mute(), 0, MuteReply),
-        (Disarm(), None, DisarmReply),
-        (hello, None, HelloReply),
+    replies: tuple[tuple[m.Message, int | None, type[m.Message]], ...] = (
+        (m.Stop(), None, m.StopReply),
+        (m.Mute(), None, m.MuteReply),
+        (m.Mute(), 0, m.MuteReply),
+        (m.Disarm(), None, m.DisarmReply),
+        (hello, None, m.HelloReply),
     )
     for message, session, reply in replies:
         board.arm()
         play_now(board, 1, loops=0)
-        told = (StateChanged,) if session == 0 else ()
-        _responses_in_order(board, message, (reply, *told, PlaybackEnded), session=session)
+        told = (m.StateChanged,) if session == 0 else ()
+        _responses_in_order(board, message, (reply, *told, m.PlaybackEnded), session=session)
     board.link.session = hello.nonce
 
 
 def _responses_in_order(
-    board: BoardClient, message: Message, due: tuple[type[Message], ...], *, session: int | None
+    board: BoardClient, message: m.Message, due: tuple[type[m.Message], ...], *, session: int | None
 ) -> None:
     """Send a request; FAILED unless its reply and events come in the order *due*."""
     since = board.link.mark()
@@ -353,18 +327,18 @@ def every_frame_when_closed(board: BoardClient) -> None:
         for kind in request_types_of_host():
             name = f"{kind.TYPE.name} of session {session:#06x}"
             payload = bytes(kind.LAYOUT.size)
-            if kind.TYPE in STREAM_RANGE:
+            if kind.TYPE in m.STREAM_RANGE:
                 board.link.send(board.link.stream_raw(kind.TYPE, payload, session=session))
                 streamed.append(kind.TYPE)
-            elif kind.TYPE in REQUEST_RANGE and kind not in (Hello, Mute):
+            elif kind.TYPE in m.REQUEST_RANGE and kind not in (m.Hello, m.Mute):
                 answer = board.link.ask_raw(kind.TYPE, payload, session=session)
                 answers.append((name, kind.TYPE, answer))
     identity = board.hello()
     check_fields(identity, "frames before the first HELLO", state=OutputState.DISARMED)
-    lacking = unsupported_types(Feature(identity.features))  # these are refused in step 5
+    lacking = unsupported_types(m.Feature(identity.features))  # these are refused in step 5
     for name, kind_of, answer in answers:
         unknown = kind_of in lacking
-        code = ErrorCode.UNSUPPORTED if unknown else ErrorCode.STALE_SESSION
+        code = m.ErrorCode.UNSUPPORTED if unknown else m.ErrorCode.STALE_SESSION
         board.link.error_in(answer, kind_of, code, kind_of if unknown else 0)
         check_answer_session(answer, 0, f"{name}, while none is open,")
     due = dict.fromkeys(_OF_A_SESSION, 0)
@@ -382,13 +356,13 @@ def every_answer_when_closed(board: BoardClient) -> None:
     """before the first HELLO every answer has session 0"""
     board.link.session = 0
     answers = {
-        "MUTE": board.link.ask(Mute()),
-        "MUTE of a session": board.link.ask(Mute(), session=0x1234),
-        "PING": board.link.ask(Ping(1)),
-        "PING of a session": board.link.ask(Ping(1), session=0x1234),
+        "MUTE": board.link.ask(m.Mute()),
+        "MUTE of a session": board.link.ask(m.Mute(), session=0x1234),
+        "PING": board.link.ask(m.Ping(1)),
+        "PING of a session": board.link.ask(m.Ping(1), session=0x1234),
         "an unknown request": board.link.ask_raw(_UNKNOWN_REQUEST),
-        "HELLO of another version": board.link.ask(Hello(VERSION_MAJOR + 1, 0, 1, 0)),
-        "HELLO of nonce 0": board.link.ask(Hello(VERSION_MAJOR, 0, 0, 0)),
+        "HELLO of another version": board.link.ask(m.Hello(m.VERSION_MAJOR + 1, 0, 1, 0)),
+        "HELLO of nonce 0": board.link.ask(m.Hello(m.VERSION_MAJOR, 0, 0, 0)),
     }
     for name, answer in answers.items():
         check_answer_session(answer, 0, f"{name}, while none is open,")

@@ -8,24 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Config,
-    DriveKind,
-    ErrorCode,
-    Feature,
-    Hello,
-    HelloReply,
-    Ping,
-    PlaybackEnded,
-    Trace,
-    TraceDrive,
-    TraceMode,
-    UploadChunk,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
-    signed_difference,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import Depth, case
@@ -74,10 +57,10 @@ def same_nonce_keeps_time(board: BoardClient) -> None:
     greeting = board.hello_message(board.link.session)
     first = board.link.ask(greeting)
     board.wire.idle(20_000)
-    answers = [board.link.ask(message) for message in (Ping(1), greeting, Ping(2))]
+    answers = [board.link.ask(message) for message in (m.Ping(1), greeting, m.Ping(2))]
     check_equal(answers[1].message, first.message, "a repeated HELLO has another reply")
     times = [answer.frame_header.time_us for answer in answers]
-    steps = [signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
+    steps = [m.signed_difference(b, a, 32) for a, b in itertools.pairwise(times)]
     check(min(steps) >= 0, f"times of PONG, HELLO_REPLY and PONG in a row: {times}")
 
 
@@ -91,7 +74,7 @@ def same_nonce_other_fields(board: BoardClient) -> None:
     others = ({"minor": same.minor + 1}, {"minor": 255}, {"reserved": 0xFFFFFFFF}, {"reserved": 1})
     with board.counting(repeated=len(others)):
         for fields in others:
-            again = board.link.call(dataclasses.replace(same, **fields), HelloReply)
+            again = board.link.call(dataclasses.replace(same, **fields), m.HelloReply)
             check_equal(again, first, f"HELLO with {fields}: another reply than the first")
     board.check_status("HELLO of the open session", state=OutputState.ARMED, last_seq=index)
 
@@ -115,7 +98,7 @@ def new_nonce_flushes(board: BoardClient) -> None:
     check_flushes(board, board.hello)
 
 
-@case("HG-4.6/3-playback", needs=Feature.SEQUENCE_PHASES)
+@case("HG-4.6/3-playback", needs=m.Feature.SEQUENCE_PHASES)
 def new_nonce_ends_playback(board: BoardClient) -> None:
     """a new nonce ends playback and abandons an upload"""
     judge_ended_playback(board, BoardClient.hello, "HELLO")
@@ -137,13 +120,13 @@ def new_nonce_starts_anew(board: BoardClient) -> None:
     board.check_status("the first frame of a session", last_seq=index)
 
 
-@case("HG-4.6/4-ring", needs=Feature.TRACE_RING | Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-4.6/4-ring", needs=m.Feature.TRACE_RING | m.Feature.CONFIG, evidence=SELF_REPORTED)
 def new_nonce_empties_ring(board: BoardClient) -> None:
     """a new nonce empties the trace ring"""
     _judge_possession(board, "B", _no_ring_in_session)
 
 
-@case("HG-4.6/5", needs=Feature.CONFIG)
+@case("HG-4.6/5", needs=m.Feature.CONFIG)
 def new_nonce_keeps_settings(board: BoardClient) -> None:
     """a new nonce keeps configuration and counters"""
     board.configure(hold_ms=4321, ramp_ms=77)
@@ -161,7 +144,7 @@ def _judge_kept_settings(board: BoardClient, name: str) -> None:
     board.check_status(name, queued=0)
 
 
-@case("HG-4.6/5-sequences", needs=Feature.SEQUENCE_PHASES)
+@case("HG-4.6/5-sequences", needs=m.Feature.SEQUENCE_PHASES)
 def new_nonce_keeps_sequences(board: BoardClient) -> None:
     """a new nonce keeps stored sequences"""
     send_phases_to_store(board, 3, frames=2)
@@ -177,23 +160,23 @@ def hello_of_any_number(board: BoardClient) -> None:
     for seq in (0, 0x8000, 0xFFFF, 0x7FFF, 1):
         board.hello(seq=seq)
         board.link.seq = seq
-        board.link.refused_as_used(Ping(1))
+        board.link.refused_as_used(m.Ping(1))
         board.link.ping(2)
 
 
 # --- A new session at every moment ---------------------------------------------------------------
 
 
-def _session_with_everything_set(board: BoardClient) -> Config:
+def _session_with_everything_set(board: BoardClient) -> m.Config:
     """Set every field of the configuration away from its default and return it."""
     return board.configure(
         hold_ms=4321,
-        ramp_ms=0 if not board.has(Feature.AMPLITUDE) else 33,
+        ramp_ms=0 if not board.has(m.Feature.AMPLITUDE) else 33,
         host_timeout_ms=7654,
         status_period_ms=0,
         late_window_us=12_345,
         sound_speed_mm_s=355_555,
-        trace_mode=TraceMode.OFF,
+        trace_mode=m.TraceMode.OFF,
         amplitude_ceiling=77,
         trace_divider=515,
     )
@@ -201,14 +184,16 @@ def _session_with_everything_set(board: BoardClient) -> Config:
 
 def _uploading_session(board: BoardClient) -> None:
     data = bytes(2 * board.identity.transducers)
-    begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
-    board.link.ask(UploadChunk(0, data[:1]))
+    begin_upload(board, m.UploadKind.PHASES, _SEQUENCE, data)
+    board.link.ask(m.UploadChunk(0, data[:1]))
 
 
-@case("HG-4.6/5-moments", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
+@case(
+    "HG-4.6/5-moments", needs=m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED
+)
 def every_session_keeps_settings(board: BoardClient) -> None:
     """a new session, idle, muted, streaming, playing, uploading, leaves every setting as it is"""
-    if board.has(Feature.CORRECTION):
+    if board.has(m.Feature.CORRECTION):
         upload_correction(board)
     send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
     _session_with_everything_set(board)
@@ -263,34 +248,34 @@ def every_repeated_hello_does_nothing(board: BoardClient) -> None:
     board.arm()
     hello = board.hello_message(board.link.session)
     for ahead in (0, 1, 9, 20_000, 40_000, -1):
-        ping = Ping(ahead & 0xFF)
+        ping = m.Ping(ahead & 0xFF)
         first = board.link.ask(ping)
         board.link.ask(hello, seq=board.link.seq + ahead)
         judge_repeated_reply(board, ping, first, f"HELLO of the open nonce {ahead} numbers on")
         board.link.ping(1)  # the next number, which is not used up
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         _check_playback_goes_on(board, hello)
 
 
-def _check_playback_goes_on(board: BoardClient, hello: Hello) -> None:
+def _check_playback_goes_on(board: BoardClient, hello: m.Hello) -> None:
     frames = send_phases_to_store(board, _PLAYED, frames=2)
     since = board.link.mark()
     play_now(board, _PLAYED, loops=0)
     data = b"".join(frames)
-    begin_upload(board, UploadKind.PHASES, _PLAYED + 1, data)
+    begin_upload(board, m.UploadKind.PHASES, _PLAYED + 1, data)
     half = min(len(data) // 2, board.identity.max_chunk)
-    board.link.ask(UploadChunk(0, data[:half]))
+    board.link.ask(m.UploadChunk(0, data[:half]))
     board.link.ask(hello)
     board.check_status("HELLO of the open nonce", state=OutputState.ARMED)
-    ended = board.link.events(PlaybackEnded, since)
+    ended = board.link.events(m.PlaybackEnded, since)
     check(not ended, "HELLO of the open nonce has ended the playback")
     for start in range(half, len(data), max(1, half)):
-        board.link.ask(UploadChunk(start, data[start : start + half]))
-    reply = board.link.call(UploadCommit(_PLAYED + 1), UploadCommitReply)
+        board.link.ask(m.UploadChunk(start, data[start : start + half]))
+    reply = board.link.call(m.UploadCommit(_PLAYED + 1), m.UploadCommitReply)
     check_fields(reply, "an upload around HELLO of the open nonce", frames=len(frames))
 
 
-@case("HG-4.6/1-reply", needs=Feature.CONFIG)
+@case("HG-4.6/1-reply", needs=m.Feature.CONFIG)
 def every_repeated_hello_reply_stays(board: BoardClient) -> None:
     """a repeated HELLO gets the first reply, with the state and settings of then, after any
     change
@@ -301,9 +286,9 @@ def every_repeated_hello_reply_stays(board: BoardClient) -> None:
         "a latch": lambda: latch_now(board, board.flat_phases(3)),
         "MUTE": board.mute,
     }
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         happenings["an upload that begins"] = partial(_uploading_session, board)
-    if board.has(Feature.CORRECTION):
+    if board.has(m.Feature.CORRECTION):
         happenings["a new correction"] = partial(upload_correction, board)
     board.configure(sound_speed_mm_s=331_300)
     first = board.hello()
@@ -357,8 +342,8 @@ def every_reply_ends_with_session(board: BoardClient) -> None:
 
 
 def _no_drive_in_session(board: BoardClient) -> None:
-    if board.has(Feature.READ_LATCHED):
-        judge_nothing_read_back(board, DriveKind.LATCHED, "behind another session")
+    if board.has(m.Feature.READ_LATCHED):
+        judge_nothing_read_back(board, m.DriveKind.LATCHED, "behind another session")
 
 
 def _no_latch_in_session(board: BoardClient) -> None:
@@ -366,24 +351,26 @@ def _no_latch_in_session(board: BoardClient) -> None:
 
 
 def _no_ring_in_session(board: BoardClient) -> None:
-    if board.has(Feature.TRACE_RING):
+    if board.has(m.Feature.TRACE_RING):
         check_fields(read_ring(board), "the ring", oldest=0, next=0, records=())
 
 
 def _no_upload_in_session(board: BoardClient) -> None:
-    if board.has(Feature.SEQUENCE_PHASES):
-        board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
-        board.link.refused(UploadCommit(_UPLOADED), ErrorCode.BAD_STATE)
+    if board.has(m.Feature.SEQUENCE_PHASES):
+        board.link.refused(m.UploadChunk(0, b"\x00"), m.ErrorCode.BAD_STATE)
+        board.link.refused(m.UploadCommit(_UPLOADED), m.ErrorCode.BAD_STATE)
 
 
 def _numbers_of_session_anew(board: BoardClient) -> None:
     """FAILED unless frames count from 0xFFF0, events from 0, and the division begins anew."""
-    can_trace = board.has(Feature.CONFIG)
-    modes = trace_modes(board, TraceMode.DRIVE, TraceMode.CRC)[:1] if can_trace else []
+    can_trace = board.has(m.Feature.CONFIG)
+    modes = trace_modes(board, m.TraceMode.DRIVE, m.TraceMode.CRC)[:1] if can_trace else []
     since = board.arm(trace_mode=modes[0]) if modes else board.arm()
     with board.counting(latched=1):
         latch_now(board)
-    traces = [p for p in board.wire.received[since:] if isinstance(p.message, Trace | TraceDrive)]
+    traces = [
+        p for p in board.wire.received[since:] if isinstance(p.message, m.Trace | m.TraceDrive)
+    ]
     numbers = [piece.frame_header.seq for piece in traces]
     text = f"the first events of the session have the numbers {numbers}"
     check_equal(numbers, [0] * len(modes), text)
@@ -412,10 +399,10 @@ def _judge_possession(
     board: BoardClient, path: str, judge: Callable[[BoardClient], None], ahead_us: int = 0
 ) -> None:
     """Let a session own all that it can, open those of *path*, and judge that something is gone."""
-    if board.has(Feature.TRACE_RING | Feature.CONFIG):
-        board.configure(trace_mode=TraceMode.RING)
-    if board.has(Feature.SEQUENCE_PHASES):
-        begin_upload(board, UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
+    if board.has(m.Feature.TRACE_RING | m.Feature.CONFIG):
+        board.configure(trace_mode=m.TraceMode.RING)
+    if board.has(m.Feature.SEQUENCE_PHASES):
+        begin_upload(board, m.UploadKind.PHASES, _UPLOADED, bytes(board.identity.transducers))
     board.arm()
     latch_random(board, _LATCHES)
     waiting_us = board.clock.soon_us(bytes(2000), ahead_us=ahead_us)

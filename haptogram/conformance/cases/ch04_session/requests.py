@@ -11,30 +11,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
-from haptogram_protocol.messages import (
-    MESSAGES,
-    VERSION_MAJOR,
-    Arm,
-    Disarm,
-    Error,
-    ErrorCode,
-    Feature,
-    GetGeometry,
-    GetStatus,
-    Hello,
-    Message,
-    Mute,
-    Ping,
-    Pong,
-    ReadDrive,
-    ReadTrace,
-    SetConfig,
-    TraceMode,
-    UploadChunk,
-    UploadChunkReply,
-)
 from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 
@@ -70,7 +49,7 @@ OF_HOST: Final = tuple(case_about_host(f"HG-4.8/{number}") for number in range(1
 _SEQUENCE: Final = 4
 _FILLED_US: Final = 1_000_000
 _NUMBERS: Final = (0, 1, 0xFF, 0x100, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF)
-_OF_VALUES: Final = (ErrorCode.BAD_VALUE, ErrorCode.UNSUPPORTED)
+_OF_VALUES: Final = (m.ErrorCode.BAD_VALUE, m.ErrorCode.UNSUPPORTED)
 _LOW_FLAGS: Final = (1, 2, 4, 8)
 #: Bits of the echo of a PING that, inverted, leave the low, and the high, half of its CRC-32.
 _SAME_HALF_OF_CRC: Final = {"low": 0x15E3E, "high": 0x8567}
@@ -88,18 +67,18 @@ def repeats_the_reply(board: BoardClient) -> None:
     """ARM again after a MUTE without a session: same reply to the byte, still MUTED; repeated +
     1
     """
-    board.link.ask(Arm())
+    board.link.ask(m.Arm())
     board.mute(session=0, seq=board.link.seq + 1000)
     with board.counting(repeated=2):
         # GET_STATUS would be the last request: the repetitions come first.
         board.check_status("after MUTE without a session", state=OutputState.MUTED)
-        first = board.link.ask(Ping(7))
+        first = board.link.ask(m.Ping(7))
         board.wire.idle(5000)
         for _ in range(2):
-            judge_repeated_reply(board, Ping(7), first, "PING")
-    first = board.link.ask(Arm())
+            judge_repeated_reply(board, m.Ping(7), first, "PING")
+    first = board.link.ask(m.Arm())
     board.mute(session=0, seq=board.link.seq + 1000)
-    judge_repeated_reply(board, Arm(), first, "ARM and a MUTE without a session")
+    judge_repeated_reply(board, m.Arm(), first, "ARM and a MUTE without a session")
     board.check_status("ARM sent again was carried out again", state=OutputState.MUTED)
 
 
@@ -107,7 +86,7 @@ def repeats_the_reply(board: BoardClient) -> None:
 def refuses_reused_number(board: BoardClient) -> None:
     """the last request's number with other bytes is refused: SEQUENCE_REUSED, detail: the number"""
     board.arm()
-    for message in (Disarm(), Ping(1)):
+    for message in (m.Disarm(), m.Ping(1)):
         board.link.refused_as_used(message)
     board.check_status("a refused DISARM", state=OutputState.ARMED)
 
@@ -115,18 +94,18 @@ def refuses_reused_number(board: BoardClient) -> None:
 @case("HG-4.9/3")
 def refuses_delayed_copy(board: BoardClient) -> None:
     """a delayed copy of ARM does not undo a later DISARM: SEQUENCE_REUSED"""
-    board.link.ask(Arm())
+    board.link.ask(m.Arm())
     board.disarm()
-    board.link.refused_as_used(Arm(), board.link.seq - 1)
+    board.link.refused_as_used(m.Arm(), board.link.seq - 1)
     for back in (2, 100, 30_000):
-        board.link.refused_as_used(Ping(1), board.link.seq - back)
+        board.link.refused_as_used(m.Ping(1), board.link.seq - back)
     board.check_status("a delayed ARM", state=OutputState.DISARMED)
 
 
 @case("HG-4.9/4")
 def refusals_use_no_number(board: BoardClient) -> None:
     """after refusals for flags, length and type the same number is still free"""
-    _judge_remembered_reply(board, [Arm()], REFUSALS_BETWEEN)
+    _judge_remembered_reply(board, [m.Arm()], REFUSALS_BETWEEN)
     board.link.ping(2)
 
 
@@ -135,10 +114,10 @@ def mute_passes_pending_request(board: BoardClient) -> None:
     """behind a MUTE a copy of a request: same reply if it was done, SEQUENCE_REUSED if it was
     lost
     """
-    first = board.link.ask(Ping(9))
+    first = board.link.ask(m.Ping(9))
     board.mute()
-    judge_repeated_reply(board, Ping(9), first, "PING and MUTE")
-    for lost in (Arm(), Ping(1)):
+    judge_repeated_reply(board, m.Ping(9), first, "PING and MUTE")
+    for lost in (m.Arm(), m.Ping(1)):
         board.link.next_seq()
         board.mute()
         board.link.refused_as_used(lost, board.link.seq - 1)
@@ -152,7 +131,7 @@ def repeated_mute_is_done(board: BoardClient) -> None:
     board.arm()
     board.mute()
     seq = board.link.seq
-    board.link.refused_as_used(Ping(1))
+    board.link.refused_as_used(m.Ping(1))
     board.arm()
     board.mute(seq=seq)
     board.check_status("the same MUTE again", state=OutputState.MUTED)
@@ -164,19 +143,19 @@ def repeated_mute_is_done(board: BoardClient) -> None:
 def mute_uses_later_number(board: BoardClient) -> None:
     """PING and MUTE at once: PING is answered, although the number of MUTE is newer"""
     for number in range(8):
-        wires = [board.link.request_wire(message)[0] for message in (Ping(number), Mute())]
-        board.link.reply_in(board.link.exchange(*wires)[0], Pong)
+        wires = [board.link.request_wire(message)[0] for message in (m.Ping(number), m.Mute())]
+        board.link.reply_in(board.link.exchange(*wires)[0], m.Pong)
 
 
 @case("HG-4.10/1-chunk")
 def repeated_chunks_are_done(board: BoardClient) -> None:
     """UPLOAD_CHUNK is carried out each time"""
     begin_any_upload(board, 1)
-    chunk = UploadChunk(0, bytes(1))
-    board.link.call(chunk, UploadChunkReply)
+    chunk = m.UploadChunk(0, bytes(1))
+    board.link.call(chunk, m.UploadChunkReply)
     seq = board.link.seq
     begin_any_upload(board, 1)
-    again = board.link.call(chunk, UploadChunkReply, seq=seq)
+    again = board.link.call(chunk, m.UploadChunkReply, seq=seq)
     check_fields(again, "a chunk of 1 byte again", received=1)
 
 
@@ -184,16 +163,16 @@ def repeated_chunks_are_done(board: BoardClient) -> None:
 def refuses_stale_requests(board: BoardClient) -> None:
     """DISARM, PING, GET_STATUS of another session: STALE_SESSION, session 0; not done"""
     board.arm()
-    requests: tuple[Message, ...] = (Disarm(), Ping(1), GetStatus())
+    requests: tuple[m.Message, ...] = (m.Disarm(), m.Ping(1), m.GetStatus())
     judge_stale_requests(board, requests, (0, board.link.session ^ 0x8001))
     board.check_status("a DISARM of another session", state=OutputState.ARMED)
 
 
 def judge_stale_requests(
-    board: BoardClient, messages: Iterable[Message], sessions: Sequence[int]
+    board: BoardClient, messages: Iterable[m.Message], sessions: Sequence[int]
 ) -> None:
     """FAILED unless requests of these sessions are refused, by frames of no session."""
-    number, code = len(sessions), ErrorCode.STALE_SESSION
+    number, code = len(sessions), m.ErrorCode.STALE_SESSION
     for message in messages:
         with board.counting(frames=number, requests=number):
             for session in sessions:
@@ -202,19 +181,19 @@ def judge_stale_requests(
                 check_answer_session(answer, 0, message.TYPE.name)
 
 
-def _largest_remembered_request(board: BoardClient) -> Iterator[Message]:
+def _largest_remembered_request(board: BoardClient) -> Iterator[m.Message]:
     """Yield the requests whose replies are as long as the board makes them."""
-    yield GetGeometry(0, 0xFFFF)
-    yield from (ReadDrive(kind, 0, 0xFFFF) for kind in drive_kinds(board))
-    if board.has(Feature.TRACE_RING):
-        yield ReadTrace(0, 0xFFFF)
+    yield m.GetGeometry(0, 0xFFFF)
+    yield from (m.ReadDrive(kind, 0, 0xFFFF) for kind in drive_kinds(board))
+    if board.has(m.Feature.TRACE_RING):
+        yield m.ReadTrace(0, 0xFFFF)
 
 
 def _fill_ring(board: BoardClient) -> None:
     """Latch so often in a second at most that the ring fills a frame, if the board can."""
-    if not board.has(Feature.TRACE_RING | Feature.CONFIG | Feature.SEQUENCE_PHASES):
+    if not board.has(m.Feature.TRACE_RING | m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES):
         return
-    board.arm(trace_mode=TraceMode.RING)
+    board.arm(trace_mode=m.TraceMode.RING)
     period_us = shortest_period_to_play_us(board, PERIOD_US // 4)
     play_now(board, _SEQUENCE, loops=100, period_us=period_us)
     board.wire.idle(min(250 * period_us, _FILLED_US))
@@ -222,7 +201,7 @@ def _fill_ring(board: BoardClient) -> None:
 
 
 def _judge_remembered_reply(
-    board: BoardClient, messages: Iterable[Message], betweens: dict[str, Between]
+    board: BoardClient, messages: Iterable[m.Message], betweens: dict[str, Between]
 ) -> None:
     """FAILED unless requests get their replies again behind each of *betweens*."""
     for message in messages:
@@ -251,7 +230,7 @@ def every_refusal_between(board: BoardClient) -> None:
 @case("HG-4.9/1-replies")
 def every_reply_is_remembered(board: BoardClient) -> None:
     """refused requests, and those with the longest replies, get the same bytes again"""
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, _SEQUENCE, frames=2)
         _fill_ring(board)
     board.arm()
@@ -271,12 +250,16 @@ def every_idempotent_request_uses_its_number(board: BoardClient) -> None:
     """the number of a MUTE or UPLOAD_CHUNK of the session, refused or not, is used:
     SEQUENCE_REUSED
     """
-    messages: list[Message] = [Mute()]
+    messages: list[m.Message] = [m.Mute()]
     if board.identity.features & UPLOADS:
-        messages += [UploadChunk(0, b""), UploadChunk(0, b"\x01"), UploadChunk(0x7FFFFFFF, b"\x01")]
+        messages += [
+            m.UploadChunk(0, b""),
+            m.UploadChunk(0, b"\x01"),
+            m.UploadChunk(0x7FFFFFFF, b"\x01"),
+        ]
     for message in messages:
         board.link.ask(message)
-        board.link.refused_as_used(Ping(1))
+        board.link.refused_as_used(m.Ping(1))
 
 
 @case("HG-4.9/3-jumps")
@@ -286,7 +269,7 @@ def every_jump_of_numbers(board: BoardClient) -> None:
         for jump in {1 << bits, (1 << bits) - 1} - {0, 1 << 15}:
             board.link.seq += jump - 1
             board.link.ping(jump)
-            board.link.refused_as_used(Ping(jump), board.link.seq - (1 << bits))
+            board.link.refused_as_used(m.Ping(jump), board.link.seq - (1 << bits))
 
 
 @case("HG-4.9/1-numbers")
@@ -295,10 +278,10 @@ def every_number_is_remembered(board: BoardClient) -> None:
     for number in _NUMBERS:
         board.hello(seq=number - 1 & 0xFFFF)
         board.link.seq = number - 1
-        first = board.link.ask(Ping(number))
-        board.link.reply_in(first, Pong)
-        judge_repeated_reply(board, Ping(number), first, f"PING of number {number:#06x}")
-        board.link.refused_as_used(Ping(~number & 0xFFFF))
+        first = board.link.ask(m.Ping(number))
+        board.link.reply_in(first, m.Pong)
+        judge_repeated_reply(board, m.Ping(number), first, f"PING of number {number:#06x}")
+        board.link.refused_as_used(m.Ping(~number & 0xFFFF))
         board.link.ping(1)
 
 
@@ -307,21 +290,21 @@ def every_refusal_leaves_the_number(board: BoardClient) -> None:
     """a request of every type, refused for flags or length, uses no number; for a value it does"""
     board.arm()
     for kind in requests_that_board_takes(board):
-        if kind is Hello:
+        if kind is m.Hello:
             continue
         payload = bytes(kind.LAYOUT.size)
         refusals = {
-            "an unknown flag": (payload, 0x40, ErrorCode.UNSUPPORTED),
-            "a wrong length": (payload + b"\x00", 0, ErrorCode.BAD_LENGTH),
+            "an unknown flag": (payload, 0x40, m.ErrorCode.UNSUPPORTED),
+            "a wrong length": (payload + b"\x00", 0, m.ErrorCode.BAD_LENGTH),
         }
         for byte in value_bytes(kind):
-            refusals[f"{byte.name} = 0xee"] = byte.put(payload, 0xEE), 0, ErrorCode.BAD_VALUE
+            refusals[f"{byte.name} = 0xee"] = byte.put(payload, 0xEE), 0, m.ErrorCode.BAD_VALUE
         for name, (wrong, flags, code) in refusals.items():
             seq = board.link.next_seq()
             board.link.refused_raw(kind.TYPE, wrong, code, seq=seq, flags=flags)
             with named(f"{kind.TYPE.name} with {name}, then PING of its number"):
-                if code is ErrorCode.BAD_VALUE:
-                    board.link.refused_as_used(Ping(seq), seq)
+                if code is m.ErrorCode.BAD_VALUE:
+                    board.link.refused_as_used(m.Ping(seq), seq)
                 else:
                     board.link.ping(seq, seq=seq)
 
@@ -342,7 +325,7 @@ def _requests_with_other_bytes(board: BoardClient, body: bytes) -> Iterator[tupl
     size = len(body) - HEADER_BYTES
     for kind in requests_that_board_takes(board):
         changed = bytes([kind.TYPE]) + body[1:]
-        same = kind is Hello or body[0] == kind.TYPE or kind.LAYOUT.size != size
+        same = kind is m.Hello or body[0] == kind.TYPE or kind.LAYOUT.size != size
         if not same and _is_legal_request(board, changed):
             yield f"type {kind.TYPE.name}", changed
 
@@ -354,10 +337,10 @@ def _request_with_flipped_byte(body: bytes, at: int) -> bytes:
 def _is_legal_request(board: BoardClient, body: bytes) -> bool:
     """Return whether the values of a body are those of its tables, and SET_CONFIG's in bounds."""
     try:
-        message = MESSAGES[body[0]].deserialize(body[HEADER_BYTES:])
+        message = m.MESSAGES[body[0]].deserialize(body[HEADER_BYTES:])
     except RemoteProtocolError:
         return False
-    if not isinstance(message, SetConfig):
+    if not isinstance(message, m.SetConfig):
         return True
     config = dataclasses.replace(message.config, hold_ms=board.config.hold_ms)
     return config == board.config  # the bounds of hold_ms are far
@@ -377,10 +360,12 @@ def every_changed_byte_is_refused(board: BoardClient) -> None:
         for other, changed in _requests_with_other_bytes(board, body):
             (answer,) = board.link.exchange(encode_frame(changed))
             error, text = answer.message, f"{name}, then its number with another {other}"
-            is_value = "payload" in other and isinstance(error, Error) and error.code in _OF_VALUES
+            is_value = (
+                "payload" in other and isinstance(error, m.Error) and error.code in _OF_VALUES
+            )
             if not is_value:  # which is checked first
                 with named(text):
-                    board.link.error_in(answer, changed[0], ErrorCode.SEQUENCE_REUSED, seq)
+                    board.link.error_in(answer, changed[0], m.ErrorCode.SEQUENCE_REUSED, seq)
         (again,) = board.link.exchange(encode_frame(body))
         judge_same_answer(again, first, f"after {name} and others like it")
 
@@ -392,7 +377,7 @@ def every_half_of_a_crc_is_refused(board: BoardClient) -> None:
         echo = board.random.getrandbits(64)
         board.link.ping(echo)
         with named(f"a PING with the {half} half of the last one's CRC"):
-            board.link.refused_as_used(Ping(echo ^ bits))
+            board.link.refused_as_used(m.Ping(echo ^ bits))
 
 
 # --- What a request does to the numbers: a table ----------------------------------------------
@@ -428,7 +413,7 @@ class NumberUse:
 
 def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
     """Yield requests that are judged alike whatever their number is."""
-    mute, ping, chunk = int(Mute.TYPE), int(Ping.TYPE), int(UploadChunk.TYPE)
+    mute, ping, chunk = int(m.Mute.TYPE), int(m.Ping.TYPE), int(m.UploadChunk.TYPE)
     stale: dict[str, Any] = {"session": board.link.session ^ _STALE}
     closed, flagged = {"session": 0}, {"flags": _UNKNOWN_FLAG}
     yield NumberUse("MUTE", mute, is_used=True)
@@ -436,8 +421,8 @@ def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
     yield NumberUse("MUTE without a session", mute, b"", closed)
     yield NumberUse("MUTE of another session", mute, b"", stale)
     if board.identity.features & UPLOADS:
-        first = UploadChunk(0, b"\x01").serialize()
-        far = UploadChunk(0x7FFFFFFF, b"far behind").serialize()
+        first = m.UploadChunk(0, b"\x01").serialize()
+        far = m.UploadChunk(0x7FFFFFFF, b"far behind").serialize()
         yield NumberUse("UPLOAD_CHUNK", chunk, first, is_used=True)
         yield NumberUse("UPLOAD_CHUNK past the end", chunk, far, is_used=True)
         yield NumberUse("UPLOAD_CHUNK, flagged", chunk, first, flagged)
@@ -445,10 +430,10 @@ def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
         yield NumberUse("UPLOAD_CHUNK of another session", chunk, first, stale)
     for name, hello in (
         ("HELLO again", board.hello_message(board.link.session)),
-        ("HELLO of another version", Hello(VERSION_MAJOR + 1, 0, 1, 0)),
-        ("HELLO with the nonce 0", Hello(VERSION_MAJOR, 0, 0, 0)),
+        ("HELLO of another version", m.Hello(m.VERSION_MAJOR + 1, 0, 1, 0)),
+        ("HELLO with the nonce 0", m.Hello(m.VERSION_MAJOR, 0, 0, 0)),
     ):
-        yield NumberUse(name, Hello.TYPE, hello.serialize(), closed)
+        yield NumberUse(name, m.Hello.TYPE, hello.serialize(), closed)
     yield NumberUse("an unknown request", _UNKNOWN_REQUEST)
     yield NumberUse("PING, flagged", ping, bytes(8), flagged)
     yield NumberUse("PING too short", ping, bytes(7))
@@ -458,11 +443,11 @@ def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
 def _uses_of_later_numbers(board: BoardClient) -> Iterator[NumberUse]:
     """Yield every request that is remembered, carried out and refused."""
     for message in (*valid_requests_to_send(board, _SEQUENCE), *refused_requests_to_send(board)):
-        if not isinstance(message, UploadChunk):
+        if not isinstance(message, m.UploadChunk):
             yield _remembered_use(message)
 
 
-def _remembered_use(message: Message) -> NumberUse:
+def _remembered_use(message: m.Message) -> NumberUse:
     header = {"flags": flags_at_once(message)}
     name = message.TYPE.name
     return NumberUse(name, message.TYPE, message.serialize(), header, True, True)
@@ -473,7 +458,7 @@ def every_newest_number_stays(board: BoardClient) -> None:
     """requests of every type, ahead of the newest number and behind it: nothing sets it back"""
     steps = _STEPS if board.thorough else _QUICK_STEPS
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
-    if board.identity.features & (Feature.SEQUENCE_PHASES | Feature.CORRECTION):
+    if board.identity.features & (m.Feature.SEQUENCE_PHASES | m.Feature.CORRECTION):
         begin_any_upload(board, _SEQUENCE)  # whose chunks are taken then
     for use in _uses_of_any_number(board):
         for step in steps:
@@ -486,11 +471,11 @@ def every_newest_number_stays(board: BoardClient) -> None:
 
 def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
     """FAILED unless behind a request the numbers up to the newest are used, and the next is not."""
-    board.link.ask(Arm())
+    board.link.ask(m.Arm())
     delayed = board.link.seq
     if not use.is_remembered:
         board.disarm()
-    ping = Ping(step & 0xFFFF)
+    ping = m.Ping(step & 0xFFFF)
     first, before = board.link.ask(ping), board.link.seq
     number = before + step
     answer = use.ask(board, number)
@@ -503,9 +488,9 @@ def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
     for old in sorted({newest, newest - 1, before, number, number + 1}):
         if newest - _FARTHEST <= old <= newest:
             with named(f"{text}, {old & 0xFFFF}"):
-                board.link.refused_as_used(Ping(board.random.getrandbits(64)), old)
+                board.link.refused_as_used(m.Ping(board.random.getrandbits(64)), old)
     if newest - before < _FARTHEST - 3 and not use.is_remembered:
-        board.link.refused_as_used(Arm(), delayed)
+        board.link.refused_as_used(m.Arm(), delayed)
         board.link.seq = newest
         state = board.status().state
         check(state is not OutputState.ARMED, f"{text} a delayed copy of ARM was carried out")

@@ -7,15 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from haptogram_protocol.messages import (
-    MAX_TRANSDUCERS,
-    Drives,
-    Feature,
-    FocalPoint,
-    Phases,
-    Points,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import READ_BACKS
 
 from ...case import Depth, case, unobservable_case
@@ -44,11 +36,11 @@ amplitude_is_linear = unobservable_case(
 _SPEEDS_MM_S: Final = (300_000, 331_300, 380_000)  # HG-7.1: least, 0 C, most
 _CEILINGS: Final = (1, 100, 254)
 _SEQUENCE: Final = 3
-_COMPUTES: Final = Feature.POINTS | Feature.READ_LATCHED
-_GRADED: Final = Feature.READ_LATCHED | Feature.AMPLITUDE
-_AT_SPEEDS: Final = _COMPUTES | Feature.CONFIG
-_CORRECTED: Final = READ_BACKS | Feature.CORRECTION
-_LIMITED: Final = READ_BACKS | Feature.CONFIG | Feature.AMPLITUDE
+_COMPUTES: Final = m.Feature.POINTS | m.Feature.READ_LATCHED
+_GRADED: Final = m.Feature.READ_LATCHED | m.Feature.AMPLITUDE
+_AT_SPEEDS: Final = _COMPUTES | m.Feature.CONFIG
+_CORRECTED: Final = READ_BACKS | m.Feature.CORRECTION
+_LIMITED: Final = READ_BACKS | m.Feature.CONFIG | m.Feature.AMPLITUDE
 _Target: TypeAlias = tuple[float, float, float]
 #: Off every plane of symmetry of a grid: on one a mirrored or transposed drive is a correct one.
 _TARGETS_M: Final = ((0.017, 0.031, 0.150), (-0.026, 0.012, 0.120), (0.009, -0.024, 0.180))
@@ -74,7 +66,7 @@ _TURNS: Final = 16
 def drives_have_a_count_in_range(board: BoardClient) -> None:
     """N is 1 to 1024"""
     count = board.identity.transducers
-    check(1 <= count <= MAX_TRANSDUCERS, f"N is {count}")
+    check(1 <= count <= m.MAX_TRANSDUCERS, f"N is {count}")
 
 
 @case("HG-5.1/2")
@@ -105,7 +97,7 @@ def stream_phases_reach_their_registers(board: BoardClient) -> None:
     board.arm()
     for _ in range(3):
         registers, since = board.random_registers(), board.link.mark()
-        latch_now(board, Phases(registers))
+        latch_now(board, m.Phases(registers))
         witness.expect(registers, since=since)
 
 
@@ -121,14 +113,14 @@ def stream_phases_have_full_amplitude(board: BoardClient) -> None:
     witness = JudgeWitness.of(board)
     board.arm()
     registers = board.random_registers()
-    if board.has(Feature.AMPLITUDE):
-        latch_now(board, Drives(registers + b"\x0a" * len(registers)))
+    if board.has(m.Feature.AMPLITUDE):
+        latch_now(board, m.Drives(registers + b"\x0a" * len(registers)))
     since = board.link.mark()
     latch_now(board, board.phases(registers))
     witness.expect(registers, since=since)
 
 
-@case("HG-5.3/1", needs=Feature.AMPLITUDE, evidence=SELF_REPORTED)
+@case("HG-5.3/1", needs=m.Feature.AMPLITUDE, evidence=SELF_REPORTED)
 def takes_stream_drives(board: BoardClient) -> None:
     """DRIVES are latched with phase and amplitude; other lengths are counted"""
     witness = JudgeWitness.of(board)
@@ -137,13 +129,13 @@ def takes_stream_drives(board: BoardClient) -> None:
     phases, amplitudes = board.random.randbytes(count), board.random.randbytes(count)
     since = board.link.mark()
     with board.counting(latched=1, bad_length=2):
-        latch_now(board, Drives(phases + amplitudes))
+        latch_now(board, m.Drives(phases + amplitudes))
         for size in (2 * count - 2, 2 * count + 2):
-            board.link.send(board.link.stream_raw(Drives.TYPE, bytes(size)))
+            board.link.send(board.link.stream_raw(m.Drives.TYPE, bytes(size)))
     witness.expect(phases, amplitudes, since=since)
 
 
-@case("HG-5.2/6-paths", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.2/6-paths", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_path_of_streamed_codes(board: BoardClient) -> None:
     """PHASES and DRIVES of every format reach the registers, at once, at their time and played"""
     board.arm()
@@ -162,7 +154,7 @@ def every_path_of_streamed_points(board: BoardClient) -> None:
         board.arm(sound_speed_mm_s=speed)
         for path in drive_paths(board):
             message = path.latch()
-            if isinstance(message, Points):
+            if isinstance(message, m.Points):
                 judge_points_read_back(board, message, f"{path.name}, {speed / 1000:g} m/s")
     _judge_same_points_streamed_again(board)
 
@@ -170,7 +162,7 @@ def every_path_of_streamed_points(board: BoardClient) -> None:
 def _judge_same_points_streamed_again(board: BoardClient) -> None:
     """FAILED unless the same points give another drive where something else changes it."""
     for number in sorted({1, board.most_points}):
-        message = Points(tuple(random_point_to_send(board, number) for _ in range(number)))
+        message = m.Points(tuple(random_point_to_send(board, number) for _ in range(number)))
         board.arm(sound_speed_mm_s=_SPEEDS_MM_S[0])
         for speed, between in itertools.product(_SPEEDS_MM_S, (False, True)):
             if between:  # the drive that is latched is another one
@@ -190,19 +182,21 @@ def every_sum_of_streamed_points(board: BoardClient) -> None:
     for number in range(1, most + 1):
         board.wire.forget_received()  # the read-backs of a large array are a flood
         for name, group in _groups_of_full_points(board, number):
-            latch_now(board, Points(group))
-            judge_points_read_back(board, Points(group), f"{number} {name}")
-    size = most * FocalPoint.LAYOUT.size
-    if board.has(Feature.SEQUENCE_POINTS) and size <= board.identity.max_upload_bytes:
+            latch_now(board, m.Points(group))
+            judge_points_read_back(board, m.Points(group), f"{number} {name}")
+    size = most * m.FocalPoint.LAYOUT.size
+    if board.has(m.Feature.SEQUENCE_POINTS) and size <= board.identity.max_upload_bytes:
         for name, group in _groups_of_full_points(board, most):
-            upload_to_board(board, UploadKind.POINTS, _SEQUENCE, Points(group).serialize(), most)
+            upload_to_board(
+                board, m.UploadKind.POINTS, _SEQUENCE, m.Points(group).serialize(), most
+            )
             play_out(board, _SEQUENCE, 1, period_us=period_to_play(board, most))
-            judge_points_read_back(board, Points(group), f"{most} {name}, played")
+            judge_points_read_back(board, m.Points(group), f"{most} {name}, played")
 
 
 def _groups_of_full_points(
     board: BoardClient, number: int
-) -> Iterator[tuple[str, tuple[FocalPoint, ...]]]:
+) -> Iterator[tuple[str, tuple[m.FocalPoint, ...]]]:
     """Yield points of full amplitude: their sum on each side of each axis, small, and any."""
     place = random_point_to_send(board)
     for quarter in range(4):
@@ -216,7 +210,7 @@ def _groups_of_full_points(
 
 
 def judge_points_read_back(
-    board: BoardClient, message: Points, name: str, model: AcousticModel | None = None
+    board: BoardClient, message: m.Points, name: str, model: AcousticModel | None = None
 ) -> None:
     """FAILED if a phase or an amplitude of the latched drive of points is off by over a step."""
     from ...judge.focusing import judge_drive_of_points
@@ -229,7 +223,7 @@ def judge_points_read_back(
 def every_drive_path_is_corrected(board: BoardClient) -> None:
     """on every path the radiated phases are the latched ones and the correction, modulo 256"""
     correction = board.random.randbytes(board.identity.transducers)
-    upload_to_board(board, UploadKind.CORRECTION, 0, correction)
+    upload_to_board(board, m.UploadKind.CORRECTION, 0, correction)
     board.arm()
     for path in drive_paths(board):
         path.latch()
@@ -287,7 +281,7 @@ def _judge_latched_foci(board: BoardClient, mode: Mode, targets_m: Sequence[_Tar
         judge_focus(judge, frame, drive)
 
 
-@case("HG-5.2/1-focus", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.2/1-focus", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def streamed_phases_make_a_focus(board: BoardClient) -> None:
     """PHASES for each of several foci: the focus of the latched drive lies on its target"""
     _judge_latched_foci(board, "phases", _TARGETS_M)
@@ -305,11 +299,11 @@ def streamed_points_make_a_focus(board: BoardClient) -> None:
     _judge_latched_foci(board, "points", _TARGETS_M[:2])
 
 
-def _random_point_to_stream(board: BoardClient) -> FocalPoint:
+def _random_point_to_stream(board: BoardClient) -> m.FocalPoint:
     def away(low: int, high: int) -> int:
         return board.random.choice((-1, 1)) * board.random.randrange(low, high)
 
-    return FocalPoint(
+    return m.FocalPoint(
         away(4_000, 40_000),
         away(4_000, 40_000),
         board.random.randrange(80_000, 200_000),
@@ -326,9 +320,9 @@ def _errors_of_random_points(board: BoardClient, points: int) -> tuple[Errors, E
     board.arm()
     for _ in range(max(_MANY, -(-400 // board.identity.transducers))):
         group = tuple(_random_point_to_stream(board) for _ in range(points))
-        latch_now(board, Points(group))
+        latch_now(board, m.Points(group))
         found.append((group, read_back(board)))
-    graded = board.has(Feature.AMPLITUDE)
+    graded = board.has(m.Feature.AMPLITUDE)
     phases = judged_phase_errors(model, found)
     return phases, judged_amplitude_errors(model, found, graded=graded)
 
@@ -379,18 +373,18 @@ def streamed_points_lie_on_every_side(board: BoardClient) -> None:
         for side in _SIDES:
             group = tuple(_random_point_on_side(board, side, number) for _ in range(number))
             name = f"{number} points at x {side[0]:+d}, y {side[1]:+d}, z {side[2]:+d} and beyond"
-            latch_now(board, Points(group))
-            judge_points_read_back(board, Points(group), name, model)
+            latch_now(board, m.Points(group))
+            judge_points_read_back(board, m.Points(group), name, model)
 
 
 def _random_point_on_side(
     board: BoardClient, side: tuple[int, int, int], number: int
-) -> FocalPoint:
+) -> m.FocalPoint:
     """Return a point on one side of each axis (0: on its plane), up to 1 m away."""
     longest = board.random.choice((400, 40_000, 1_000_000))
     x, y, z = (sign * board.random.randrange(1, longest + 1) for sign in side)
     level = board.random.choice((0, board.random.randrange(65_535 // number), 65_535 // number))
-    return FocalPoint(x, y, z, level, board.random.choice((0, board.random.randrange(65_536))))
+    return m.FocalPoint(x, y, z, level, board.random.choice((0, board.random.randrange(65_536))))
 
 
 @case("HG-5.4/3-faint", needs=_COMPUTES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -405,12 +399,12 @@ def streamed_points_all_but_cancel(board: BoardClient) -> None:
         level, phase = 2 * 65_535 // number, turn * 0x10000 // _TURNS
         levels = [level] * (number - 1) + [level - _FAINT]
         group = tuple(
-            FocalPoint(x, y, z, one, (phase + 0x8000 * (place % 2)) & 0xFFFF)
+            m.FocalPoint(x, y, z, one, (phase + 0x8000 * (place % 2)) & 0xFFFF)
             for place, one in enumerate(levels)
         )
         name = f"{number} points that cancel but for {_FAINT}, from phase {phase:#06x}"
-        latch_now(board, Points(group))
-        judge_points_read_back(board, Points(group), name, model)
+        latch_now(board, m.Points(group))
+        judge_points_read_back(board, m.Points(group), name, model)
 
 
 @case("HG-5.4/3-ends", needs=_COMPUTES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -435,24 +429,24 @@ def streamed_points_lie_at_every_end(board: BoardClient) -> None:
     levels = itertools.cycle(((65_535, 0), (32_768, 0x4000), (40_000, 0xFFFF), (20_000, 0x8000)))
     for place, (level, phase) in zip(sorted(places), levels, strict=False):
         name = f"a point at {place} µm, amplitude {level}, phase {phase:#06x}"
-        point = FocalPoint(*place, level, phase)
-        latch_now(board, Points((point,)))
-        judge_points_read_back(board, Points((point,)), name, model)
+        point = m.FocalPoint(*place, level, phase)
+        latch_now(board, m.Points((point,)))
+        judge_points_read_back(board, m.Points((point,)), name, model)
 
 
-@case("HG-5.4/4", needs=Feature.POINTS, evidence=SELF_REPORTED)
+@case("HG-5.4/4", needs=m.Feature.POINTS, evidence=SELF_REPORTED)
 def counts_the_points_of_a_frame(board: BoardClient) -> None:
     """the most points are latched, more than max_points counted in bad_value, none in bad_length"""
     most = board.identity.max_points
     text = "more points than max_points do not fit into a frame"
-    require((most + 1) * FocalPoint.LAYOUT.size <= 4000, text)
-    size = (min(most + 1, 250) + min(2 * most, 250)) * FocalPoint.LAYOUT.size
+    require((most + 1) * m.FocalPoint.LAYOUT.size <= 4000, text)
+    size = (min(most + 1, 250) + min(2 * most, 250)) * m.FocalPoint.LAYOUT.size
     board.require_hold(board.wire.period_us(2 * size), f"frames of {most + 1} points and more")
     board.arm()
-    point = FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
+    point = m.FocalPoint(10_000, 5_000, 150_000, 8_000, 0)
     with board.counting(latched=1, bad_value=2, bad_length=1):
-        latch_now(board, Points((point,) * board.most_points))
+        latch_now(board, m.Points((point,) * board.most_points))
         for number in (most + 1, 2 * most):
-            board.link.stream(Points((point,) * min(number, 250)))
-        board.link.send(board.link.stream_raw(Points.TYPE, b""))
+            board.link.stream(m.Points((point,) * min(number, 250)))
+        board.link.send(board.link.stream_raw(m.Points.TYPE, b""))
         board.clock.wait_latched()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
-from haptogram_protocol.messages import Feature, Flag, Points
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Case, Depth, case
@@ -88,7 +88,7 @@ def _old_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
 
 
 def _flagged_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    for flags in (0x20, 0x40, 0x80, 0xE0 | Flag.IMMEDIATE):
+    for flags in (0x20, 0x40, 0x80, 0xE0 | m.Flag.IMMEDIATE):
         yield board.link.stream_wire(kind.make(), flags=flags)
 
 
@@ -97,7 +97,7 @@ def _wrong_length_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable
     payload = message.serialize()
     wrong = [payload + b"\x00", payload[:-1], payload[:1], b""]
     wrong = [one for one in wrong if one != payload]  # of one transducer one byte is right
-    if not isinstance(message, Points) and len(payload) + 256 < _LONGEST:
+    if not isinstance(message, m.Points) and len(payload) + 256 < _LONGEST:
         wrong.append(payload + bytes(256))  # the same low byte of the length
     for one in wrong:
         yield board.link.stream_raw(message.TYPE, one)
@@ -206,7 +206,7 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
     """
     board.arm()
     lows = _LOW_FLAGS if board.thorough else _LOW_FLAGS[-1:]
-    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
+    mode = ask_for_board_latches_if_supported(board, m.Feature.TRACE)
     since = board.link.mark()
     for kind in stream_kinds(board):
         timed = lows[-board.identity.queue_depth :]
@@ -221,7 +221,7 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
                 board.link.stream(kind.make(), t_us, flags=low)
             board.clock.wait_until(start_us + 1000 * len(timed))
             for low in lows:
-                past_us, flags = start_us - 1_000_000, Flag.IMMEDIATE | low
+                past_us, flags = start_us - 1_000_000, m.Flag.IMMEDIATE | low
                 board.link.stream(kind.make(), past_us, flags=flags)
                 board.clock.wait_latched()
     late = sum(latch.late for latch in latches_received_from_board(board, since, mode))
@@ -256,7 +256,7 @@ def output_states(
     """
     send_phases_to_store_if_supported(board, STORED, frames=1)
     names, reached = [OFF, MUTED, SILENT, SOUNDS], board.clock.horizon_us > _FAR_US
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         names += [PLAYING if queues else PLAYING_SLOWLY, *[WAITS] * reached]
     for name in names + [QUEUES] * (queues and reached):
         yield name, OUTPUT_STATES[name]
@@ -322,7 +322,7 @@ def every_state_counts_gaps_of_the_stream(board: BoardClient) -> None:
         board.mute()
 
 
-@case("HG-9.1/1-states", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-9.1/1-states", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def every_state_of_the_stream_sends_status(board: BoardClient) -> None:
     """STATUS comes at its time off, on, playing and waiting"""
     period_ms = board.quick_status_ms

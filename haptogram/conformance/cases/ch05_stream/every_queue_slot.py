@@ -6,13 +6,7 @@ import itertools
 import zlib
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Feature,
-    Flag,
-    Message,
-    PlayReply,
-    TraceMode,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -65,7 +59,7 @@ def every_format_is_streamed_at_once(board: BoardClient) -> None:
         for past_us in (0, 1, 2**30, -(2**30)):
             waiting = board.status().queued
             with board.counting(flushed=waiting, latched=1, late=0):
-                board.link.stream(kind.make(), t_us - past_us, flags=Flag.IMMEDIATE)
+                board.link.stream(kind.make(), t_us - past_us, flags=m.Flag.IMMEDIATE)
                 board.clock.wait_latched()
         board.check_status(f"{kind.name}, IMMEDIATE", queued=0)
 
@@ -102,12 +96,12 @@ def _queued_codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
     return [kind for each in full for kind in (*graded, each)]
 
 
-@case("HG-5.2/6-slots", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.2/6-slots", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_queue_slot_is_written_whole(board: BoardClient) -> None:
     """through every slot of the queue DRIVES, then PHASES of every format: each as it was sent"""
     depth = board.depth_to_fill()
     mode = ask_for_board_latches(board)
-    room = board.identity.trace_ring if mode is TraceMode.RING else depth
+    room = board.identity.trace_ring if mode is m.TraceMode.RING else depth
     board.arm()
     for kind in _queued_codes_in_turn(stream_kinds(board)):
         sent: dict[int, int] = {}
@@ -127,7 +121,7 @@ def _queue_some_stream_frames(
     board: BoardClient, kind: StreamKind, most: int, sent: dict[int, int]
 ) -> None:
     """Queue up to *most* frames, wait until they are latched; add the CRC of each by its number."""
-    messages: list[Message] = []
+    messages: list[m.Message] = []
     for _ in range(most):
         messages.append(kind.make())
         if not board.wire.carries(len(messages) * len(messages[0].serialize()), _BATCH_US):
@@ -204,7 +198,7 @@ def _times_of_immediate_frames(board: BoardClient) -> dict[str, int]:
     }
 
 
-@case("HG-5.9/1-behind", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.9/1-behind", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
     """frames behind one with IMMEDIATE, whatever its time: for the past dropped, for later
     latched
@@ -241,7 +235,7 @@ def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
 
 
 def _send_behind_immediate(
-    board: BoardClient, first: Message, second: Message, name: str, *, is_past: bool
+    board: BoardClient, first: m.Message, second: m.Message, name: str, *, is_past: bool
 ) -> tuple[int, int]:
     """Send a frame with IMMEDIATE and one behind it.
 
@@ -256,7 +250,7 @@ def _send_behind_immediate(
     time_us = _times_of_immediate_frames(board)[name]
     at_us = board.clock.device_us() - _PAST_US if is_past else due_us
     board.link.send(
-        board.link.stream_wire(first, time_us, flags=Flag.IMMEDIATE),
+        board.link.stream_wire(first, time_us, flags=m.Flag.IMMEDIATE),
         board.link.stream_wire(second, at_us),
     )
     rx_us = board.clock.unwrap(board.link.ping(0).t_rx_us)
@@ -265,7 +259,7 @@ def _send_behind_immediate(
     return due_us, rx_us
 
 
-@case("HG-3.5/2-play", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
+@case("HG-3.5/2-play", needs=m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
 def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None:
     """PLAY with IMMEDIATE, whatever its time, begins at once, and its frames keep to that start"""
     mode = ask_for_board_latches(board)
@@ -278,7 +272,7 @@ def the_time_of_an_immediate_playback_starts_nothing(board: BoardClient) -> None
         board.wire.idle(1 + 7 * number % board.clock.carrier_us)
         since, start_us = board.link.mark(), board.clock.device_us()
         time_us = _times_of_immediate_frames(board)[name]
-        board.link.call(play, PlayReply, flags=Flag.IMMEDIATE, time_us=time_us)
+        board.link.call(play, m.PlayReply, flags=m.Flag.IMMEDIATE, time_us=time_us)
         most_us = board.clock.on_carrier(board.clock.ready_us(board.clock.device_us()))
         ended = await_playback_end(board, since, _FRAMES * period_us)
         check_fields(ended, f"PLAY with the time {name}", frames=_FRAMES)

@@ -8,21 +8,7 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import (
-    FIRST_STREAM_SEQ,
-    Arm,
-    Disarm,
-    DriveKind,
-    DriveReply,
-    Feature,
-    Flag,
-    Message,
-    Mute,
-    ReadDrive,
-    Stop,
-    TraceMode,
-    drive_codes,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -60,10 +46,10 @@ _TRIES: Final = 3
 _LONGEST: Final = 4096
 _HELLO: Final = "HELLO of a new session"
 #: Requests that switch the output off, beside HELLO of a new session.
-_OFFS_OF_BURST: Final[dict[str, Message]] = {
-    "MUTE": Mute(),
-    "MUTE without a session": Mute(),
-    "DISARM": Disarm(),
+_OFFS_OF_BURST: Final[dict[str, m.Message]] = {
+    "MUTE": m.Mute(),
+    "MUTE without a session": m.Mute(),
+    "DISARM": m.Disarm(),
 }
 #: By how much a moment is missed at most: the host's estimate and the line are rounded.
 _ROUNDED_US: Final = range(4)
@@ -71,7 +57,7 @@ _ROUNDED_US: Final = range(4)
 _at_the_microsecond: Final = partial(
     case,
     "HG-5.8/3",
-    needs=Feature.CONFIG,
+    needs=m.Feature.CONFIG,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
     wall_depth=Depth.FULL,
@@ -108,19 +94,19 @@ def latches_immediate_frames_on_the_carrier(board: BoardClient) -> None:
         check_equal(off_us, 0, f"latched at {t_us} µs, {off_us} µs past a carrier period")
 
 
-@case("HG-5.8/2", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.8/2", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def latches_all_elements_at_once(board: BoardClient) -> None:
     """two drives that alternate on every carrier period are never mixed in a read-back or a
     trace
     """
     count = board.identity.transducers
-    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
+    mode = ask_for_board_latches_if_supported(board, m.Feature.TRACE)
     drives = (bytes([0x08]) * count, bytes([0xF0]) * count)
     since = board.link.mark()
     board.arm()
     for _ in range(3):
         _check_burst(board, drives)
-    if mode is not TraceMode.OFF:
+    if mode is not m.TraceMode.OFF:
         seen = {latch.crc for latch in latches_received_from_board(board, since, mode)}
         mixed = seen - set(map(drive_crc, drives))
         check(not mixed, f"traced drives are neither of the two: CRC-32 {mixed}")
@@ -140,16 +126,16 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
     board.wire.idle(max(0, start_us - board.clock.device_estimate_us()))
     since = board.link.mark()
     reads = [
-        board.link.request_wire(ReadDrive(DriveKind.LATCHED, 0, len(drives[0])))
+        board.link.request_wire(m.ReadDrive(m.DriveKind.LATCHED, 0, len(drives[0])))
         for _ in range(_READS)
     ]
     board.link.send(*(wire for wire, _ in reads))
-    board.link.answer_to(ReadDrive.TYPE, reads[0][1], since)
+    board.link.answer_to(m.ReadDrive.TYPE, reads[0][1], since)
     for _, seq in reads:
         answer = board.link.try_answer(seq, since)
         if answer is None:
             continue  # it found no room on the uplink: HG-9.6/1
-        shown = client_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        shown = client_drive_of_reply(board.link.reply_in(answer, m.DriveReply, m.ReadDrive.TYPE))
         if len(set(shown.phases)) > 1:
             share = shown.phases.count(drives[0][0]), shown.phases.count(drives[1][0])
             fail(f"non-atomic latch: one read-back shows two drives mixed, {share} transducers")
@@ -159,7 +145,7 @@ def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
 @case("HG-5.8/3", evidence=SELF_REPORTED)
 def latches_once_a_period(board: BoardClient) -> None:
     """of two frames for the same carrier period the later is latched, the other flushed"""
-    replace_in_period(board, [2 * (stream_kinds(board)[0],)], TraceMode.OFF)
+    replace_in_period(board, [2 * (stream_kinds(board)[0],)], m.TraceMode.OFF)
     with board.counting(latched=1):
         latch_now(board)
 
@@ -214,7 +200,7 @@ def _off_in_a_burst(board: BoardClient, name: str) -> bytes:
     if name == _HELLO:
         nonce = board.new_nonce()
         request, _ = board.link.request_wire(board.hello_message(nonce), session=0)
-        board.link.session, board.link.stream_next = nonce, FIRST_STREAM_SEQ
+        board.link.session, board.link.stream_next = nonce, m.FIRST_STREAM_SEQ
         return request
     session = 0 if name == "MUTE without a session" else board.link.session
     return board.link.request_wire(_OFFS_OF_BURST[name], session=session)[0]
@@ -234,12 +220,12 @@ def _time_behind_burst_us(board: BoardClient) -> int:
     return board.clock.device_estimate_us() + _AHEAD_US
 
 
-@case("HG-5.7/6-flushed", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-5.7/6-flushed", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def every_flushed_frame_is_not_late(board: BoardClient) -> None:
     """a late frame that is flushed before its latch counts in flushed alone, whatever flushes it"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     board.configure(late_window_us=_WINDOW_US)
-    plays = ["PLAY"] if board.has(Feature.SEQUENCE_PHASES) else []
+    plays = ["PLAY"] if board.has(m.Feature.SEQUENCE_PHASES) else []
     names = ["IMMEDIATE", *_OFFS_OF_BURST, *plays, _HELLO]
     for name, _ in itertools.product(names, range(_TRIES)):
         board.arm()
@@ -259,7 +245,7 @@ def every_flushed_frame_is_not_late(board: BoardClient) -> None:
         board.stop()
 
 
-@case("HG-5.7/6-first", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-5.7/6-first", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def every_lateness_is_of_one_frame(board: BoardClient) -> None:
     """of a late frame and two for later, sent at once, the late one alone is told and counted
     late
@@ -294,12 +280,12 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
         pairs = list(zip(kinds, kinds[turn:] + kinds[:turn], strict=True))
         for first in range(0, len(pairs), room):
             replace_in_period(board, pairs[first : first + room], mode)
-    if mode is not TraceMode.OFF and board.has(Feature.SEQUENCE_PHASES):
+    if mode is not m.TraceMode.OFF and board.has(m.Feature.SEQUENCE_PHASES):
         for kind in kinds:
             _replace_by_playback(board, kind, mode)
 
 
-def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: TraceMode) -> None:
+def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: m.TraceMode) -> None:
     """FAILED unless the frames of a playback that flushes a queued frame are those stored."""
     stored = send_phases_to_store(board, _SEQUENCE, frames=2)
     board.link.stream(kind.make(), _time_behind_burst_us(board))
@@ -312,7 +298,7 @@ def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: TraceMode) 
 
 
 def replace_in_period(
-    board: BoardClient, pairs: list[tuple[StreamKind, StreamKind]], mode: TraceMode
+    board: BoardClient, pairs: list[tuple[StreamKind, StreamKind]], mode: m.TraceMode
 ) -> None:
     """FAILED unless the later frame of each pair for one carrier period is latched, as sent."""
     board.clock.require_times_in_carrier()
@@ -326,7 +312,7 @@ def replace_in_period(
             board.link.stream(message, start_us + 1000 * (place // 2) - (2, 1)[place % 2])
         board.clock.wait_until(start_us + 1000 * len(frames))
     board.check_status(f"{pairs[-1][1].name}, in one period", last_seq=board.link.stream_next - 1)
-    if mode is TraceMode.OFF:
+    if mode is m.TraceMode.OFF:
         return
     alone = {  # points, whose drive is that of the same points alone
         place: latch_now(board, message)
@@ -336,13 +322,13 @@ def replace_in_period(
     seen = {x.index: x.crc for x in latches_received_from_board(board, since, mode)}
     for place, (_, message) in enumerate(frames):
         got = seen.get(number + 2 * place + 1)
-        registers = drive_codes(message, board.identity.transducers)
+        registers = m.drive_codes(message, board.identity.transducers)
         due_crc = seen.get(alone[place]) if registers is None else zlib.crc32(b"".join(registers))
         text = f"CRC-32 of {pairs[place][1].name} that replaces {pairs[place][0].name}"
         check_equal(got, due_crc, text)
 
 
-@case("HG-5.8/3-pairs", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.8/3-pairs", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
     """frames of every two kinds that come at once, on a latch, with PLAY or STOP: one in a
     period
@@ -363,12 +349,12 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
             board.link.stream(kind.make(), t_us)
             send_to_arrive_at(board, t_us + off_us, board.link.stream_wire(kind.make()))
             board.clock.wait_latched()
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         _play_and_stop_in_a_burst(board)
     _check_one_latch_a_period(board, since, mode, "pairs of frames on latches")
 
 
-def _check_one_latch_a_period(board: BoardClient, since: int, mode: TraceMode, text: str) -> None:
+def _check_one_latch_a_period(board: BoardClient, since: int, mode: m.TraceMode, text: str) -> None:
     """FAILED if two latches from piece *since* on are in one carrier period."""
     times = sorted(latch.t_us for latch in latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
@@ -376,7 +362,7 @@ def _check_one_latch_a_period(board: BoardClient, since: int, mode: TraceMode, t
     check(not near, f"{text}: {told}, at {near[:1]} µs")
 
 
-@case("HG-5.7/2-immediate", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/2-immediate", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_frame_behind_an_immediate_one(board: BoardClient) -> None:
     """a frame for before and behind an IMMEDIATE one that waits for its carrier period, every
     kind
@@ -420,29 +406,29 @@ def every_session_between_two_latches(board: BoardClient) -> None:
     """a latch, HELLO of a new session, ARM and a latch at one moment, on a latch: one in a
     period
     """
-    mode = ask_for_board_latches_if_supported(board, Feature.TRACE | Feature.TRACE_DRIVE)
+    mode = ask_for_board_latches_if_supported(board, m.Feature.TRACE | m.Feature.TRACE_DRIVE)
     text = "the trace ring of a new session tells of no latch before it (HG-8.5/1)"
-    require(mode is not TraceMode.OFF, text)
+    require(mode is not m.TraceMode.OFF, text)
     _judge_latches_around_offs(board, (_HELLO,), mode)
 
 
-def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: TraceMode) -> None:
+def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m.TraceMode) -> None:
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    played = (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,)
+    played = (False, True) if board.has(m.Feature.SEQUENCE_PHASES) else (False,)
     for name, *plays in itertools.product(names, played, played):
         for off_us in board.sample(_ROUNDED_US):
             _judge_latches_around_off(board, name, plays, off_us, mode)
 
 
 def _judge_latches_around_off(
-    board: BoardClient, name: str, plays: Sequence[bool], off_us: int, mode: TraceMode
+    board: BoardClient, name: str, plays: Sequence[bool], off_us: int, mode: m.TraceMode
 ) -> None:
     """FAILED if both latches of such a burst are in one carrier period."""
     board.hello()
     board.arm()
     since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))
     first, off = _latch_in_a_burst(board, is_played=plays[0]), _off_in_a_burst(board, name)
-    arm, _ = board.link.request_wire(Arm())
+    arm, _ = board.link.request_wire(m.Arm())
     rest = off + arm + _latch_in_a_burst(board, is_played=plays[1])
     if board.wire.is_virtual:
         board.clock.require_frames_in_carrier(len(rest), 2)
@@ -456,7 +442,7 @@ def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
     if not is_played:
         return board.link.stream_wire(board.flat_phases())
     play = play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)
-    return board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
+    return board.link.request_wire(play, flags=m.Flag.IMMEDIATE)[0]
 
 
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:
@@ -466,7 +452,7 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
     for off_us in board.sample(_ROUNDED_US):
         boundary_us = board.clock.soon_us(bytes(2000))
         wires = board.link.stream_wire(board.flat_phases())
-        wires += board.link.request_wire(play, flags=Flag.IMMEDIATE)[0]
+        wires += board.link.request_wire(play, flags=m.Flag.IMMEDIATE)[0]
         send_to_arrive_at(board, boundary_us + off_us, wires)
         board.clock.wait_latched()
         board.stop()
@@ -477,7 +463,7 @@ def _play_and_stop_in_a_burst(board: BoardClient) -> None:
         # A board that is left alone for the whole of a long period may mute.
         board.wire.idle(latch_us - board.clock.device_us() - play.period_us // 2)
         board.clock.device_us()
-        stop, _ = board.link.request_wire(Stop())
+        stop, _ = board.link.request_wire(m.Stop())
         wires = stop + board.link.stream_wire(board.flat_phases())
         send_to_arrive_at(board, latch_us + off_us, wires)
         board.clock.wait_latched()

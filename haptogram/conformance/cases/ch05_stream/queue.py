@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram_protocol.messages import Feature, Message, Phases, Points, TraceMode
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
@@ -71,7 +71,7 @@ def stream_numbers_are_used_up(board: BoardClient) -> None:
     dropped = {
         "unknown_type": board.link.stream_raw(0x3B, b""),
         "unsupported": board.link.stream_wire(good, flags=0x40),
-        "bad_length": board.link.stream_raw(Phases.TYPE, good.serialize() + b"\x00"),
+        "bad_length": board.link.stream_raw(m.Phases.TYPE, good.serialize() + b"\x00"),
         "dropped_late": board.link.stream_wire(good, past_us),
     }
     if beyond_us is not None:
@@ -111,7 +111,7 @@ def queue_keeps_its_order(board: BoardClient) -> None:
         board.clock.wait_until(t_us + 2000)
 
 
-@case("HG-5.7/2-empty", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/2-empty", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def an_empty_queue_has_no_order(board: BoardClient) -> None:
     """behind a frame that is latched or flushed the queue is empty: no earlier time is out of
     order
@@ -242,7 +242,7 @@ def every_order_of_times_in_a_period(board: BoardClient) -> None:
 
 
 def _judge_orders(
-    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: TraceMode
+    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
     """FAILED unless of each order the frames in order are taken, and the last of them latched."""
     kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
@@ -263,7 +263,7 @@ def _judge_orders(
     board.clock.wait_until(last_us)
     taken, number = sum(len(order.taken) for order in orders), len(orders)
     rest = {"flushed": taken - number, "dropped_order": len(every) - taken, "latched": number}
-    if mode is not TraceMode.OFF:
+    if mode is not m.TraceMode.OFF:
         seen = {latch.index for latch in latches_received_from_board(board, since, mode)}
         lost = [order for index, order in due.items() if index not in seen]
         text = f"frames for one carrier period, their times in the order {lost and lost[0].ranks}"
@@ -273,7 +273,7 @@ def _judge_orders(
 
 
 def _judge_shorter_burst(
-    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: TraceMode
+    board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
     """Judge half of the orders at a time: the line is slow, or the horizon near."""
     require(len(orders) != 1, "no three frames reach this board within its horizon")
@@ -286,15 +286,15 @@ def _judge_shorter_burst(
 
 
 def _frames_that_replace_nothing(
-    board: BoardClient, message: Message, t_us: int
+    board: BoardClient, message: m.Message, t_us: int
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the name and bytes of frames for a time that are dropped for each defect but time."""
     payload, kind = message.serialize(), message.TYPE
     yield "a byte too much", board.link.stream_raw(kind, payload + b"\x00", t_us)
     yield "a byte too little", board.link.stream_raw(kind, payload[:-1], t_us)
-    if isinstance(message, Points) and board.identity.max_points < 250:
+    if isinstance(message, m.Points) and board.identity.max_points < 250:
         many = message.points[:1] * (board.identity.max_points + 1)
-        yield "too many points", board.link.stream_wire(Points(many), t_us)
+        yield "too many points", board.link.stream_wire(m.Points(many), t_us)
     yield "an unknown flag", board.link.stream_wire(message, t_us, flags=_UNKNOWN_FLAG)
     other, newest = board.link.session ^ _STALE, board.link.stream_next - 1
     seq = board.link.stream_next
@@ -326,7 +326,7 @@ def every_defect_replaces_no_frame(board: BoardClient) -> None:
         board.clock.wait_until(t_us + _STEP_US)
         text = f"{kind.name} queued, and {wrong} frames with a defect for its carrier period"
         board.check_counted(before, text, _ONE_LATCHED)
-        if mode is not TraceMode.OFF:  # its codes are judged by the rules of every frame
+        if mode is not m.TraceMode.OFF:  # its codes are judged by the rules of every frame
             seen = [latch.index for latch in latches_received_from_board(board, since, mode)]
             check_equal(seen[-1:], [index], f"{text}: latched")
 
@@ -347,7 +347,7 @@ def _queue_flushes(board: BoardClient) -> dict[str, Callable[[BoardClient], obje
         "a new session": BoardClient.hello,
         "IMMEDIATE": latch_now,
     }
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, _SEQUENCE, frames=2)
         flushes["PLAY and STOP"] = _play_and_stop
     return flushes
@@ -386,7 +386,7 @@ def every_flush_leaves_no_order(board: BoardClient) -> None:
 # --- Late frames -------------------------------------------------------------------------------
 
 
-@case("HG-5.7/6-replaced", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/6-replaced", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_late_frame_is_replaced_with_its_mark(board: BoardClient) -> None:
     """late frames of every kind, replaced by one in time or late: marked is what is latched"""
     board.clock.require_frames_in_carrier(_LONGEST, 4)
@@ -398,7 +398,7 @@ def every_late_frame_is_replaced_with_its_mark(board: BoardClient) -> None:
 
 
 def _judge_late_pair(
-    board: BoardClient, kinds: tuple[StreamKind, StreamKind], mode: TraceMode, *, is_late: bool
+    board: BoardClient, kinds: tuple[StreamKind, StreamKind], mode: m.TraceMode, *, is_late: bool
 ) -> None:
     """FAILED unless `late` counts the late latches of a pair whose second frame *is_late* too."""
     carrier_us = board.clock.carrier_us

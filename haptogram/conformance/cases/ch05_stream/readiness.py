@@ -6,14 +6,7 @@ import itertools
 from collections.abc import Iterable
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Feature,
-    Message,
-    Ping,
-    Pong,
-    StatusReply,
-    TraceMode,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -67,7 +60,7 @@ def latches_frames_when_ready(board: BoardClient) -> None:
             check(least_us <= got_us <= most_us, text)
 
 
-@case("HG-5.8/1-computed", needs=Feature.POINTS, evidence=SELF_REPORTED)
+@case("HG-5.8/1-computed", needs=m.Feature.POINTS, evidence=SELF_REPORTED)
 def readies_frames_one_after_the_other(board: BoardClient) -> None:
     """two frames of points as soon as complete: the board computes the second behind the first"""
     board.arm()
@@ -77,8 +70,8 @@ def readies_frames_one_after_the_other(board: BoardClient) -> None:
         board.clock.wait_latched()
         board.arm_anew()  # or the hold of the last latch may end before these are computed
         first, second = (board.link.stream_wire(message) for _ in range(2))
-        (answer,) = board.link.exchange(board.link.request_wire(Ping(0))[0], first, second)
-        from_us = board.clock.unwrap(board.link.reply_in(answer, Pong).t_rx_us)
+        (answer,) = board.link.exchange(board.link.request_wire(m.Ping(0))[0], first, second)
+        from_us = board.clock.unwrap(board.link.reply_in(answer, m.Pong).t_rx_us)
         board.clock.wait_latched()
         board.clock.wait_latched()
         got_us = board.last_latch_us()
@@ -110,7 +103,7 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
 
 
 def _check_accepted_stream_frames(
-    first: StatusReply, now: StatusReply, accepted: int, queued: int
+    first: m.StatusReply, now: m.StatusReply, accepted: int, queued: int
 ) -> None:
     grown = counter_steps(first.counters, now.counters)
     check_fields(now, f"{accepted} frames accepted: STATUS_REPLY", queued=queued)
@@ -121,14 +114,14 @@ def _check_accepted_stream_frames(
 # --- Lateness: the board names the margin ---------------------------------------------------------
 
 
-@case("HG-5.7/5-window", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-5.7/5-window", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def drops_frames_beyond_the_late_window(board: BoardClient) -> None:
     """with a window of 100 ms a frame 0.5 s late is dropped_late"""
     board.arm(late_window_us=_MOST_US)
     _judge_margins(board, stream_kinds(board)[:1], (-500_000,))
 
 
-@case("HG-5.7/6", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-5.7/6", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def latches_frames_within_the_late_window(board: BoardClient) -> None:
     """with a window of 100 ms a frame 5 ms late is latched, counted in late, LATE in its trace"""
     mode = ask_for_board_latches_if_supported(board)
@@ -146,7 +139,7 @@ def lateness_counts_from_readiness(board: BoardClient) -> None:
     _judge_margins(board, stream_kinds(board), range(-200 - window_us, 201 - window_us, 80))
 
 
-@case("HG-5.7/5-windows", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/5-windows", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_late_window_of_the_queue(board: BoardClient) -> None:
     """windows of 20, 66, 100 ms: frames 0.4 times so late, at the very border, 1.5 times so late"""
     for window_us in (20_000, 66_000, _MOST_US):
@@ -155,7 +148,7 @@ def every_late_window_of_the_queue(board: BoardClient) -> None:
         _judge_margins(board, stream_kinds(board)[:1], [-us for us in late_us])
 
 
-@case("HG-5.7/6-types", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/6-types", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_format_is_streamed_late(board: BoardClient) -> None:
     """late frames of every message and format, in every trace: LATE, and only of these"""
     for mode in _modes_of_trace(board):
@@ -165,14 +158,14 @@ def every_format_is_streamed_late(board: BoardClient) -> None:
             late = _judge_margins(board, [kind], (-_MOST_US // 2,))
             require(late > 0, "the host hit no late window")
             last = latch_now(board, kind.make())
-            if mode is not TraceMode.OFF:
+            if mode is not m.TraceMode.OFF:
                 latches = latches_received_from_board(board, since, mode)
                 others = [latch.late for latch in latches if latch.index in (first, last)]
                 text = f"{kind.name} at once, before and behind a late one, trace {mode.name}"
                 check_equal(others, [False, False], f"{text}: LATE is {others}")
 
 
-@case("HG-5.7/6-borders", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-5.7/6-borders", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_lateness_has_its_borders(board: BoardClient) -> None:
     """margins 1 µs around 0, a carrier period, the late window: in time, late and LATE, or
     dropped
@@ -186,8 +179,8 @@ def every_lateness_has_its_borders(board: BoardClient) -> None:
     require(late > 0, "the host hit no late window with any frame")
 
 
-def _modes_of_trace(board: BoardClient) -> list[TraceMode]:
-    return [mode for feature, mode in TRACE_MODES if board.has(feature)] or [TraceMode.OFF]
+def _modes_of_trace(board: BoardClient) -> list[m.TraceMode]:
+    return [mode for feature, mode in TRACE_MODES if board.has(feature)] or [m.TraceMode.OFF]
 
 
 def _margins_around_borders_us(board: BoardClient) -> list[int]:
@@ -226,7 +219,7 @@ def _judge_margins(
     return late
 
 
-def _judge_margin(board: BoardClient, kind: str, message: Message, ahead_us: int) -> int:
+def _judge_margin(board: BoardClient, kind: str, message: m.Message, ahead_us: int) -> int:
     """Send a frame for so far ahead of readiness; FAILED unless it fares as its margin demands.
 
     Returns
@@ -235,7 +228,7 @@ def _judge_margin(board: BoardClient, kind: str, message: Message, ahead_us: int
         The margin that it had.
     """
     window_us, mode = board.config.late_window_us, board.config.trace_mode
-    if not board.has(Feature.CONFIG):
+    if not board.has(m.Feature.CONFIG):
         board.arm_anew()  # or the hold of the last latch may end before this one
     board.clock.wait_latched()
     before, since, index = board.status().counters, board.link.mark(), board.link.stream_next
@@ -252,7 +245,7 @@ def _judge_margin(board: BoardClient, kind: str, message: Message, ahead_us: int
     due = {"accepted": not dropped, "latched": not dropped, "late": late, "dropped_late": dropped}
     steps = counter_steps(before, after.counters)
     check_equal({counter: steps[counter] for counter in due}, due, f"{name}: counted")
-    if mode is not TraceMode.OFF:
+    if mode is not m.TraceMode.OFF:
         traced = [t for t in latches_received_from_board(board, since, mode) if t.index == index]
         flags = [latch.late for latch in traced]
         check_equal(flags, [] if dropped else [late], f"{name}: the trace has LATE {flags}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import GetGeometry, Ping, Pong, signed_difference
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case, case_about_host
 from ...client import malformed_frames
@@ -42,7 +42,7 @@ class _OutputClockWatch:
             self._device_us = pong.t_rx_us
             self._first = (start_us, self._device_us, trip_us)
             return
-        self._device_us += signed_difference(pong.t_rx_us, self._device_us & 0xFFFFFFFF, 32)
+        self._device_us += m.signed_difference(pong.t_rx_us, self._device_us & 0xFFFFFFFF, 32)
         host_us, device_us, first_trip_us = self._first
         passed_us = start_us - host_us
         error_us = (self._device_us - device_us) - passed_us
@@ -79,7 +79,7 @@ def output_clock_crosses_the_wrap(board: BoardClient) -> None:
 
 def _clock_to_the_wrap_us(board: BoardClient) -> int:
     """Return the time until the clock passes 2^32; negative if that was not long ago."""
-    return -signed_difference(board.link.ping(0).t_rx_us, 0, 32)
+    return -m.signed_difference(board.link.ping(0).t_rx_us, 0, 32)
 
 
 @case("HG-6.9/4", needs_reset=True)
@@ -107,9 +107,9 @@ def clock_counts_beyond_32_bits(board: BoardClient) -> None:
         check_equal(off_us, 0, f"the latch at {t_us} µs is {off_us} µs past a carrier period")
 
 
-def _pong_to_last(board: BoardClient, *wires: bytes) -> Pong:
+def _pong_to_last(board: BoardClient, *wires: bytes) -> m.Pong:
     """Send frames without a pause, a PING last; return its answer."""
-    return board.link.reply_in(board.link.exchange(*wires)[-1], Pong)
+    return board.link.reply_in(board.link.exchange(*wires)[-1], m.Pong)
 
 
 @case("HG-6.9/2")
@@ -119,7 +119,7 @@ def clock_stamps_pings(board: BoardClient) -> None:
         start_us = board.wire.now_us()
         pong = board.link.ping(number)
         trip_us = board.wire.now_us() - start_us
-        inside_us = signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
+        inside_us = m.signed_difference(pong.t_tx_us, pong.t_rx_us, 32)
         check(
             0 <= inside_us <= trip_us + _LIMIT_US,
             f"t_tx - t_rx is {inside_us} µs, the round trip took {trip_us} µs",
@@ -134,10 +134,10 @@ def clock_stamps_agree(board: BoardClient) -> None:
     for _ in range(min(_SAMPLES // 3, board.identity.queue_depth)):
         board.status()  # margins begin anew
         t_us = board.clock.ahead_us(_AHEAD_US)
-        ping, _ = board.link.request_wire(Ping(t_us))
+        ping, _ = board.link.request_wire(m.Ping(t_us))
         pong = _pong_to_last(board, board.link.stream_wire(good, t_us), ping)
         margin_us = board.clock.ready_us(board.status().margin_min_us)
-        apart.append(signed_difference(pong.t_rx_us, (t_us - margin_us) & 0xFFFFFFFF, 32))
+        apart.append(m.signed_difference(pong.t_rx_us, (t_us - margin_us) & 0xFFFFFFFF, 32))
     sent_us = board.wire.period_us(len(ping))
     least_us = min(apart, key=abs)  # a host may send in two parts
     check(
@@ -151,14 +151,14 @@ def clock_stamps_agree(board: BoardClient) -> None:
 def clock_stamps_the_end_of_a_ping(board: BoardClient) -> None:
     """t_rx of a PING in two parts is the arrival of its end, however much came before a pause"""
     for number in range(3):
-        ping, seq = board.link.request_wire(Ping(number))
+        ping, seq = board.link.request_wire(m.Ping(number))
         before = (2, len(ping) // 2, len(ping) - 1)[number]
         since = board.link.mark()
         board.link.send(ping[:before])
         board.wire.idle_beyond(_PAUSE_US)
         resumed_us = board.clock.device_least_us()
         board.link.send(ping[before:])
-        pong = board.link.reply_in(board.link.answer_to(Ping.TYPE, seq, since), Pong)
+        pong = board.link.reply_in(board.link.answer_to(m.Ping.TYPE, seq, since), m.Pong)
         early_us = resumed_us - board.clock.unwrap(pong.t_rx_us)
         check(
             early_us <= 0,
@@ -173,16 +173,16 @@ def clock_stamps_exactly(board: BoardClient) -> None:
     line
     """
     board.wire.require_exact_times()
-    ping, _ = board.link.request_wire(Ping(1))
+    ping, _ = board.link.request_wire(m.Ping(1))
     encoded, _ = malformed_frames.malformed_mute_of_size(board.link, 4000)
     sent_us = board.wire.now_us()
     base_us = board.link.ping(0).t_rx_us - sent_us - board.wire.period_us(len(ping))
-    ping, first = board.link.request_wire(Ping(2))
+    ping, first = board.link.request_wire(m.Ping(2))
     before = b"\x00" + encoded + b"\x00"
     sent_us = board.wire.now_us()
     pong = _pong_to_last(board, before, ping)
     due_us = base_us + sent_us + board.wire.period_us(len(before) + len(ping))
-    off_us = signed_difference(pong.t_rx_us, due_us & 0xFFFFFFFF, 32)
+    off_us = m.signed_difference(pong.t_rx_us, due_us & 0xFFFFFFFF, 32)
     took_us = board.wire.line_us(len(ping))
     text = f"t_rx of PING seq {first} is {off_us:+d} µs from its end; it takes {took_us} µs"
     check(abs(off_us) <= _LIMIT_US, text)
@@ -190,9 +190,9 @@ def clock_stamps_exactly(board: BoardClient) -> None:
 
 
 def _check_clock_of_first_byte(board: BoardClient, base_us: int) -> None:
-    wires = (board.link.request_wire(one)[0] for one in (GetGeometry(0, 0xFFFF), Ping(3)))
+    wires = (board.link.request_wire(one)[0] for one in (m.GetGeometry(0, 0xFFFF), m.Ping(3)))
     *_, answer = board.link.exchange(*wires)
     due_us = base_us + board.wire.begun_us(answer)
-    t_tx_us = board.link.reply_in(answer, Pong).t_tx_us
-    off_us = signed_difference(t_tx_us, due_us & 0xFFFFFFFF, 32)
+    t_tx_us = board.link.reply_in(answer, m.Pong).t_tx_us
+    off_us = m.signed_difference(t_tx_us, due_us & 0xFFFFFFFF, 32)
     check(abs(off_us) <= _LIMIT_US, f"t_tx of a PONG behind a long reply is off by {off_us:+d} µs")

@@ -14,23 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from haptogram_protocol.messages import (
-    Arm,
-    Config,
-    Disarm,
-    ErrorCode,
-    Feature,
-    Message,
-    Mute,
-    Ping,
-    PlaybackEnded,
-    SetConfig,
-    StateChanged,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
 from ...case import NOTHING, Case, Depth, case
@@ -73,10 +57,10 @@ from .states import fail_hardware, recover_from_hardware_fault
 
 _OTHER: Final = 7  # sequence of an upload that is begun and not committed
 _FOREIGN: Final = 0x0550
-_UPLOADS: Final = Feature.SEQUENCE_PHASES
+_UPLOADS: Final = m.Feature.SEQUENCE_PHASES
 _UNKNOWN_FLAG: Final = 0x40
 _ON: Final = (QUEUES, PLAYING_SLOWLY, WAITS)
-_PLAYS: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
+_PLAYS: Final = m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES
 _MS: Final = 1000
 _STORED: Final = 2  # frames of it, if one upload takes them
 _AFTER_MS: Final = 20  # how long the board is watched afterwards, behind its hold if that is short
@@ -85,7 +69,7 @@ _RAMP_MS: Final = 900
 _TRIES: Final = 3
 _RAMPS: Final[dict[str, Any]] = {"ramp_ms": _RAMP_MS}
 _OTHER_SESSION: Final = 0x0660
-_FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
+_FADES: Final = m.Feature.CONFIG | m.Feature.AMPLITUDE
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +98,7 @@ class Effect:
     name: str
     happen: events.Event
     due: effects.Due
-    needs: Feature = NOTHING
+    needs: m.Feature = NOTHING
     where: tuple[str, ...] = ()
     variant: str = "alone"
 
@@ -127,7 +111,7 @@ def _greet_again(board: BoardClient) -> None:
 
 
 def _configure_again(board: BoardClient) -> None:
-    board.link.ask(SetConfig(board.config))
+    board.link.ask(m.SetConfig(board.config))
 
 
 def _stop(board: BoardClient) -> None:
@@ -135,16 +119,16 @@ def _stop(board: BoardClient) -> None:
 
 
 def _begin_upload_for_effect(board: BoardClient) -> None:
-    board.link.ask(UploadBegin(UploadKind.PHASES, 0, _OTHER, board.identity.transducers, 0))
+    board.link.ask(m.UploadBegin(m.UploadKind.PHASES, 0, _OTHER, board.identity.transducers, 0))
 
 
 def _add_chunk_for_effect(board: BoardClient) -> None:
-    board.link.ask(UploadChunk(1, pending_before_refusal(board)[1:3]))
+    board.link.ask(m.UploadChunk(1, pending_before_refusal(board)[1:3]))
 
 
 def _complete_upload_for_effect(board: BoardClient) -> None:
     send_upload_chunks(board, pending_before_refusal(board))
-    board.link.ask(UploadCommit(PENDING))
+    board.link.ask(m.UploadCommit(PENDING))
 
 
 def _drop_for_effect(counter: str) -> events.Event:
@@ -164,7 +148,7 @@ def _drop_for_effect(counter: str) -> events.Event:
 # --- Table -------------------------------------------------------------------------------------
 
 
-def _input(clause: str, name: str, message: Message, **header: int) -> Effect:
+def _input(clause: str, name: str, message: m.Message, **header: int) -> Effect:
     """Return the effect of a request that is an input of the table of HG-6.2."""
     due = effects.effect_of_input(OutputInput[message.TYPE.name])
     return Effect(clause, name, lambda board: board.link.ask(message, **header), due)
@@ -174,7 +158,7 @@ def _foreign_mute(board: BoardClient) -> None:
     board.mute(session=board.link.session ^ _FOREIGN)
 
 
-def _timer(reason: MuteReason, happen: events.Event, needs: Feature, *where: str) -> Effect:
+def _timer(reason: MuteReason, happen: events.Event, needs: m.Feature, *where: str) -> Effect:
     """Return the effect of a timer that mutes."""
     due = effects.effect_of_timer(reason)
     return Effect("HG-6.11/5", f"a mute, {reason.name}", happen, due, needs, where)
@@ -194,13 +178,13 @@ def _every_event() -> Iterator[Effect]:
     again, same = "HELLO with the open nonce", "SET_CONFIG as it is"
     yield Effect("HG-4.6/1", again, _greet_again, once("repeated"), variant="moments")
     yield Effect(
-        "HG-7.1/3", same, _configure_again, effects.no_effect, Feature.CONFIG, variant="same"
+        "HG-7.1/3", same, _configure_again, effects.no_effect, m.Feature.CONFIG, variant="same"
     )
-    yield _input("HG-6.3/2", "ARM", Arm())
-    yield _input("HG-6.4/2", "MUTE", Mute())
+    yield _input("HG-6.3/2", "ARM", m.Arm())
+    yield _input("HG-6.4/2", "MUTE", m.Mute())
     yield Effect("HG-6.4/2", "MUTE of another session", _foreign_mute, of_mute)
-    yield _input("HG-6.4/2", "MUTE without a session", Mute(), session=0)
-    yield _input("HG-6.5/1", "DISARM", Disarm())
+    yield _input("HG-6.4/2", "MUTE without a session", m.Mute(), session=0)
+    yield _input("HG-6.5/1", "DISARM", m.Disarm())
     yield Effect("HG-7.7/2", "STOP", _stop, effects.effect_of_end, _UPLOADS)
     yield Effect("HG-4.6/5", "a new session", BoardClient.hello, effects.effect_of_new_session)
     yield _upload("UPLOAD_CHUNK", _add_chunk_for_effect, effects.effect_of_received(3))
@@ -208,10 +192,10 @@ def _every_event() -> Iterator[Effect]:
     yield _upload("UPLOAD_COMMIT", _complete_upload_for_effect, effects.effect_of_commit)
     corrected, plays = effects.effect_of_correction, effects.effect_of_play
     correct, play = events.event_of_correction, events.event_of_waiting_playback
-    yield Effect("HG-7.4/1", "a new correction", correct, corrected, Feature.CORRECTION)
+    yield Effect("HG-7.4/1", "a new correction", correct, corrected, m.Feature.CORRECTION)
     yield Effect("HG-7.6/3", "PLAY", play, plays, _UPLOADS, (QUEUES,))
-    yield _timer(MuteReason.HOLD_EXPIRED, events.event_of_hold, Feature.CONFIG, *_ON)
-    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, Feature.CONFIG, QUEUES)
+    yield _timer(MuteReason.HOLD_EXPIRED, events.event_of_hold, m.Feature.CONFIG, *_ON)
+    yield _timer(MuteReason.HOST_SILENT, events.event_of_lease, m.Feature.CONFIG, QUEUES)
     alone = events.event_of_unattended_time
     yield _timer(MuteReason.UNATTENDED, alone, _PLAYS, QUEUES, WAITS)
     yield Effect("HG-6.6/1", "a fault", fail_hardware, effects.effect_of_fault)
@@ -232,7 +216,9 @@ def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held
         board.link.barrier()  # or MUTE may overtake it (HG-3.8/2)
     effect.happen(board)
     old = (board.link.seq - 1) & 0xFFFF
-    board.link.refused(Ping(board.random.getrandbits(64)), ErrorCode.SEQUENCE_REUSED, old, seq=old)
+    board.link.refused(
+        m.Ping(board.random.getrandbits(64)), m.ErrorCode.SEQUENCE_REUSED, old, seq=old
+    )
     # A frame that uses its number and nothing else: gap and duplicate tell which one was due.
     board.link.stream(board.shortest_stream(), flags=_UNKNOWN_FLAG)
     return judged_held_state(board, since)
@@ -253,7 +239,7 @@ def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situat
         held = _held_after_effect(board, last_us, effect)
         muted = effects.state_before_effect(held) == (OutputState.MUTED, MuteReason.HOLD_EXPIRED)
         lasted_us = board.wire.now_us() - brought_us
-        if muted and not board.has(Feature.CONFIG) and lasted_us >= 1000 * board.config.hold_ms:
+        if muted and not board.has(m.Feature.CONFIG) and lasted_us >= 1000 * board.config.hold_ms:
             before = None  # this line takes longer than the hold, which nothing extends
             continue
         due = effect.due(board, before)
@@ -268,7 +254,7 @@ def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situat
 
 
 def _judge_arm_behind_effect(
-    board: BoardClient, effect: Effect, before: Held, config: Config
+    board: BoardClient, effect: Effect, before: Held, config: m.Config
 ) -> None:
     """FAILED if ARM behind an event changes anything but the state: nothing sounds again.
 
@@ -277,7 +263,7 @@ def _judge_arm_behind_effect(
     """
     if board.config != config:
         board.config = config
-        board.link.ask(SetConfig(config))
+        board.link.ask(m.SetConfig(config))
         before = judged_held_state(board, board.link.mark())
     due = _ARM.due(board, before) | {"events": ANYTHING, "the arrival margins": ANYTHING}
     text = held_state_changes(before, _held_after_effect(board, 0, _ARM), due)
@@ -343,7 +329,7 @@ class Moment:
     bring: Callable[[BoardClient], Any]
     queued: int = 0
     frames: int | None = None
-    needs: Feature = Feature.CONFIG
+    needs: m.Feature = m.Feature.CONFIG
     lasts_ms: int = 3000
 
 
@@ -427,7 +413,7 @@ _ENDS: Final = (
     End("HG-4.6/3", "moments", "a new session", OutputInput.NEW_SESSION, lambda b: b.hello()),
     End("HG-6.4/2", "moments", "MUTE", OutputInput.MUTE, lambda b: b.mute()),
     End("HG-6.4/2", "others", "MUTE of another session", OutputInput.MUTE, _mute_output_as_another),
-    End("HG-6.5/1", "moments", "DISARM", OutputInput.DISARM, lambda b: b.link.ask(Disarm())),
+    End("HG-6.5/1", "moments", "DISARM", OutputInput.DISARM, lambda b: b.link.ask(m.Disarm())),
     End("HG-7.7/1", "moments", "STOP", OutputInput.STOP, lambda b: b.stop()),
 )
 
@@ -465,7 +451,7 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
     board.link.barrier()
-    told = [event for _, event in board.link.events(PlaybackEnded, since)]
+    told = [event for _, event in board.link.events(m.PlaybackEnded, since)]
     stored = phases_that_fit(board, _STORED)
     check_equal(len(told), int(moment.frames is not None), f"{len(told)} PLAYBACK_ENDED")
     for event in told:
@@ -480,12 +466,12 @@ def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) 
 
 def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> None:
     """FAILED if something that was under way goes on: a timer, a ramp, the queue, a playback."""
-    before = len(board.link.events(StateChanged, since))
+    before = len(board.link.events(m.StateChanged, since))
     board.arm()
     with board.counting(latched=0):
         board.wire.idle(watch_ms * _MS)
         check_silent(board, "behind it and ARM")
-    late = [event.reason.name for _, event in board.link.events(StateChanged, since)[before:]]
+    late = [event.reason.name for _, event in board.link.events(m.StateChanged, since)[before:]]
     check(not late, f"ARMED again, {', '.join(late)} mutes the board")
 
 
@@ -499,7 +485,7 @@ def _case_of_output_end(end: End) -> Case:
                 _judge_end_of_output_in_time(board, end, moment)
 
     summary = f"{end.name} while sounding, queued, fading, waiting and playing ends what it has to"
-    needs = _PLAYS if end.event is OutputInput.STOP else Feature.CONFIG
+    needs = _PLAYS if end.event is OutputInput.STOP else m.Feature.CONFIG
     return Case(
         end.clause, summary, body, end.variant, needs, evidence=SELF_REPORTED, depth=Depth.DEFAULT
     )

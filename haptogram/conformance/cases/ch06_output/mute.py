@@ -7,18 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Disarm,
-    DisarmReply,
-    DriveKind,
-    DriveReply,
-    Feature,
-    Hello,
-    Message,
-    Mute,
-    MuteReply,
-    ReadDrive,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import case, case_about_host, unobservable_case
@@ -63,9 +52,9 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
         board.bring_to(state)
         if state is OutputState.ARMED:
             latch_now(board)
-        answer = board.link.ask_raw(Mute.TYPE, b"\x01\x02\x03", **header)
+        answer = board.link.ask_raw(m.Mute.TYPE, b"\x01\x02\x03", **header)
         text = f"MUTE with {header} while {state.name}"
-        reply = board.link.reply_in(answer, MuteReply, Mute.TYPE)
+        reply = board.link.reply_in(answer, m.MuteReply, m.Mute.TYPE)
         board.check_status(text, state=OutputState.MUTED)
         check_fields(reply, f"{text}: MUTE_REPLY", state=OutputState.MUTED)
         with board.counting(dropped_state=None, latched=0):
@@ -85,26 +74,26 @@ def check_flushes(board: BoardClient, end: Callable[[], object]) -> None:
         board.clock.wait_until(t_us + 4000)
 
 
-def _check_request_ends(board: BoardClient, message: Message) -> None:
+def _check_request_ends(board: BoardClient, message: m.Message) -> None:
     end = partial(board.link.ask, message)
     check_flushes(board, end)
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         judge_ended_playback(board, lambda _: end(), message.TYPE.name)
 
 
 @case("HG-6.4/2", evidence=SELF_REPORTED)
 def mute_flushes(board: BoardClient) -> None:
     """MUTE flushes 3 queued frames and ends a playback"""
-    _check_request_ends(board, Mute())
+    _check_request_ends(board, m.Mute())
 
 
 @case("HG-6.5/1", evidence=SELF_REPORTED)
 def disarm_flushes_the_output(board: BoardClient) -> None:
     """DISARM flushes 3 queued frames and ends a playback"""
-    _check_request_ends(board, Disarm())
+    _check_request_ends(board, m.Disarm())
 
 
-@case("HG-6.4/4", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-6.4/4", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def mute_takes_the_reason(board: BoardClient) -> None:
     """MUTE, with and without a session, after a timer has muted: the reason becomes MUTE"""
     for session in (board.link.session, 0):
@@ -120,32 +109,32 @@ def mute_takes_the_reason(board: BoardClient) -> None:
 def disarm_leaves_muted_state(board: BoardClient) -> None:
     """DISARM while MUTED: DISARM_REPLY and STATUS say MUTED"""
     board.mute()
-    reply = board.link.call(Disarm(), DisarmReply)
+    reply = board.link.call(m.Disarm(), m.DisarmReply)
     check_fields(reply, "DISARM while MUTED: DISARM_REPLY", state=OutputState.MUTED)
     board.check_status("DISARM while MUTED", state=OutputState.MUTED)
 
 
-@case("HG-6.6/1", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)
+@case("HG-6.6/1", needs=m.Feature.READ_RADIATED, evidence=SELF_REPORTED)
 def output_is_off_at_once(board: BoardClient) -> None:
     """the radiated drive, read back right behind MUTE, DISARM and HELLO, is silent"""
-    for message in (Mute(), Disarm(), board.hello_message(board.new_nonce())):
+    for message in (m.Mute(), m.Disarm(), board.hello_message(board.new_nonce())):
         board.prepare()
         board.arm()
         latch_now(board)
         check(read_back_radiated(board).loudest > 0, "a latch is not radiated")
-        session = 0 if isinstance(message, Hello) else board.link.session
+        session = 0 if isinstance(message, m.Hello) else board.link.session
         order, _ = board.link.request_wire(message, session=session)
         board.link.session = getattr(message, "nonce", board.link.session)
-        read = ReadDrive(DriveKind.RADIATED, 0, board.identity.transducers)
+        read = m.ReadDrive(m.DriveKind.RADIATED, 0, board.identity.transducers)
         *_, answer = board.link.exchange(order, board.link.request_wire(read)[0])
-        shown = client_drive_of_reply(board.link.reply_in(answer, DriveReply, ReadDrive.TYPE))
+        shown = client_drive_of_reply(board.link.reply_in(answer, m.DriveReply, m.ReadDrive.TYPE))
         check_fields(shown, f"right behind {message.TYPE.name}", loudest=0)
 
 
-@case("HG-6.6/2", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)
+@case("HG-6.6/2", needs=m.Feature.READ_RADIATED, evidence=SELF_REPORTED)
 def output_is_off_unless_armed(board: BoardClient) -> None:
     """in DISARMED and MUTED nothing is radiated, whatever was latched before"""
-    for message in (Mute(), Disarm()):
+    for message in (m.Mute(), m.Disarm()):
         board.arm()
         latch_now(board)
         board.link.ask(message)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from haptogram_protocol.messages import Drives, Feature, PlaybackEnded, StateChanged
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
@@ -36,14 +36,14 @@ from ..ch12_timers.every_restart import SLOW_US, judge_no_renewals, judge_renewa
 
 _MS: Final = 1000
 _HOLD_MS: Final = 100
-_RAMPS: Final = Feature.CONFIG | Feature.AMPLITUDE | Feature.READ_RADIATED
+_RAMPS: Final = m.Feature.CONFIG | m.Feature.AMPLITUDE | m.Feature.READ_RADIATED
 _SHORT_MS: Final = 60
 _LONG_MS: Final = 2000  # the longest ramp: counters of 16 bits wrap in it, whose ticks are short
 _SEQUENCE: Final = 4
 #: Ceilings, and the length of the ramp that begins below each.
 _RAMPS_MS: Final = {255: _LONG_MS, 254: 100, 128: 300, 100: 100, 1: 100, 0: 100}
 _PLAYED_RAMPS_MS: Final = {128: 300}  # at a wall clock
-_FADES: Final = Feature.CONFIG | Feature.AMPLITUDE
+_FADES: Final = m.Feature.CONFIG | m.Feature.AMPLITUDE
 #: Ceilings at the beginning of a ramp, and set one after the other within it.
 _CEILINGS_IN_RAMPS: Final = (
     (255, (200, 255, 199, 200, 60, 61, 255, 0, 1, 255)),
@@ -70,7 +70,7 @@ _RENEW_A_LEASE: Final = (
 )
 
 
-@case("HG-6.7/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-6.7/1", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def any_frame_renews_the_output_lease(board: BoardClient) -> None:
     """frames dropped for type, flags, length, number or time renew the lease; stale frames do
     not
@@ -127,15 +127,15 @@ def output_ramps_are_renewed(board: BoardClient) -> None:
     latch_now(board)
     board.wire.idle(400 * _MS)
     check_fields(read_back_radiated(board), "a frame in the ramp of the lease", loudest=FULL)
-    muted = board.link.events(StateChanged, since)
+    muted = board.link.events(m.StateChanged, since)
     check(not muted, "the lease muted the board before its ramp ended")
 
 
-@case("HG-6.11/5", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-6.11/5", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def output_ramps_end_muted(board: BoardClient) -> None:
     """a ramp ends in MUTED with its reason; the queue is flushed, timeouts + 1"""
     hold_ms = board.clock.timer_ms(60, 2 * board.identity.transducers + 200)
-    ramp_ms = 60 if board.has(Feature.AMPLITUDE) else 0
+    ramp_ms = 60 if board.has(m.Feature.AMPLITUDE) else 0
     since = board.link.mark()
     with board.counting(timeouts=1, flushed=1, latched=1):
         start_us = HOLD.start(board, hold_ms, ramp_ms=60)
@@ -154,7 +154,7 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
     _judge_ramp_with_settings(board, 100, steps, plays=False)
 
 
-@case("HG-6.11/5-playback", needs=Feature.CONFIG | Feature.SEQUENCE_PHASES)
+@case("HG-6.11/5-playback", needs=m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES)
 def output_ramps_end_playback(board: BoardClient) -> None:
     """at the end of a ramp a playback ends"""
     board.configure(hold_ms=50)
@@ -162,7 +162,7 @@ def output_ramps_end_playback(board: BoardClient) -> None:
     since = board.arm()
     play_now(board, 1, loops=0, period_us=500_000)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
-    board.due_event(PlaybackEnded, since, 50 * _MS, "a timer has muted the board")
+    board.due_event(m.PlaybackEnded, since, 50 * _MS, "a timer has muted the board")
 
 
 # --- Ramps of every amplitude under every ceiling ------------------------------------------------
@@ -181,7 +181,7 @@ def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
 @case("HG-6.11/2-ceilings", needs=_RAMPS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_ceiling_of_ramps(board: BoardClient) -> None:
     """ramps of amplitudes at and beside each ceiling, one of 2 s too: straight from begin to end"""
-    played = board.has(Feature.SEQUENCE_PHASES)
+    played = board.has(m.Feature.SEQUENCE_PHASES)
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     at_wall = not board.wire.is_virtual
     played_ms = (_PLAYED_RAMPS_MS if at_wall else _RAMPS_MS) if played else {}
@@ -208,7 +208,7 @@ def _latch_before_ramp(board: BoardClient, *, plays: bool) -> bytes:
         board.clock.wait_latched()
         return bytes([FULL]) * count
     amplitudes = _amplitudes_in_ramps(board.config.amplitude_ceiling, count)
-    latch_now(board, Drives(bytes(count) + amplitudes))
+    latch_now(board, m.Drives(bytes(count) + amplitudes))
     return amplitudes
 
 
@@ -256,7 +256,7 @@ def every_ceiling_within_a_ramp(board: BoardClient) -> None:
 def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
     """Yield whether a drive is played; at a wall clock streamed ones alone."""
     yield False
-    if board.has(Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
+    if board.has(m.Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
         send_phases_to_store(board, _SEQUENCE, frames=1)
         yield True
 
@@ -297,7 +297,7 @@ def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
     """a ramp that is undone leads to full amplitude below the ceiling that was set in it"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     timers = ["hold", "lease", "both", "both, the lease first"]
-    timers += ["unattended"] if board.has(Feature.SEQUENCE_PHASES) else []
+    timers += ["unattended"] if board.has(m.Feature.SEQUENCE_PHASES) else []
     for first, then in ((100, FULL), (FULL, 100)):
         for timer in timers if first < then or board.wire.is_virtual else timers[:1]:
             _undo_ramp_with_settings(board, timer, first, then)
@@ -326,7 +326,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
     board.wire.idle(5 * _SHORT_MS * _MS)
     board.configure(**long | {"amplitude_ceiling": then})
     if timer == "hold":
-        latch_now(board, Drives(bytes(len(latched)) + latched))
+        latch_now(board, m.Drives(bytes(len(latched)) + latched))
     if timer.startswith("both"):  # the hold has run out: the ramp goes on, as it began
         start_us = latch_us + short["hold_ms"] * _MS
         if "lease" in timer:
@@ -410,7 +410,7 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
         timer = HOLD if by_hold else pair.other
         timer.judge(board, since, begins_us, pair.ramp_ms, timer.reason.name)
     check_silent(board, "behind the end")
-    for kind, due in (StateChanged, 1), (PlaybackEnded, int(pair.other is UNATTENDED)):
+    for kind, due in (m.StateChanged, 1), (m.PlaybackEnded, int(pair.other is UNATTENDED)):
         got = len(board.link.events(kind, since))
         check_equal(got, due, f"{got} {kind.TYPE.name}")
 

@@ -6,22 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import (
-    Arm,
-    Counters,
-    Disarm,
-    Error,
-    ErrorCode,
-    Feature,
-    Play,
-    PlaybackEnded,
-    SetConfig,
-    StateChanged,
-    Status,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import PLAYBACK
 from haptogram_protocol.state import MuteReason, OutputInput, OutputState
 
@@ -100,21 +85,21 @@ def follows_the_table_of_output_states(board: BoardClient) -> None:
 @case("HG-6.2/1-play")
 def plays_only_in_armed_state(board: BoardClient) -> None:
     """PLAY while DISARMED and MUTED is refused"""
-    board.need(Feature.SEQUENCE_PHASES)
+    board.need(m.Feature.SEQUENCE_PHASES)
     send_phases_that_fit(board, 1, frames=2)
     for state in (OutputState.DISARMED, OutputState.MUTED):
         board.bring_to(state)
-        board.link.refused(Play(1, 1000, 1, 100), ErrorCode.BAD_STATE, int(state), flags=0x10)
+        board.link.refused(m.Play(1, 1000, 1, 100), m.ErrorCode.BAD_STATE, int(state), flags=0x10)
 
 
 @case("HG-6.2/2")
 def tells_the_output_state(board: BoardClient) -> None:
     """ERROR(BAD_STATE) has the output state as its detail, in each state"""
-    board.need_any(PLAYBACK | Feature.CORRECTION)
+    board.need_any(PLAYBACK | m.Feature.CORRECTION)
     for state in _STATES:
         board.bring_to(state)
-        for message in (UploadCommit(1), UploadChunk(0, b"\x01")):
-            board.link.refused(message, ErrorCode.BAD_STATE, int(state))
+        for message in (m.UploadCommit(1), m.UploadChunk(0, b"\x01")):
+            board.link.refused(message, m.ErrorCode.BAD_STATE, int(state))
 
 
 @case("HG-6.2/3", evidence=SELF_REPORTED)
@@ -132,7 +117,7 @@ def _judge_requests(board: BoardClient, *, with_reason: bool) -> None:
                 _judge_input_to_output_state(board, due, one, with_reason=with_reason)
 
 
-@case("HG-6.3/1", needs=Feature.READ_RADIATED, evidence=SELF_REPORTED)
+@case("HG-6.3/1", needs=m.Feature.READ_RADIATED, evidence=SELF_REPORTED)
 def armed_output_is_silent_until_a_latch(board: BoardClient) -> None:
     """after a latch, DISARM and ARM nothing is radiated until the next latch"""
     for text in ("the first ARM", "ARM behind a latch and DISARM"):
@@ -154,7 +139,7 @@ def arms_again_in_armed_state(board: BoardClient) -> None:
         queue_frames(board, t_us, 2)
         board.arm()
         board.clock.end_exchange()
-        if board.has(Feature.READ_RADIATED):
+        if board.has(m.Feature.READ_RADIATED):
             check(read_back_radiated(board).loudest > 0, "ARM while ARMED silences the board")
         board.clock.wait_until(t_us + 2000)
 
@@ -169,11 +154,11 @@ def tells_the_state_after_a_foreign_mute(board: BoardClient) -> None:
         since = board.arm()
         board.mute(session=session)
         name = f"MUTE of session {session:#06x}"
-        _, event = board.due_event(StateChanged, since, 20 * _MS, name)
+        _, event = board.due_event(m.StateChanged, since, 20 * _MS, name)
         check_equal((event.state, event.reason), _MUTED, f"{name}: STATE_CHANGED")
 
 
-@case("HG-6.8/1", needs=Feature.CONFIG)
+@case("HG-6.8/1", needs=m.Feature.CONFIG)
 def tells_the_state_after_a_timer(board: BoardClient) -> None:
     """STATE_CHANGED names the lease and the hold when they run out"""
     for timer, length_ms in ((LEASE, 100), (HOLD, 50)):
@@ -220,8 +205,8 @@ def _judge_input_to_output_state(
     is_there = before[:parts] == due[:parts]
     check(is_there, f"{_state_text(before)} where {_state_text(due)} is due")
     answer = getattr(happen(), "message", None)
-    if isinstance(answer, Error):
-        code, state = ErrorCode.BAD_STATE, int(before[0])
+    if isinstance(answer, m.Error):
+        code, state = m.ErrorCode.BAD_STATE, int(before[0])
         check_fields(answer, f"{name} in {before[0].name}", code=code, detail=state)
     told = getattr(answer, "state", None)
     after = _output_state(board)
@@ -248,14 +233,14 @@ def _mute_of_sessions(board: BoardClient, sessions: tuple[int, ...]) -> None:
         board.mute(session=session)
 
 
-def _judge_rest_behind_mutes(board: BoardClient, since: int, before: Counters, name: str) -> None:
+def _judge_rest_behind_mutes(board: BoardClient, since: int, before: m.Counters, name: str) -> None:
     """FAILED if MUTE, with nothing queued, counts or reports what did not happen."""
     grown = board.counted_since(before)
     wrong = {key: n for key, n in grown.items() if n and key not in ("frames", "requests")}
     check(not wrong, f"{name} counts {wrong}")
-    ended = board.link.events(PlaybackEnded, since)
+    ended = board.link.events(m.PlaybackEnded, since)
     check(not ended, f"{name}: PLAYBACK_ENDED, and nothing has played")
-    told = [(event.state, event.reason) for _, event in board.link.events(StateChanged, since)]
+    told = [(event.state, event.reason) for _, event in board.link.events(m.StateChanged, since)]
     texts = ", ".join(map(_state_text, told))
     check(told in ([], [_MUTED]), f"{name}: STATE_CHANGED tells {texts}; due is MUTED (MUTE), once")
 
@@ -308,7 +293,7 @@ def _inputs_to_output_states(board: BoardClient) -> Iterator[_Input]:
     yield "a new session", OutputInput.NEW_SESSION, board.hello
     yield "HELLO again", None, lambda: board.hello(board.link.session)
     yield "a stream frame", None, lambda: latch_now(board)
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         play = play_request(board, _SEQUENCE, loops=1, unattended_ms=100)
         yield "PLAY", None, partial(board.link.ask_at_once, play)
 
@@ -350,8 +335,8 @@ def tells_of_a_hardware_fault(board: BoardClient) -> None:
     """STATE_CHANGED tells a fault once, from each state"""
     for name, since in _faults_in_every_state(board):
         board.link.barrier()
-        told = [event for _, event in board.link.events(StateChanged, since)]
-        due = [StateChanged(OutputState.FAULT, MuteReason.FAULT)]
+        told = [event for _, event in board.link.events(m.StateChanged, since)]
+        due = [m.StateChanged(OutputState.FAULT, MuteReason.FAULT)]
         check_equal(told, due, f"{name}: STATE_CHANGED")
 
 
@@ -363,7 +348,7 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
         board.check_status(text, queued=0, **_IN_FAULT)
         board.check_counted(before, text, {"flushed": QUEUED_FRAMES * text.endswith(QUEUES)})
         check_silent(board, text)
-        ended, due = board.link.events(PlaybackEnded, since), (PLAYING, WAITS)
+        ended, due = board.link.events(m.PlaybackEnded, since), (PLAYING, WAITS)
         check_equal(len(ended), text.endswith(due), f"{text}: {len(ended)} PLAYBACK_ENDED")
         before = board.status().counters
 
@@ -372,10 +357,10 @@ def a_hardware_fault_silences(board: BoardClient) -> None:
 def a_lasting_hardware_fault_refuses_disarm(board: BoardClient) -> None:
     """a fault that lasts refuses DISARM with ERROR(FAULT)"""
     fail_hardware(board)
-    answer = board.link.ask(Disarm())
-    is_gone = not isinstance(answer.message, Error)
+    answer = board.link.ask(m.Disarm())
+    is_gone = not isinstance(answer.message, m.Error)
     if not is_gone:
-        board.link.error_in(answer, Disarm.TYPE, ErrorCode.FAULT)
+        board.link.error_in(answer, m.Disarm.TYPE, m.ErrorCode.FAULT)
     recover_from_hardware_fault(board)
     if is_gone:
         not_observed("DISARM led out of FAULT at once: the fault was over before")
@@ -420,22 +405,22 @@ def a_hardware_fault_leaves_requests(board: BoardClient) -> None:
     board.hello()
     config = board.configure(host_timeout_ms=_WAITED_MS, hold_ms=_WAITED_MS, late_window_us=777)
     for message in valid_requests_to_send(board, _SEQUENCE):
-        if isinstance(message, Disarm):
+        if isinstance(message, m.Disarm):
             continue
         answer = board.link.ask_at_once(message)
-        if isinstance(message, UploadBegin):
+        if isinstance(message, m.UploadBegin):
             require_room_for_upload(message, answer)
-        is_refused = isinstance(answer.message, Error)
+        is_refused = isinstance(answer.message, m.Error)
         text = f"{message.TYPE.name} in FAULT: {board.link.answer_text(answer)}"
-        check(is_refused == isinstance(message, Arm | Play), text)
+        check(is_refused == isinstance(message, m.Arm | m.Play), text)
     send_phases_to_store(board, _SEQUENCE, frames=1)
     board.configure(status_period_ms=period_ms, late_window_us=777)
     since = board.link.mark()
     board.wire.idle(3 * period_ms * 1000 + 2 * _WAITED_MS * 1000)
     board.check_status("timers in FAULT", **_IN_FAULT)
-    told = len(board.link.events(Status, since))
+    told = len(board.link.events(m.Status, since))
     check(told >= 2, f"{told} STATUS in FAULT in more than 3 periods")
-    board.link.ask(SetConfig(config))
+    board.link.ask(m.SetConfig(config))
     recover_from_hardware_fault(board)
     board.configure()
     board.arm()

@@ -7,24 +7,8 @@ import zlib
 from collections.abc import Sequence
 from typing import Any, Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import HEADER_BYTES, encode_frame
-from haptogram_protocol.messages import (
-    Config,
-    ConfigReply,
-    Element,
-    ErrorCode,
-    Feature,
-    FocalPoint,
-    GeometryReply,
-    GetConfig,
-    GetGeometry,
-    Points,
-    SetConfig,
-    SetConfigReply,
-    Status,
-    StatusReply,
-    TraceMode,
-)
 from haptogram_protocol.rules import READ_BACKS, TRACE_CAPABILITIES
 
 from ...case import Depth, case
@@ -46,12 +30,12 @@ _JUST_RIGHT: Final[tuple[dict[str, Any], ...]] = (
     {"hold_ms": 10_000, "ramp_ms": 2000, "host_timeout_ms": 10_000, "late_window_us": 100_000},
     {"sound_speed_mm_s": 380_000, "trace_divider": 0xFFFF, "status_period_ms": 65_535},
 )
-_FOCUS: Final = FocalPoint(11_000, -7_000, 120_000, 0xFFFF, 0x1234)
-_STATUS_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + StatusReply.LAYOUT.size)))
+_FOCUS: Final = m.FocalPoint(11_000, -7_000, 120_000, 0xFFFF, 0x1234)
+_STATUS_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + m.StatusReply.LAYOUT.size)))
 _ELEMENTS_IN_FRAME: Final = (4075 - 14) // 18
 
 
-@case("HG-7.1/1", needs=Feature.CONFIG)
+@case("HG-7.1/1", needs=m.Feature.CONFIG)
 def configuration_keeps_its_bounds(board: BoardClient) -> None:
     """values one beyond a bound are refused with their offset and change nothing; bounds are
     taken
@@ -60,15 +44,15 @@ def configuration_keeps_its_bounds(board: BoardClient) -> None:
     for name, value in OUT_OF_BOUNDS:
         changes: dict[str, Any] = {"hold_ms": 777, name: value}
         wrong = dataclasses.replace(board.base_config, **changes)
-        offset = Config.WIRE[name].offset
-        board.link.refused(SetConfig(wrong), ErrorCode.BAD_VALUE, offset)
+        offset = m.Config.WIRE[name].offset
+        board.link.refused(m.SetConfig(wrong), m.ErrorCode.BAD_VALUE, offset)
         text = f"{name} = {value} is refused, but has changed something"
         check_equal(board.read_config(), before, text)
     for values in _JUST_RIGHT:
         board.configure(**values)
 
 
-@case("HG-7.1/2", needs=Feature.CONFIG)
+@case("HG-7.1/2", needs=m.Feature.CONFIG)
 def configuration_spares_the_line(board: BoardClient) -> None:
     """a status_period_ms at which STATUS takes more than a tenth of the line is refused"""
     least_ms = _STATUS_BYTES * 10 * 10 * 1000 // board.wire.baudrate
@@ -77,11 +61,11 @@ def configuration_spares_the_line(board: BoardClient) -> None:
         informational("whether this port is a line of that rate is not known here")
     period_ms = max(10, least_ms * 9 // 10)
     wrong = dataclasses.replace(board.base_config, status_period_ms=period_ms)
-    offset = Config.WIRE["status_period_ms"].offset
-    board.link.refused(SetConfig(wrong), ErrorCode.BAD_VALUE, offset)
+    offset = m.Config.WIRE["status_period_ms"].offset
+    board.link.refused(m.SetConfig(wrong), m.ErrorCode.BAD_VALUE, offset)
 
 
-@case("HG-7.1/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-7.1/3", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def configuration_is_in_force_at_once(board: BoardClient) -> None:
     """STATUS period and late window are in force for the frame behind SET_CONFIG"""
     board.arm()
@@ -91,17 +75,17 @@ def configuration_is_in_force_at_once(board: BoardClient) -> None:
     )
     late_us = board.late_time_us(1000)
     with board.counting(late=1, latched=1):
-        order, _ = board.link.request_wire(SetConfig(wanted))
+        order, _ = board.link.request_wire(m.SetConfig(wanted))
         since = board.link.mark()
         board.link.exchange(order, board.link.stream_wire(board.flat_phases(), late_us))
         board.clock.wait_latched()
     board.config = wanted
     found = board.read_config()
     check_equal(found, wanted, "GET_CONFIG shows another configuration than was set")
-    board.due_event(Status, since, 3 * period_ms * _MS, f"behind status_period_ms = {period_ms}")
+    board.due_event(m.Status, since, 3 * period_ms * _MS, f"behind status_period_ms = {period_ms}")
 
 
-@case("HG-7.1/3-ramp", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
+@case("HG-7.1/3-ramp", needs=m.Feature.CONFIG | m.Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def configuration_lets_a_ramp_go_on(board: BoardClient) -> None:
     """a ramp that has begun goes on as it began"""
     judge_ramp_with_configuration(board, 50, 400, {"hold_ms": 5000, "ramp_ms": 0})
@@ -111,11 +95,11 @@ def configuration_lets_a_ramp_go_on(board: BoardClient) -> None:
 def starts_with_the_default_configuration(board: BoardClient) -> None:
     """a configuration is gone after a reset, unless CONFIG_KEPT is advertised"""
     board.hello()
-    board.need(Feature.CONFIG)
+    board.need(m.Feature.CONFIG)
     found, set_before = board.read_config(), board.last_config
     require(set_before is not None, "nothing was set before the reset")
     kept = found == set_before
-    if board.has(Feature.CONFIG_KEPT):
+    if board.has(m.Feature.CONFIG_KEPT):
         check(kept, f"CONFIG_KEPT is advertised; before the reset {set_before}, now {found}")
     else:
         check(not kept, f"{found} has survived a reset, but CONFIG_KEPT is not advertised")
@@ -125,16 +109,16 @@ def starts_with_the_default_configuration(board: BoardClient) -> None:
 def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
     """after a reset, without SET_CONFIG, STATUS, hold and lease are as the configuration says"""
     board.hello()
-    if board.has(Feature.CONFIG | Feature.CONFIG_KEPT):
+    if board.has(m.Feature.CONFIG | m.Feature.CONFIG_KEPT):
         board.config = board.read_config()
         board.configure(hold_ms=200, host_timeout_ms=400, status_period_ms=board.quick_status_ms)
         board = board.restarted()
     config = board.read_config()
-    if not board.has(Feature.CONFIG):
+    if not board.has(m.Feature.CONFIG):
         found = config.hold_ms, config.host_timeout_ms
         long_enough = config.hold_ms >= _LEAST_HOLD_MS and config.host_timeout_ms >= _LEAST_LEASE_MS
         check(long_enough, f"hold_ms, host_timeout_ms are {found}, and no SET_CONFIG extends them")
-    ramp_ms = config.ramp_ms if board.has(Feature.AMPLITUDE) else 0  # HG-6.11/3
+    ramp_ms = config.ramp_ms if board.has(m.Feature.AMPLITUDE) else 0  # HG-6.11/3
     longest_ms = max(config.hold_ms, config.host_timeout_ms) + ramp_ms
     text = f"the timers of this configuration take {longest_ms} ms"
     require(longest_ms <= _DEFAULT_MS, text)
@@ -154,15 +138,15 @@ def follows_the_configuration_of_a_reset(board: BoardClient) -> None:
 def no_value_outlives_a_reset(board: BoardClient) -> None:
     """every field and the correction, set to other values, are the default again, or kept"""
     first = board.hello()
-    board.need(Feature.CONFIG)
-    kept = board.has(Feature.CONFIG_KEPT)
+    board.need(m.Feature.CONFIG)
+    kept = board.has(m.Feature.CONFIG_KEPT)
     board.config = default = board.read_config()
     if kept:
         board.configure()  # whatever was kept before
     shown = _drives_as_configured(board)
-    other = board.link.call(SetConfig(_other_config_that_shows(board)), SetConfigReply)
+    other = board.link.call(m.SetConfig(_other_config_that_shows(board)), m.SetConfigReply)
     crc = other.config_crc
-    if board.has(Feature.CORRECTION):
+    if board.has(m.Feature.CORRECTION):
         upload_correction(board)
         assert board.correction is not None  # upload_correction
         crc = zlib.crc32(other.config.pack() + board.correction)
@@ -178,7 +162,7 @@ def no_value_outlives_a_reset(board: BoardClient) -> None:
     check_equal(_drives_as_configured(board), shown, f"after a reset the drives are others: {how}")
 
 
-def _other_config_that_shows(board: BoardClient) -> Config:
+def _other_config_that_shows(board: BoardClient) -> m.Config:
     """Return a configuration with another value in every field, and time to read drives back."""
     hold_ms, lease_ms = board.config.hold_ms, board.config.host_timeout_ms
     return dataclasses.replace(
@@ -191,8 +175,8 @@ def _other_config_that_shows(board: BoardClient) -> Config:
 def _drives_as_configured(board: BoardClient) -> list[bytes]:
     """Return the drives latched and radiated for a point, or for phases: they tell the settings."""
     board.arm()
-    has_points = board.has(Feature.POINTS)
-    latch_now(board, Points((_FOCUS,)) if has_points else board.flat_phases(0x40))
+    has_points = board.has(m.Feature.POINTS)
+    latch_now(board, m.Points((_FOCUS,)) if has_points else board.flat_phases(0x40))
     found = [read_back(board, kind) for kind in drive_kinds(board)]
     board.disarm()
     return [drive.phases + drive.amplitudes for drive in found]
@@ -202,31 +186,31 @@ def _drives_as_configured(board: BoardClient) -> list[bytes]:
 def configuration_has_its_crc(board: BoardClient) -> None:
     """config_crc is the CRC-32 of the 20 bytes in force and the N bytes of the correction"""
     corrections = [bytes(board.identity.transducers)]
-    if board.has(Feature.CORRECTION):
+    if board.has(m.Feature.CORRECTION):
         corrections.append(board.random_registers())
     for correction in corrections:
-        if board.has(Feature.CORRECTION):
+        if board.has(m.Feature.CORRECTION):
             upload_correction(board, correction)
-        reply = board.link.call(GetConfig(), ConfigReply)
+        reply = board.link.call(m.GetConfig(), m.ConfigReply)
         due = zlib.crc32(reply.config.pack() + correction)
         for told in (reply, board.status(), board.hello()):
             check_fields(told, told.TYPE.name, config_crc=due)
 
 
-@case("HG-7.1/6", needs=Feature.CONFIG)
+@case("HG-7.1/6", needs=m.Feature.CONFIG)
 def refuses_configuration_of_other_traces(board: BoardClient) -> None:
     """trace modes that are not advertised or not defined are refused"""
     lacking = [int(mode) for mode, feature in TRACE_CAPABILITIES.items() if not board.has(feature)]
-    offset = Config.WIRE["trace_mode"].offset
-    for mode in (*lacking, max(TraceMode) + 1, 0xFF):
-        payload = bytearray(SetConfig(board.base_config).serialize())
+    offset = m.Config.WIRE["trace_mode"].offset
+    for mode in (*lacking, max(m.TraceMode) + 1, 0xFF):
+        payload = bytearray(m.SetConfig(board.base_config).serialize())
         payload[offset] = mode
-        board.link.refused_raw(SetConfig.TYPE, bytes(payload), ErrorCode.BAD_VALUE, offset)
+        board.link.refused_raw(m.SetConfig.TYPE, bytes(payload), m.ErrorCode.BAD_VALUE, offset)
     text = "a refused SET_CONFIG has changed the configuration"
     check_equal(board.read_config(), board.base_config, text)
 
 
-@case("HG-7.9/1", needs=READ_BACKS | Feature.CORRECTION, evidence=SELF_REPORTED)
+@case("HG-7.9/1", needs=READ_BACKS | m.Feature.CORRECTION, evidence=SELF_REPORTED)
 def adds_the_phase_correction(board: BoardClient) -> None:
     """the correction is added to the radiated phases, modulo 256; the latched drive stays"""
     registers, correction = board.random_registers(), board.random_registers()
@@ -239,7 +223,7 @@ def adds_the_phase_correction(board: BoardClient) -> None:
         check_fields(judge_corrected_drive(board, codes, "PHASES"), "the latched drive", **due)
 
 
-@case("HG-7.9/2", needs=READ_BACKS | Feature.CONFIG | Feature.AMPLITUDE, evidence=SELF_REPORTED)
+@case("HG-7.9/2", needs=READ_BACKS | m.Feature.CONFIG | m.Feature.AMPLITUDE, evidence=SELF_REPORTED)
 def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
     """with a ceiling of 100 no radiated amplitude is above 100; the latched drive stays"""
     board.arm()
@@ -251,9 +235,9 @@ def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
         check_equal(read_back(board).loudest, 255, f"ceiling {ceiling} changes the latched drive")
 
 
-def _judge_span(board: BoardClient, whole: Sequence[Element], first: int, asked: int) -> None:
+def _judge_span(board: BoardClient, whole: Sequence[m.Element], first: int, asked: int) -> None:
     """FAILED unless GET_GEOMETRY shows the elements of a span that *whole* shows."""
-    reply = board.link.call(GetGeometry(first, asked), GeometryReply)
+    reply = board.link.call(m.GetGeometry(first, asked), m.GeometryReply)
     count = board.identity.transducers
     shown = tuple(whole[first : first + min(asked, _ELEMENTS_IN_FRAME)])
     text = f"GEOMETRY_REPLY of {asked} from {first}"
@@ -265,7 +249,7 @@ def geometry_has_no_more_transducers(board: BoardClient) -> None:
     """GET_GEOMETRY from N on is refused with NOT_FOUND, detail N"""
     count = board.identity.transducers
     for first in (count, count + 1, 0xFFFF):
-        board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, count)
+        board.link.refused(m.GetGeometry(first, 1), m.ErrorCode.NOT_FOUND, count)
 
 
 @case("HG-7.5/3")
@@ -310,4 +294,4 @@ def every_span_of_the_geometry(board: BoardClient) -> None:
     _judge_geometry(board)
     total = board.identity.transducers
     for first in (total, 0xFFFF):
-        board.link.refused(GetGeometry(first, 1), ErrorCode.NOT_FOUND, total)
+        board.link.refused(m.GetGeometry(first, 1), m.ErrorCode.NOT_FOUND, total)

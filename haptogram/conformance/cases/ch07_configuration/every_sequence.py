@@ -8,27 +8,7 @@ import itertools
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Error,
-    ErrorCode,
-    Feature,
-    Flag,
-    FocalPoint,
-    LatchKey,
-    Message,
-    Mute,
-    Play,
-    PlayReply,
-    ReadTrace,
-    Stop,
-    TraceMode,
-    TraceReply,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -63,13 +43,13 @@ _IDS: Final = (0x0101, 0x0201, 0x8001)  # the low bytes are alike
 _SEEN: Final = 5  # latches of the sequence that plays, at least
 _ABSENT: Final = 0x6000  # of no sequence; those behind it are stored
 _MANY: Final = 70
-_FOCUS: Final = FocalPoint(0, 0, 100_000, 0xFFFF, 0).pack()
+_FOCUS: Final = m.FocalPoint(0, 0, 100_000, 0xFFFF, 0).pack()
 _AHEAD_US: Final = 5_000_000
 _WAITS_US: Final = 300_000
 _TRACED_BYTES: Final = 150  # of a trace, and as much of replies
 _SIZES: Final = ((3, 1, 2), (1, 3, 2), (2, 2, 2))
-_TRACED_DRIVES: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
-_RINGS: Final = Feature.TRACE_RING | Feature.CONFIG
+_TRACED_DRIVES: Final = m.Feature.TRACE_DRIVE | m.Feature.SEQUENCE_PHASES | m.Feature.CONFIG
+_RINGS: Final = m.Feature.TRACE_RING | m.Feature.CONFIG
 _PLAYED: Final = 0x0201
 #: Frames of the sequence, loops, and period in us (0: the shortest): each wide in one of them.
 _SHAPES: Final = (
@@ -126,14 +106,14 @@ def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
     # in every order, one of them twice
     orders = [(*order, order[0]) for order in itertools.permutations(range(len(_IDS)))]
     for order in orders if board.thorough else orders[3:4]:
-        board.configure(trace_mode=TraceMode.CRC)
+        board.configure(trace_mode=m.TraceMode.CRC)
         store = SequenceStore(board)
         for sequence, frames in zip(_IDS, _SIZES[0], strict=True):
             store.put(sequence, frames)
         store.check_all("uploaded")
         for turn, place in enumerate(order):
             store.put(_IDS[place], _SIZES[1 + turn % 2][place] + turn % 3)
-            if board.has(Feature.CORRECTION) and turn == 1:
+            if board.has(m.Feature.CORRECTION) and turn == 1:
                 upload_correction(board, bytes(board.identity.transducers))
             if turn == 2:  # begun, and not gone on with
                 form = upload_forms(board, _IDS[order[0]])[0]
@@ -147,7 +127,7 @@ def stored_sequences_are_replaced_in_every_order(board: BoardClient) -> None:
 def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     """while a sequence plays, waits, or has ended others and the correction are uploaded"""
     first, second, third = _IDS
-    board.configure(trace_mode=TraceMode.CRC)
+    board.configure(trace_mode=m.TraceMode.CRC)
     store = SequenceStore(board)
     for sequence in _IDS:
         store.put(sequence, 2)
@@ -157,11 +137,11 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     store.put(first, 3)  # those before and behind the one that plays move it
     store.put(third, 1)
     store.put(first, 1)
-    if board.has(Feature.CORRECTION):
+    if board.has(m.Feature.CORRECTION):
         upload_correction(board, bytes(board.identity.transducers))
     board.wire.idle(_SEEN * period_us)
     board.mute()
-    got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
+    got = [latch.crc for latch in latches_received_from_board(board, since, m.TraceMode.CRC)]
     due = store.crcs[second] * len(got)
     check(len(got) >= _SEEN, f"{len(got)} latches while others are uploaded")
     check_equal(got, due[: len(got)], "the sequence that plays changes while others are uploaded")
@@ -178,19 +158,19 @@ def no_upload_replaces_the_sequence_that_plays(board: BoardClient) -> None:
     """an upload begun before PLAY is refused while its sequence waits or plays, and taken after
     it
     """
-    board.configure(trace_mode=TraceMode.CRC)
+    board.configure(trace_mode=m.TraceMode.CRC)
     store = SequenceStore(board)
-    for waits, end in itertools.product((False, True), (Stop(), Mute())):
+    for waits, end in itertools.product((False, True), (m.Stop(), m.Mute())):
         _judge_commit_of_playing_sequence(store, end, waits=waits)
 
 
-def _judge_commit_of_playing_sequence(store: SequenceStore, end: Message, *, waits: bool) -> None:
+def _judge_commit_of_playing_sequence(store: SequenceStore, end: m.Message, *, waits: bool) -> None:
     """Complete an upload, play the sequence that it is to replace, and commit it before *end*."""
     board, sequence = store.board, _IDS[0]
     name = f"a playback that {'waits' if waits else 'plays'}, until {end.TYPE.name}"
     store.put(sequence, 1)
     drive = board.random.randbytes(board.identity.transducers)
-    begin_upload(board, UploadKind.PHASES, sequence, drive)
+    begin_upload(board, m.UploadKind.PHASES, sequence, drive)
     send_upload_chunks(board, drive)
     board.arm()
     since, period_us = board.link.mark(), _period_to_trace(board)
@@ -199,14 +179,14 @@ def _judge_commit_of_playing_sequence(store: SequenceStore, end: Message, *, wai
     else:
         play_now(board, sequence, loops=0, period_us=period_us)
     for _ in range(2):
-        board.link.refused(UploadCommit(sequence), ErrorCode.BAD_STATE)
+        board.link.refused(m.UploadCommit(sequence), m.ErrorCode.BAD_STATE)
     board.wire.idle(3 * period_us)
     board.link.ask(end)
-    got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
+    got = [latch.crc for latch in latches_received_from_board(board, since, m.TraceMode.CRC)]
     check(waits or bool(got), f"{name}: nothing is latched")
     same = got == store.crcs[sequence] * len(got)
     check(same, f"{name}: an upload whose commit is refused is played")
-    board.link.call(UploadCommit(sequence), UploadCommitReply)
+    board.link.call(m.UploadCommit(sequence), m.UploadCommitReply)
     store.crcs[sequence] = [drive_crc(drive)]
     store.check_all(f"committed behind {name}")
 
@@ -215,19 +195,19 @@ def _judge_commit_of_playing_sequence(store: SequenceStore, end: Message, *, wai
 def no_sequence_outlives_a_reset(board: BoardClient) -> None:
     """after a reset no sequence of either kind is stored, and no upload is under way"""
     board.hello()
-    board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
+    board.need_any(m.Feature.SEQUENCE_PHASES | m.Feature.SEQUENCE_POINTS)
     stored = [form for form in upload_forms(board) if form.target]
-    frames = {UploadKind.PHASES: bytes(board.identity.transducers), UploadKind.POINTS: _FOCUS}
+    frames = {m.UploadKind.PHASES: bytes(board.identity.transducers), m.UploadKind.POINTS: _FOCUS}
     for form in stored:
         replace(form, target=SEQUENCES[form.kind]).upload(board, frames[form.kind])
         replace(form, target=SEQUENCES[0]).begin(board, frames[form.kind])
     board = board.restarted()
-    board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
+    board.link.refused(m.UploadChunk(0, b"\x00"), m.ErrorCode.BAD_STATE)
     board.arm()
     for form in stored:
         period_us = period_to_play(board, 1)
         play = play_request(board, SEQUENCES[form.kind], loops=1, period_us=period_us)
-        board.link.refused(play, ErrorCode.NOT_FOUND, 0, flags=Flag.IMMEDIATE)
+        board.link.refused(play, m.ErrorCode.NOT_FOUND, 0, flags=m.Flag.IMMEDIATE)
 
 
 @case("HG-7.6/1-many", needs=TRACED_PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -235,7 +215,7 @@ def many_sequences_are_stored(board: BoardClient) -> None:
     """one sequence more at a time, to TOO_LARGE or 70: each is played, NOT_FOUND tells their
     number
     """
-    board.configure(trace_mode=TraceMode.CRC)
+    board.configure(trace_mode=m.TraceMode.CRC)
     store, frame = SequenceStore(board), board.identity.transducers
     for sequence in SEQUENCES:  # later cases find room for theirs
         store.put(sequence, 1)
@@ -243,9 +223,9 @@ def many_sequences_are_stored(board: BoardClient) -> None:
     held = _refused_play_of_sequence(board, _ABSENT)
     for sequence in range(_ABSENT + 1, _ABSENT + 1 + _MANY):
         is_new = _refused_play_of_sequence(board, sequence) is not None
-        answer = board.link.ask(UploadBegin(UploadKind.PHASES, 0, sequence, frame, 0))
-        if isinstance(answer.message, Error):  # no room for one more
-            board.link.error_in(answer, UploadBegin.TYPE, ErrorCode.TOO_LARGE)
+        answer = board.link.ask(m.UploadBegin(m.UploadKind.PHASES, 0, sequence, frame, 0))
+        if isinstance(answer.message, m.Error):  # no room for one more
+            board.link.error_in(answer, m.UploadBegin.TYPE, m.ErrorCode.TOO_LARGE)
             break
         for _ in range(2):  # the second replaces the first
             store.put(sequence, 1)
@@ -262,15 +242,15 @@ def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
     start_us = board.clock.ahead_us(_AHEAD_US)
     play = play_request(board, sequence, loops=1, unattended_ms=9_999)
     answer = board.link.ask(play, time_us=start_us)
-    if isinstance(answer.message, PlayReply):
+    if isinstance(answer.message, m.PlayReply):
         board.stop()
         return None
-    return board.link.error_in(answer, Play.TYPE, ErrorCode.NOT_FOUND).detail
+    return board.link.error_in(answer, m.Play.TYPE, m.ErrorCode.NOT_FOUND).detail
 
 
 def _played_forms(board: BoardClient) -> list[UploadForm]:
     """Return the forms of sequences that the board plays."""
-    board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
+    board.need_any(m.Feature.SEQUENCE_PHASES | m.Feature.SEQUENCE_POINTS)
     return [form for form in upload_forms(board, _PLAYED) if form.target]
 
 
@@ -294,12 +274,12 @@ def every_playback_size_is_played(board: BoardClient) -> None:
         if frames * loops > ring or frames > board.identity.max_sequence_frames:
             continue
         board.hello()
-        board.configure(trace_mode=TraceMode.RING)
+        board.configure(trace_mode=m.TraceMode.RING)
         form.upload(board, b"".join(_random_frame(board, form) for _ in range(frames)))
         period = max(period_us or _shortest_playback_us(board), board.identity.point_time_us)
         name = f"{form.kind.name}, {frames} frames, {loops} loops, {period} µs"
         with named(name):
-            judge_playback(board, TraceMode.RING, _PLAYED, frames, loops, period)
+            judge_playback(board, m.TraceMode.RING, _PLAYED, frames, loops, period)
 
 
 @case("HG-7.6/4-offsets", needs=_RINGS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -331,7 +311,7 @@ def playback_of_most_frames_begins(board: BoardClient) -> None:
     ended = await_playback_end(board, since, 0)
     name = f"{form.kind.name}, {len(stored)} frames"
     check_fields(ended, f"{name}: PLAYBACK_ENDED within 20 ms", loops=0)
-    seen = latches_received_from_board(board, since, TraceMode.RING)
+    seen = latches_received_from_board(board, since, m.TraceMode.RING)
     got = [(latch.loop, latch.index) for latch in seen]
     due = [(0, index) for index in range(ended.frames)]
     check_equal(got, due[-board.identity.trace_ring :], f"{name}: (loop, index) are {got[:3]}...")
@@ -358,7 +338,7 @@ def _store_most_frames(board: BoardClient) -> tuple[UploadForm, list[bytes]]:
 
 def _begin_traced_playback(board: BoardClient) -> int:
     board.hello()
-    return board.arm(trace_mode=TraceMode.RING)
+    return board.arm(trace_mode=m.TraceMode.RING)
 
 
 def _store_mixed_frames(board: BoardClient, form: UploadForm, wanted: int) -> list[bytes]:
@@ -378,7 +358,7 @@ def _judge_frames_of_long_playback(
     since = _begin_traced_playback(board)
     ended = play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
     check_fields(ended, f"{name}: PLAYBACK_ENDED", loops=1, frames=len(stored))
-    seen = latches_received_from_board(board, since, TraceMode.RING)
+    seen = latches_received_from_board(board, since, m.TraceMode.RING)
     due_latches = min(len(stored), board.identity.trace_ring)
     check(len(seen) >= due_latches, f"{name}: the ring tells of {len(seen)}, due {due_latches}")
     crcs: dict[bytes, int] = {}
@@ -390,13 +370,13 @@ def _judge_frames_of_long_playback(
     check(different or board.identity.transducers < _TELLING, text)
 
 
-@case("HG-7.8/1-many", needs=Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-7.8/1-many", needs=m.Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def many_playback_frames_are_counted(board: BoardClient) -> None:
     """66000 frames are played and counted: more than 16 bits hold"""
     send_phases_to_store(board, _PLAYED, frames=1)
-    rings = board.has(Feature.TRACE_RING | Feature.CONFIG)
+    rings = board.has(m.Feature.TRACE_RING | m.Feature.CONFIG)
     if rings:
-        board.configure(trace_mode=TraceMode.RING, late_window_us=_WINDOW_US)
+        board.configure(trace_mode=m.TraceMode.RING, late_window_us=_WINDOW_US)
     board.arm()
     with board.counting(latched=_MANY_PLAYED):
         event = play_out(
@@ -412,9 +392,9 @@ def _check_playback_in_the_ring(board: BoardClient) -> None:
     last = board.link.stream_next
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()
-    reply = board.link.call(ReadTrace(_MANY_PLAYED - 2, 9), TraceReply)
+    reply = board.link.call(m.ReadTrace(_MANY_PLAYED - 2, 9), m.TraceReply)
     due = [(n, _PLAYED, n, 0, 0) for n in (_MANY_PLAYED - 2, _MANY_PLAYED - 1)]
-    due.append((_MANY_PLAYED, 0, 0, last, int(Flag.LATE)))
+    due.append((_MANY_PLAYED, 0, 0, last, int(m.Flag.LATE)))
     got = [(r.number, r.key.sequence, r.key.loop, r.key.index, r.flags) for r in reply.records]
     text = "(number, sequence, loop, index, flags) of the last latches"
     check_equal(got, due, text)
@@ -425,8 +405,8 @@ def _check_playback_in_the_ring(board: BoardClient) -> None:
 def wide_dividers_divide_playback(board: BoardClient) -> None:
     """of 600 latches a divider of 260 traces those of 0, 260 and 520, of stream and playback"""
     send_phases_to_store(board, _PLAYED, frames=3)
-    since = board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
-    keys = [LatchKey(0, 0, latch_now(board)), *played_keys(_PLAYED, 3, 200)]
+    since = board.arm(trace_mode=m.TraceMode.DRIVE, trace_divider=_DIVIDER)
+    keys = [m.LatchKey(0, 0, latch_now(board)), *played_keys(_PLAYED, 3, 200)]
     play_out(board, _PLAYED, 3, loops=200, period_us=_shortest_playback_us(board))
     judge_division(board, since, keys, _DIVIDER)
 
@@ -435,7 +415,7 @@ def wide_dividers_divide_playback(board: BoardClient) -> None:
 def a_divider_divides_many_playback_latches(board: BoardClient) -> None:
     """of 66000 latches since SET_CONFIG those 0 and 40000 are traced by a divider of 40000"""
     send_phases_to_store(board, _PLAYED, frames=1)
-    since = board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_MANY_DIVIDER)
+    since = board.arm(trace_mode=m.TraceMode.DRIVE, trace_divider=_MANY_DIVIDER)
     play_out(board, _PLAYED, 1, loops=_MANY_PLAYED, period_us=shortest_period_to_play_us(board))
     judge_division(board, since, played_keys(_PLAYED, 1, _MANY_PLAYED), _MANY_DIVIDER)
 
@@ -446,12 +426,12 @@ def every_playback_latch_counts_in_the_division(board: BoardClient) -> None:
     send_phases_to_store(board, _PLAYED, frames=1)
     board.clock.require_horizon(board.clock.ready_us(_WINDOW_US // 2))
     for divider in (2, 3, 4):
-        board.arm(trace_mode=TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US)
+        board.arm(trace_mode=m.TraceMode.DRIVE, trace_divider=divider, late_window_us=_WINDOW_US)
         since, before = board.link.mark(), board.status().counters
-        keys: list[LatchKey] = []
+        keys: list[m.LatchKey] = []
         for _ in range(3):
             for lateness_us in (None, _WINDOW_US // 20, -_WINDOW_US // 2):
-                keys.append(LatchKey(0, 0, board.link.stream_next))
+                keys.append(m.LatchKey(0, 0, board.link.stream_next))
                 at_us = None if lateness_us is None else board.late_time_us(lateness_us)
                 board.link.stream(board.flat_phases(), at_us)
                 board.wire.idle(max(0, -(lateness_us or 0)))

@@ -6,29 +6,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
-from haptogram_protocol.messages import (
-    Arm,
-    Disarm,
-    Feature,
-    LatchKey,
-    Message,
-    Mute,
-    Play,
-    PlaybackEnded,
-    Points,
-    SetConfig,
-    SetConfigReply,
-    Status,
-    Stop,
-    Trace,
-    TraceDrive,
-    TraceMode,
-    TracePlayback,
-    UploadBegin,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
@@ -66,8 +44,8 @@ from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 from ..ch05_stream.drives import judge_points_read_back
 
 _MS: Final = 1000
-_SHOWN: Final = Feature.CONFIG | Feature.READ_LATCHED
-_DIVIDES: Final = Feature.CONFIG | Feature.TRACE_DRIVE
+_SHOWN: Final = m.Feature.CONFIG | m.Feature.READ_LATCHED
+_DIVIDES: Final = m.Feature.CONFIG | m.Feature.TRACE_DRIVE
 _SEQUENCE: Final = 4
 _CEILINGS: Final = (60, 255, 0, 1, 254)
 _SPEEDS_MM_S: Final = (300_000, 380_000, 331_300)
@@ -87,7 +65,7 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
     board.arm(amplitude_ceiling=255)
     latch_now(board)
     _judge_ceilings(board)
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         board.configure()
         send_phases_to_store(board, _SEQUENCE, frames=1)
         play_now(board, _SEQUENCE, loops=1)
@@ -103,11 +81,11 @@ def _judge_ceilings(board: BoardClient) -> None:
         check_fields(read_back_radiated(board), "a ceiling set meanwhile", loudest=ceiling)
 
 
-@case("HG-7.1/3-speed", needs=_SHOWN | Feature.SEQUENCE_POINTS, evidence=SELF_REPORTED)
+@case("HG-7.1/3-speed", needs=_SHOWN | m.Feature.SEQUENCE_POINTS, evidence=SELF_REPORTED)
 def stored_points_take_the_configured_speed(board: BoardClient) -> None:
     """points stored before a new speed of sound are played with the new one"""
     frame = random_points_to_send(board)
-    upload_to_board(board, UploadKind.POINTS, _SEQUENCE, frame.serialize(), 1)
+    upload_to_board(board, m.UploadKind.POINTS, _SEQUENCE, frame.serialize(), 1)
     for speed in _SPEEDS_MM_S:
         board.arm(sound_speed_mm_s=speed)
         play_out(board, _SEQUENCE, 1, period_us=period_to_play(board, 1))
@@ -117,8 +95,8 @@ def stored_points_take_the_configured_speed(board: BoardClient) -> None:
 @case("HG-7.1/3-traces", needs=PLAYS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
     """trace modes set one after the other while a sequence plays are each in force at once"""
-    events = {TraceMode.CRC: TracePlayback, TraceMode.DRIVE: TraceDrive}
-    modes = [TraceMode.OFF, *trace_modes(board)]
+    events = {m.TraceMode.CRC: m.TracePlayback, m.TraceMode.DRIVE: m.TraceDrive}
+    modes = [m.TraceMode.OFF, *trace_modes(board)]
     send_phases_that_fit(board, _SEQUENCE, frames=2)
     board.arm()
     play_now(board, _SEQUENCE, loops=0, period_us=10 * _MS)
@@ -127,7 +105,7 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
         since = board.link.mark()
         board.wire.idle(35 * _MS)
         board.link.barrier()
-        kinds = (Trace, *events.values())
+        kinds = (m.Trace, *events.values())
         got = [kind.__name__ for kind in kinds if board.link.events(kind, since)]
         due = [events[mode].__name__] if mode in events else []
         check_equal(got, due, f"mode {mode.name}, set while a sequence plays: traces")
@@ -140,7 +118,7 @@ def _settings_beside_timers(board: BoardClient) -> list[dict[str, Any]]:
     """Return changes of every field, with timers that nothing here runs into."""
     lengths = [{name: ms} for name in ("hold_ms", "host_timeout_ms") for ms in (2000, 10_000)]
     found = [*every_other_setting(board), *lengths]
-    if board.has(Feature.AMPLITUDE):
+    if board.has(m.Feature.AMPLITUDE):
         found += [{"ramp_ms": 2000}, *({"amplitude_ceiling": code} for code in (0, 1, 254))]
     return found
 
@@ -160,8 +138,8 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
     for changes in settings:
         board.arm()
         codes = board.random_registers()
-        frames: list[Message] = [board.phases(codes)]
-        frames += [random_points_to_send(board)] if board.has(Feature.POINTS) else []
+        frames: list[m.Message] = [board.phases(codes)]
+        frames += [random_points_to_send(board)] if board.has(m.Feature.POINTS) else []
         for frame in frames:
             name = f"{frame.TYPE.name} in the queue, {changes} meanwhile"
             wire_bytes = bytes(2 * len(frame.serialize()) + 400)
@@ -174,7 +152,7 @@ def configuration_leaves_the_queue(board: BoardClient) -> None:
             late_us = board.clock.unwrap(shown.reply.t_latch_us) - at_us
             in_time = 0 <= late_us <= board.clock.carrier_us
             judge_in_time(board, in_time, f"{name}: latched {late_us} µs behind its time")
-            if isinstance(frame, Points):
+            if isinstance(frame, m.Points):
                 judge_drive_of_points(board, model, tuple(frame.points), shown, name)
             else:
                 check_equal(shown.phases, codes, f"{name}: other phases are latched")
@@ -187,7 +165,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     count = board.identity.transducers
     send_phases_that_fit(board, _SEQUENCE, frames=2)
     other = board.random_registers()
-    begin_upload(board, UploadKind.PHASES, _SEQUENCE + 1, other)
+    begin_upload(board, m.UploadKind.PHASES, _SEQUENCE + 1, other)
     period_us = board.clock.on_carrier(board.wire.period_us(4 * (2 * count + 200), 20 * _MS))
     board.arm()
     since, before = board.link.mark(), board.status().counters
@@ -208,7 +186,7 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     asked_us = board.clock.device_us() - board.clock.carrier_us
     board.stop()
     ended = await_playback_end(board, since, 0)
-    header, _ = board.link.events(PlaybackEnded, since)[0]
+    header, _ = board.link.events(m.PlaybackEnded, since)[0]
     least, most = (
         (t_us - first_us) // period_us + 1
         for t_us in (asked_us, board.clock.unwrap(header.time_us))
@@ -216,21 +194,21 @@ def configuration_leaves_a_playback(board: BoardClient) -> None:
     text = f"{ended.frames} frames were played, {least} to {most} were due up to STOP"
     check(least <= ended.frames <= most, text)
     send_upload_chunks(board, other)
-    board.link.call(UploadCommit(_SEQUENCE + 1), UploadCommitReply)
+    board.link.call(m.UploadCommit(_SEQUENCE + 1), m.UploadCommitReply)
 
 
 @case("HG-8.4/1-requests", needs=_DIVIDES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def requests_leave_the_configured_division(board: BoardClient) -> None:
     """requests between latches, carried out and refused, leave the division as it runs"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    since = board.arm(trace_mode=TraceMode.DRIVE, trace_divider=_DIVIDER)
+    since = board.arm(trace_mode=m.TraceMode.DRIVE, trace_divider=_DIVIDER)
     latches = []
-    for message in (*valid_requests_to_send(board, _SEQUENCE), Mute(), Arm()):
-        if isinstance(message, SetConfig | Play | UploadBegin):
+    for message in (*valid_requests_to_send(board, _SEQUENCE), m.Mute(), m.Arm()):
+        if isinstance(message, m.SetConfig | m.Play | m.UploadBegin):
             continue
         latches.append(latch_now(board))
         board.link.ask(message)
-        if isinstance(message, Disarm | Stop | Mute):
+        if isinstance(message, m.Disarm | m.Stop | m.Mute):
             board.arm()
     for refusal in requests_refused_by_link(board):
         latches.append(latch_now(board))
@@ -238,7 +216,7 @@ def requests_leave_the_configured_division(board: BoardClient) -> None:
     for _ in range(_DIVIDER):
         board.hello(board.link.session)
         latches.append(latch_now(board))
-    judge_division(board, since, [LatchKey(0, 0, index) for index in latches], _DIVIDER)
+    judge_division(board, since, [m.LatchKey(0, 0, index) for index in latches], _DIVIDER)
 
 
 def every_other_setting(board: BoardClient) -> list[dict[str, Any]]:
@@ -256,7 +234,7 @@ def every_other_setting(board: BoardClient) -> list[dict[str, Any]]:
 def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
     """Return changes of each field that is no length of a mute; at a wall clock all in one."""
     found = every_other_setting(board)
-    if board.has(Feature.AMPLITUDE):
+    if board.has(m.Feature.AMPLITUDE):
         found.append({"amplitude_ceiling": 50})
     return found if board.wire.is_virtual else [_all_of(reversed(found))]
 
@@ -269,8 +247,8 @@ def _all_of(settings: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
     """Set the configuration and return the time of the reply; no frame follows that may help."""
     wanted = dataclasses.replace(board.base_config, **changes)
-    answer = board.link.ask(SetConfig(wanted))
-    board.config = board.link.reply_in(answer, SetConfigReply, SetConfig.TYPE).config
+    answer = board.link.ask(m.SetConfig(wanted))
+    board.config = board.link.reply_in(answer, m.SetConfigReply, m.SetConfig.TYPE).config
     assert answer.header is not None  # reply_in
     return board.clock.unwrap(answer.header.time_us)
 
@@ -288,7 +266,7 @@ def _hold_with_configuration(
     changes: Mapping[str, Any],
 ) -> None:
     """Change the configuration while a hold runs; FAILED unless it ends at its new time."""
-    ramps = board.has(Feature.AMPLITUDE)
+    ramps = board.has(m.Feature.AMPLITUDE)
     before = {"hold_ms": length_ms, "ramp_ms": _RAMP_MS if ramps else 0}
     after = before | dict(changes)
     since = board.arm(**before)
@@ -304,16 +282,16 @@ def _hold_with_configuration(
     HOLD.judge(board, since, most_us, after["ramp_ms"], name, asked_us=least_us)
 
 
-@case("HG-7.1/3-hold", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-7.1/3-hold", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def configuration_changes_a_running_hold(board: BoardClient) -> None:
     """a hold that runs, of stream and playback, gets a new length and ramp; other fields leave
     it
     """
     ramps: list[dict[str, Any]] = [{"ramp_ms": 0}]
-    if board.has(Feature.AMPLITUDE):
+    if board.has(m.Feature.AMPLITUDE):
         ramps += [{"ramp_ms": 90}, {"ramp_ms": 90, "hold_ms": _LENGTH_MS - 50}]
     starts: list[Callable[[BoardClient], int]] = [latch_timed]
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, _SEQUENCE, frames=2)
         starts.append(_start_played_hold)
     lengths: list[tuple[int, dict[str, Any]]] = [
@@ -330,7 +308,7 @@ def configuration_changes_a_running_hold(board: BoardClient) -> None:
             _hold_with_configuration(board, start, length_ms, changes)
 
 
-@case("HG-7.1/3-lease", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-7.1/3-lease", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def configuration_changes_a_running_lease(board: BoardClient) -> None:
     """a lease, and an unattended time, that run get new lengths with SET_CONFIG, and the new
     ramp
@@ -340,7 +318,7 @@ def configuration_changes_a_running_lease(board: BoardClient) -> None:
         {"host_timeout_ms": _LENGTH_MS + 100},
         {"hold_ms": 1000},
     ]
-    lengths += [{"ramp_ms": 90}] if board.has(Feature.AMPLITUDE) else []
+    lengths += [{"ramp_ms": 90}] if board.has(m.Feature.AMPLITUDE) else []
     for timer in timer_kinds(board, LEASE, UNATTENDED):
         for changes in [*lengths, *_other_settings(board)]:
             _lease_with_configuration(board, timer, changes)
@@ -366,7 +344,7 @@ def _lease_with_configuration(
     timer.judge(board, since, start_us, due_ms, name, asked_us=asked_us)
 
 
-@case("HG-7.1/3-fields", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
+@case("HG-7.1/3-fields", needs=m.Feature.CONFIG | m.Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
     """a ramp that has begun goes on as it began, whichever field is set meanwhile"""
     lengths: list[dict[str, Any]] = [
@@ -382,7 +360,7 @@ def configuration_leaves_a_running_ramp(board: BoardClient) -> None:
         judge_ramp_with_configuration(board, 30, 150, changes)
 
 
-@case("HG-7.1/3-status", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-7.1/3-status", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def configuration_changes_a_running_status_period(board: BoardClient) -> None:
     """a status period that runs is replaced: the first STATUS comes within the new period"""
     least_ms = board.quick_status_ms
@@ -394,7 +372,7 @@ def configuration_changes_a_running_status_period(board: BoardClient) -> None:
         start_us = _set_configuration_alone(board, status_period_ms=after_ms)
         board.wire.idle_beyond(7 * after_ms * _MS // 2)
         board.link.barrier()
-        first = board.link.events(Status, since)[:1]
+        first = board.link.events(m.Status, since)[:1]
         late_us = [board.clock.unwrap(header.time_us) - start_us for header, _ in first]
         text = f"status_period_ms {before_ms}, then {after_ms}: the first one after {late_us} µs"
         check(not late_us or late_us[0] <= after_ms * _MS + EXACT_US, text)

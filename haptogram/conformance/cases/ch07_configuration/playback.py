@@ -7,19 +7,7 @@ import itertools
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
-from haptogram_protocol.messages import (
-    Disarm,
-    ErrorCode,
-    Feature,
-    GetStatus,
-    Play,
-    PlaybackEnded,
-    Status,
-    Stop,
-    StopReply,
-    TraceMode,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason, OutputState
 
 from ...case import Depth, case
@@ -53,7 +41,7 @@ from ...outcome import SELF_REPORTED, check, check_equal, check_fields, fail, re
 from ..ch05_stream.every_drop import OUTPUT_STATES, PLAYING_SLOWLY, WAITS
 
 _MS: Final = 1000
-_NEEDS: Final = Feature.SEQUENCE_PHASES
+_NEEDS: Final = m.Feature.SEQUENCE_PHASES
 _SEQUENCE: Final = 0x8001
 _WIDTHS: Final = (8, 15, 16, 24, 31, 32)
 _SEEN: Final = 12  # latches after which a playback of very many frames is stopped
@@ -69,7 +57,7 @@ ENDS_OF_PLAYBACK: Final[dict[str, PlaybackAct]] = {
     "STOP": BoardClient.stop,
     "MUTE": BoardClient.mute,
     "MUTE without a session": lambda board: board.mute(session=0),
-    "DISARM": lambda board: board.link.ask(Disarm()),
+    "DISARM": lambda board: board.link.ask(m.Disarm()),
     "a new session": BoardClient.hello,
 }
 
@@ -81,13 +69,13 @@ def refuses_playback_in_wrong_state(board: BoardClient) -> None:
     """
     send_phases_that_fit(board, 1, frames=2)
     play = play_request(board, 1, loops=1)
-    board.link.refused(play, ErrorCode.BAD_STATE, 0, flags=0x10)
+    board.link.refused(play, m.ErrorCode.BAD_STATE, 0, flags=0x10)
     board.arm()
     for absent in (0, 0xFFF7):  # 0: how a board may mark a free place
         unknown = play_request(board, absent, loops=1)
-        board.link.refused(unknown, ErrorCode.NOT_FOUND, flags=0x10)
+        board.link.refused(unknown, m.ErrorCode.NOT_FOUND, flags=0x10)
     play_now(board, 1, loops=0)
-    board.link.refused(play, ErrorCode.BAD_STATE, 1, flags=0x10)
+    board.link.refused(play, m.ErrorCode.BAD_STATE, 1, flags=0x10)
 
 
 @case("HG-7.6/2", needs=_NEEDS)
@@ -97,11 +85,11 @@ def checks_the_times_of_playback(board: BoardClient) -> None:
     board.arm()
     identity = board.identity
     least_us = least_period_us(board)
-    bad = ErrorCode.BAD_VALUE
+    bad = m.ErrorCode.BAD_VALUE
     play = play_request(board, 1, loops=1, unattended_ms=100)
-    period, alone = Play.WIRE["period_us"].offset, Play.WIRE["unattended_ms"].offset
+    period, alone = m.Play.WIRE["period_us"].offset, m.Play.WIRE["unattended_ms"].offset
     if least_us > 1:
-        board.link.refused(Play(1, least_us - 1, 1, 100), bad, period, flags=0x10)
+        board.link.refused(m.Play(1, least_us - 1, 1, 100), bad, period, flags=0x10)
     for alone_ms in {0, min(identity.max_unattended_ms + 1, 2**32)} - {2**32}:
         wrong = dataclasses.replace(play, unattended_ms=alone_ms)
         board.link.refused(wrong, bad, alone, flags=0x10)
@@ -111,28 +99,28 @@ def checks_the_times_of_playback(board: BoardClient) -> None:
         board.link.refused(play, bad, 0, time_us=board.clock.device_us() + beyond_us)
     since = board.link.mark()
     play_now(board, 1, loops=1, period_us=least_us)
-    board.due_event(PlaybackEnded, since, 2 * least_us + 50 * _MS)
+    board.due_event(m.PlaybackEnded, since, 2 * least_us + 50 * _MS)
 
 
-@case("HG-7.6/2-ready", needs=Feature.SEQUENCE_POINTS)
+@case("HG-7.6/2-ready", needs=m.Feature.SEQUENCE_POINTS)
 def playback_leaves_time_to_compute(board: BoardClient) -> None:
     """a start before the first frame is ready, and a period too short for its points, are
     refused
     """
     points = board.most_points
     frame = random_points_to_send(board, points).serialize()
-    upload_to_board(board, UploadKind.POINTS, 1, 2 * frame, points)
+    upload_to_board(board, m.UploadKind.POINTS, 1, 2 * frame, points)
     board.arm()
-    bad, period = ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset
+    bad, period = m.ErrorCode.BAD_VALUE, m.Play.WIRE["period_us"].offset
     usual_us = period_to_play(board, points)
     soon_us = board.clock.ready_us(board.clock.device_us(), points) - 1
-    board.link.refused(Play(1, usual_us, 1, 1000), bad, 0, time_us=soon_us)
+    board.link.refused(m.Play(1, usual_us, 1, 1000), bad, 0, time_us=soon_us)
     least_us = points * board.identity.point_time_us
     if least_us * board.identity.max_playback_rate_hz > 1_000_000:
-        board.link.refused(Play(1, least_us - 1, 1, 1000), bad, period, flags=0x10)
+        board.link.refused(m.Play(1, least_us - 1, 1, 1000), bad, period, flags=0x10)
     since = board.link.mark()
     play_at(board, 1, board.clock.soon_us(bytes(100)), loops=1, period_us=usual_us)
-    board.due_event(PlaybackEnded, since, 2 * usual_us + board.clock.lead_us + 50 * _MS)
+    board.due_event(m.PlaybackEnded, since, 2 * usual_us + board.clock.lead_us + 50 * _MS)
 
 
 @case("HG-7.6/3", needs=_NEEDS, evidence=SELF_REPORTED)
@@ -150,13 +138,13 @@ def playback_flushes_the_queue(board: BoardClient) -> None:
             let_play(board, 5)
 
 
-@case("HG-7.6/4", needs=_NEEDS | Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-7.6/4", needs=_NEEDS | m.Feature.CONFIG, evidence=SELF_REPORTED)
 def plays_the_sequence_in_time(board: BoardClient) -> None:
     """60 frames whose times lie between carrier periods are each latched on the next one"""
     mode = ask_for_board_latches(board)
     send_phases_to_store(board, 1, frames=3)
     least_us = shortest_period_to_play_us(board)
-    room = board.identity.trace_ring if mode is TraceMode.RING else 60
+    room = board.identity.trace_ring if mode is m.TraceMode.RING else 60
     period_us = max(1003, least_us)
     loops = max(1, min(20, room // 3, most_periods_to_play(board, period_us) // 3))
     judge_playback(board, mode, 1, 3, loops, period_us)
@@ -164,7 +152,7 @@ def plays_the_sequence_in_time(board: BoardClient) -> None:
 
 def judge_playback(
     board: BoardClient,
-    mode: TraceMode,
+    mode: m.TraceMode,
     sequence: int,
     frames: int,
     loops: int,
@@ -191,7 +179,7 @@ def judge_playback(
     check_fields(event, "PLAYBACK_ENDED", sequence=sequence, loops=loops, frames=total)
 
 
-@case("HG-7.6/5", needs=_NEEDS | Feature.CONFIG)
+@case("HG-7.6/5", needs=_NEEDS | m.Feature.CONFIG)
 def playback_may_be_left_alone(board: BoardClient) -> None:
     """a playback outlives host_timeout_ms, and is muted after unattended_ms: UNATTENDED"""
     alone_ms = min(300, board.identity.max_unattended_ms)
@@ -214,23 +202,23 @@ def stop_ends_the_playback(board: BoardClient) -> None:
 
 
 def _stop_and_stay_armed(board: BoardClient) -> None:
-    reply = board.link.call(Stop(), StopReply)
+    reply = board.link.call(m.Stop(), m.StopReply)
     check_fields(reply, "STOP_REPLY", state=OutputState.ARMED)
     board.check_status("STOP", state=OutputState.ARMED)
 
 
 def judge_ended_playback(
     board: BoardClient, end: PlaybackAct, name: str, periods: int = 5
-) -> PlaybackEnded:
+) -> m.PlaybackEnded:
     """FAILED unless *end*, after so many periods, ends a playback, which is told; return that."""
     frames = phases_that_fit(board, _FRAMES)
     send_phases_to_store(board, 1, frames=frames)
     since = board.arm()
     play_now(board, 1, loops=0)
     let_play(board, periods)
-    check(not board.link.events(PlaybackEnded, since), "it ended by itself")
+    check(not board.link.events(m.PlaybackEnded, since), "it ended by itself")
     end(board)
-    _, event = board.due_event(PlaybackEnded, since, 20 * _MS, f"{name} in a playback")
+    _, event = board.due_event(m.PlaybackEnded, since, 20 * _MS, f"{name} in a playback")
     judge_end_told(board, since, 1, frames, event.frames, name)
     board.arm()
     with board.counting(latched=0):
@@ -241,11 +229,11 @@ def judge_ended_playback(
 @case("HG-7.7/2")
 def stop_without_playback(board: BoardClient) -> None:
     """STOP without a playback is answered with STOP_REPLY"""
-    board.need_any(Feature.SEQUENCE_PHASES | Feature.SEQUENCE_POINTS)
+    board.need_any(m.Feature.SEQUENCE_PHASES | m.Feature.SEQUENCE_POINTS)
     since = board.link.mark()
-    reply = board.link.call(Stop(), StopReply)
+    reply = board.link.call(m.Stop(), m.StopReply)
     check_fields(reply, "STOP_REPLY", state=board.status().state)
-    check(not board.link.events(PlaybackEnded, since), "PLAYBACK_ENDED without a playback")
+    check(not board.link.events(m.PlaybackEnded, since), "PLAYBACK_ENDED without a playback")
 
 
 @case("HG-7.8/1", needs=_NEEDS)
@@ -264,7 +252,7 @@ def judge_end_told(
 ) -> None:
     """FAILED unless one PLAYBACK_ENDED tells of so many latches of a sequence of *frames*."""
     board.link.barrier()
-    events = [event for _, event in board.link.events(PlaybackEnded, since)]
+    events = [event for _, event in board.link.events(m.PlaybackEnded, since)]
     told = [(event.sequence, event.frames, event.loops) for event in events]
     text = f"{name and name + ': '}PLAYBACK_ENDED tells of (sequence, frames, loops) {told}"
     check_equal(told, [(sequence, latched, latched // frames)], text)
@@ -308,7 +296,7 @@ def _latches_of_playback(
     start_us = board.wire.now_us()
     play_now(board, _SEQUENCE, loops=loops, period_us=period_us)
     board.wire.idle(look_us)
-    for _, event in board.link.events(PlaybackEnded, since):
+    for _, event in board.link.events(m.PlaybackEnded, since):
         text = f"{loops} loops of {frames} frames, {period_us} µs apart, end"
         fail(f"{text} after {event.frames} frames")
     board.stop()
@@ -317,7 +305,9 @@ def _latches_of_playback(
     return board.counted_since(before)["latched"]
 
 
-@case("HG-7.6/4-loops", needs=Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case(
+    "HG-7.6/4-loops", needs=m.Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED, depth=Depth.DEFAULT
+)
 def every_number_of_loops_goes_on(board: BoardClient) -> None:
     """loops of every width of 1, 2 and 3 frames do not end after the first few frames"""
     period_us = _playback_period_us(board)
@@ -364,13 +354,13 @@ def every_frame_of_a_long_playback_is_in_time(board: BoardClient) -> None:
     for number in range(frames):
         due_us = board.clock.on_carrier(start_us + number * _SLOW_US)
         board.clock.wait_until(due_us + _MS)
-        if board.link.events(PlaybackEnded, since):
+        if board.link.events(m.PlaybackEnded, since):
             fail(f"the playback ended before frame {number}")
         late_us = board.last_latch_us() - due_us
         text = f"frame {number}, {number * _SLOW_US / 1e6:.1f} s after the start"
         check_equal(late_us, 0, f"{text}: latched {late_us:+d} µs off")
     board.stop()
-    board.due_event(PlaybackEnded, since, 100 * _MS)
+    board.due_event(m.PlaybackEnded, since, 100 * _MS)
     judge_end_told(board, since, _SEQUENCE, 2, frames)
 
 
@@ -409,7 +399,7 @@ def every_passed_start_is_refused(board: BoardClient) -> None:
         for late_us in (1, 1000, 15_000, 70_000, 1_000_000):
             start_us, period_us = board.clock.device_us() - late_us, _playback_period_us(board)
             play = play_request(board, _SEQUENCE, loops=1, period_us=period_us, unattended_ms=100)
-            board.link.refused(play, ErrorCode.BAD_VALUE, 0, time_us=start_us)
+            board.link.refused(play, m.ErrorCode.BAD_VALUE, 0, time_us=start_us)
 
 
 # --- Ended at every moment ---------------------------------------------------------------------
@@ -420,7 +410,7 @@ def _playback_in_a_later_frame(board: BoardClient) -> None:
     play_now(board, STORED, loops=0, period_us=period_us)
     for _ in range(2 * (_FRAMES + 2)):
         board.wire.idle(period_us // 2)
-        board.link.ask(GetStatus())  # a slow board is not left alone for so long
+        board.link.ask(m.GetStatus())  # a slow board is not left alone for so long
 
 
 #: Moments of a playback, with the least number of frames that it has latched.
@@ -483,11 +473,11 @@ def every_playback_end_of_a_session_is_event_0(board: BoardClient) -> None:
     for moment, (bring, _) in _MOMENTS.items():
         since = board.arm(status_period_ms=period_ms)
         wait_us = 3 * period_ms * _MS
-        board.link.await_event(Status, since, wait_us)  # this session has an event
+        board.link.await_event(m.Status, since, wait_us)  # this session has an event
         bring(board)
         since = board.link.mark()
         board.hello()
-        board.link.await_event(Status, board.link.mark(), wait_us)  # none of the old session
+        board.link.await_event(m.Status, board.link.mark(), wait_us)  # none of the old session
         pieces = [piece for piece in board.wire.received[since:] if piece.is_event]
         seen = [
             (type(piece.message).__name__, piece.header.seq)

@@ -8,18 +8,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from haptogram_protocol.messages import (
-    ErrorCode,
-    Feature,
-    TraceMode,
-    UploadBegin,
-    UploadBeginReply,
-    UploadChunk,
-    UploadChunkReply,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -38,8 +27,10 @@ from ...client.uploads import (
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 
 _LARGEST: Final = 0xFFFFFFFF
-_TRACED_POINTS: Final = Feature.POINTS | Feature.SEQUENCE_POINTS | Feature.TRACE | Feature.CONFIG
-_TRACED: Final = _TRACED_POINTS | Feature.SEQUENCE_PHASES
+_TRACED_POINTS: Final = (
+    m.Feature.POINTS | m.Feature.SEQUENCE_POINTS | m.Feature.TRACE | m.Feature.CONFIG
+)
+_TRACED: Final = _TRACED_POINTS | m.Feature.SEQUENCE_PHASES
 _SEQUENCE: Final = 4
 _FRAMES: Final = 3
 _PLAYED: Final = 400  # frames at most
@@ -64,13 +55,13 @@ def refuses_uploads_too_large(board: BoardClient) -> None:
     has_size = form.target and size <= _LARGEST  # a correction of another size: HG-7.2/2
     has_frames = form.target and frames * frame <= most
     if has_size:
-        told = board.link.refused(form.request(size), ErrorCode.TOO_LARGE).detail
+        told = board.link.refused(form.request(size), m.ErrorCode.TOO_LARGE).detail
         check(told <= most, f"the limit is {most}, the detail says {told}")
     if has_frames:
-        board.link.refused(form.request(frames * frame), ErrorCode.TOO_LARGE, frames - 1)
+        board.link.refused(form.request(frames * frame), m.ErrorCode.TOO_LARGE, frames - 1)
     text = "no upload that 32 bits can announce is too large for this board"
     require(bool(has_size or has_frames), text)
-    board.link.refused(UploadChunk(0, b"\x00"), ErrorCode.BAD_STATE)
+    board.link.refused(m.UploadChunk(0, b"\x00"), m.ErrorCode.BAD_STATE)
 
 
 @case("HG-7.2/7", needs_reset=True)
@@ -80,7 +71,7 @@ def takes_uploads_at_its_limits(board: BoardClient) -> None:
     for form in upload_forms(board, points=sorted({1, board.identity.max_points})):
         most = form.most_frames(board)
         for frames in {frames for frames in (1, most - 1, most) if 1 <= frames <= most}:
-            board.link.call(form.request(frames * form.frame_bytes), UploadBeginReply)
+            board.link.call(form.request(frames * form.frame_bytes), m.UploadBeginReply)
     board.hello()  # which abandons the upload
 
 
@@ -100,16 +91,16 @@ def _judge_sizes(board: BoardClient, form: UploadForm) -> None:
     near |= {2 * unit + step for step in (-16, -1, 1, 16)}
     for size in sorted(near):
         if size == 0 or (0 < size <= most and size % unit):
-            board.link.refused(form.request(size), ErrorCode.BAD_LENGTH, unit)
+            board.link.refused(form.request(size), m.ErrorCode.BAD_LENGTH, unit)
 
 
 @case("HG-7.2/3")
 def refuses_uploads_to_a_wrong_target(board: BoardClient) -> None:
     """sequence 0, and a correction for target 1, are refused with BAD_VALUE"""
-    offset = UploadBegin.WIRE["target"].offset
+    offset = m.UploadBegin.WIRE["target"].offset
     for form in upload_forms(board):
         wrong = dataclasses.replace(form.request(form.frame_bytes), target=int(not form.target))
-        board.link.refused(wrong, ErrorCode.BAD_VALUE, offset)
+        board.link.refused(wrong, m.ErrorCode.BAD_VALUE, offset)
 
 
 @case("HG-7.2/4")
@@ -120,17 +111,17 @@ def upload_begins_anew(board: BoardClient) -> None:
     form.begin(board, data)
     send_upload_chunks(board, data)
     form.begin(board, data)
-    board.link.refused(UploadCommit(form.target), ErrorCode.INCOMPLETE, 0)
+    board.link.refused(m.UploadCommit(form.target), m.ErrorCode.INCOMPLETE, 0)
 
 
-@case("HG-7.2/5", needs=Feature.SEQUENCE_PHASES)
+@case("HG-7.2/5", needs=m.Feature.SEQUENCE_PHASES)
 def upload_spares_the_playing_sequence(board: BoardClient) -> None:
     """UPLOAD_BEGIN for the sequence that plays is refused with BAD_STATE"""
     form = upload_forms(board, 5)[0]
     send_phases_that_fit(board, form.target, frames=2)
     board.arm()
     play_now(board, form.target, loops=0)
-    board.link.refused(form.request(form.frame_bytes), ErrorCode.BAD_STATE, 1)
+    board.link.refused(form.request(form.frame_bytes), m.ErrorCode.BAD_STATE, 1)
 
 
 @case("HG-7.2/6")
@@ -154,16 +145,16 @@ def takes_chunks_in_order(board: BoardClient) -> None:
     size = max(1, min(board.identity.max_chunk // 2, 1 + frame // 5))
     for start in range(0, frame, size):
         for far in sorted({start + 1, frame - 1} & set(range(start + 1, frame))):
-            board.link.refused(UploadChunk(far, b"\x00"), ErrorCode.INCOMPLETE, start)
+            board.link.refused(m.UploadChunk(far, b"\x00"), m.ErrorCode.INCOMPLETE, start)
         due = min(start + size, frame)
         for first, stop in ((max(0, start - size // 2), due), (start, due), (0, min(size, frame))):
-            _send_chunk(board, UploadChunk(first, data[first:stop]), due)
-    board.link.call(UploadCommit(form.target), UploadCommitReply)
+            _send_chunk(board, m.UploadChunk(first, data[first:stop]), due)
+    board.link.call(m.UploadCommit(form.target), m.UploadCommitReply)
 
 
-def _send_chunk(board: BoardClient, chunk: UploadChunk, due: int) -> None:
+def _send_chunk(board: BoardClient, chunk: m.UploadChunk, due: int) -> None:
     """FAILED unless a chunk is taken and so many bytes are there then."""
-    reply = board.link.call(chunk, UploadChunkReply)
+    reply = board.link.call(chunk, m.UploadChunkReply)
     check_fields(reply, f"{len(chunk.data)} bytes at {chunk.offset}", received=due)
 
 
@@ -176,9 +167,9 @@ def takes_a_window_of_chunks(board: BoardClient) -> None:
     data = board.random.randbytes(form.frame_bytes * frames)
     reply = form.begin(board, data)
     starts = range(0, len(data), reply.max_chunk)[: reply.window]
-    pieces = [UploadChunk(start, data[start : start + reply.max_chunk]) for start in starts]
+    pieces = [m.UploadChunk(start, data[start : start + reply.max_chunk]) for start in starts]
     for answer in board.link.exchange(*(board.link.request_wire(piece)[0] for piece in pieces)):
-        board.link.reply_in(answer, UploadChunkReply, UploadChunk.TYPE)
+        board.link.reply_in(answer, m.UploadChunkReply, m.UploadChunk.TYPE)
     _send_chunk(board, pieces[0], sum(len(piece.data) for piece in pieces))
 
 
@@ -190,8 +181,8 @@ def limits_the_chunks_of_an_upload(board: BoardClient) -> None:
     require(limit < 4000 and (form.target > 0 or form.frame_bytes > limit), text)
     frames = -(-(limit + 1) // form.frame_bytes)
     form.begin(board, bytes(form.frame_bytes * frames))
-    board.link.refused(UploadChunk(0, bytes(limit + 1)), ErrorCode.BAD_LENGTH, limit)
-    _send_chunk(board, UploadChunk(0, bytes(limit)), limit)
+    board.link.refused(m.UploadChunk(0, bytes(limit + 1)), m.ErrorCode.BAD_LENGTH, limit)
+    _send_chunk(board, m.UploadChunk(0, bytes(limit)), limit)
 
 
 @case("HG-7.3/4")
@@ -200,7 +191,7 @@ def refuses_stray_upload_chunks(board: BoardClient) -> None:
     form = upload_forms(board)[0]
     frame = form.frame_bytes
     board.hello()
-    board.link.refused(UploadChunk(0, b"\x01"), ErrorCode.BAD_STATE)
+    board.link.refused(m.UploadChunk(0, b"\x01"), m.ErrorCode.BAD_STATE)
     _judge_chunks(
         board, form, frame, ((frame, 1), (frame - 1, 2), (_LARGEST - 15, 1), (_LARGEST, 2))
     )
@@ -222,12 +213,12 @@ def _judge_chunks(
     """FAILED unless of chunks of an upload those that fit, and begin with it, are taken."""
     for offset, length in spans:
         form.begin(board, bytes(size))
-        chunk = UploadChunk(offset, bytes(length))
+        chunk = m.UploadChunk(offset, bytes(length))
         if offset == 0 and length <= size:
             _send_chunk(board, chunk, length)
         else:
             is_beyond = offset + length > size
-            code = ErrorCode.BAD_VALUE if is_beyond else ErrorCode.INCOMPLETE
+            code = m.ErrorCode.BAD_VALUE if is_beyond else m.ErrorCode.INCOMPLETE
             board.link.refused(chunk, code, 0)
 
 
@@ -237,12 +228,12 @@ def upload_keeps_the_old_sequence(board: BoardClient) -> None:
     mode = ask_for_board_latches(board)
     old = send_phases_to_store(board, 6, frames=2)
     new = [board.random_registers() for _ in range(2)]
-    begin_upload(board, UploadKind.PHASES, 6, b"".join(new))
+    begin_upload(board, m.UploadKind.PHASES, 6, b"".join(new))
     send_upload_chunks(board, b"".join(new))
     for which, due in (("old", old), ("new", new)):
         board.hello()  # a new session: the ring begins anew, and an upload that is not committed
         if due is new:
-            upload_to_board(board, UploadKind.PHASES, 6, b"".join(new))
+            upload_to_board(board, m.UploadKind.PHASES, 6, b"".join(new))
         got = played_crcs(board, 6, 2, mode)
         check_equal(got, list(map(drive_crc, due)), f"CRC-32 of the {which} sequence, which is due")
 
@@ -254,14 +245,14 @@ def refuses_upload_commits_of_a_part(board: BoardClient) -> None:
     frames = 2 if form.target else 1
     data = board.random.randbytes(form.frame_bytes * frames)
     form.begin(board, data)
-    board.link.refused(UploadCommit(form.target), ErrorCode.INCOMPLETE, 0)
-    board.link.call(UploadChunk(0, data[:1]), UploadChunkReply)
+    board.link.refused(m.UploadCommit(form.target), m.ErrorCode.INCOMPLETE, 0)
+    board.link.call(m.UploadChunk(0, data[:1]), m.UploadChunkReply)
     if len(data) > 1:
-        board.link.refused(UploadCommit(form.target), ErrorCode.INCOMPLETE, 1)
+        board.link.refused(m.UploadCommit(form.target), m.ErrorCode.INCOMPLETE, 1)
     size = board.identity.max_chunk
     for start in range(0, len(data), size):  # some of it is there already
-        board.link.call(UploadChunk(start, data[start : start + size]), UploadChunkReply)
-    reply = board.link.call(UploadCommit(form.target), UploadCommitReply)
+        board.link.call(m.UploadChunk(start, data[start : start + size]), m.UploadChunkReply)
+    reply = board.link.call(m.UploadCommit(form.target), m.UploadCommitReply)
     due = frames if form.target else board.identity.transducers
     check_fields(reply, "UPLOAD_COMMIT_REPLY", frames=due)
 
@@ -274,7 +265,7 @@ def refuses_upload_commits_of_other_bytes(board: BoardClient) -> None:
     crc = zlib.crc32(data)
     announce_upload(board, form.request(len(data), crc ^ 0x10))
     send_upload_chunks(board, data)
-    board.link.refused(UploadCommit(form.target), ErrorCode.CRC_MISMATCH, crc)
+    board.link.refused(m.UploadCommit(form.target), m.ErrorCode.CRC_MISMATCH, crc)
 
 
 @case("HG-7.4/4")
@@ -282,11 +273,11 @@ def refuses_a_stray_upload_commit(board: BoardClient) -> None:
     """a commit of another target is refused with BAD_VALUE, one without an upload with BAD_STATE"""
     form = upload_forms(board)[0]
     board.hello()
-    board.link.refused(UploadCommit(form.target), ErrorCode.BAD_STATE)
+    board.link.refused(m.UploadCommit(form.target), m.ErrorCode.BAD_STATE)
     data = bytes(form.frame_bytes)
     form.begin(board, data)
     send_upload_chunks(board, data)
-    board.link.refused(UploadCommit(form.target + 1), ErrorCode.BAD_VALUE, 0)
+    board.link.refused(m.UploadCommit(form.target + 1), m.ErrorCode.BAD_VALUE, 0)
 
 
 @case("HG-7.2/2-kinds")
@@ -299,11 +290,11 @@ def every_upload_is_of_whole_frames(board: BoardClient) -> None:
 @case("HG-5.4/1-played", needs=_TRACED_POINTS, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_number_of_points_is_played(board: BoardClient) -> None:
     """3 frames of every number of points are played as they are latched from the stream"""
-    board.arm(trace_mode=TraceMode.CRC)
+    board.arm(trace_mode=m.TraceMode.CRC)
     for number in range(1, board.most_points + 1):
         frames = [random_points_to_send(board, number) for _ in range(_FRAMES)]
         data = b"".join(frame.serialize() for frame in frames)
-        upload_to_board(board, UploadKind.POINTS, _SEQUENCE, data, number)
+        upload_to_board(board, m.UploadKind.POINTS, _SEQUENCE, data, number)
         streamed = streamed_crcs(board, frames)
         period_us = period_to_play(board, number)
         played = played_crcs(board, _SEQUENCE, _FRAMES, period_us=period_us)
@@ -324,14 +315,14 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
     frames = -(-sum(sizes) // count)
     drives = [board.random.randbytes(count) for _ in range(frames)]
     data = b"".join(drives)
-    begin_upload(board, UploadKind.PHASES, _SEQUENCE, data)
+    begin_upload(board, m.UploadKind.PHASES, _SEQUENCE, data)
     at = 0
     for size in [*sizes, *[min(sizes)] * (len(data) - sum(sizes))]:
-        chunk = UploadChunk(at, data[at : at + size])
-        at = board.link.call(chunk, UploadChunkReply).received
-    reply = board.link.call(UploadCommit(_SEQUENCE), UploadCommitReply)
+        chunk = m.UploadChunk(at, data[at : at + size])
+        at = board.link.call(chunk, m.UploadChunkReply).received
+    reply = board.link.call(m.UploadCommit(_SEQUENCE), m.UploadCommitReply)
     check_fields(reply, "UPLOAD_COMMIT_REPLY", frames=frames)
-    board.configure(trace_mode=TraceMode.CRC)
+    board.configure(trace_mode=m.TraceMode.CRC)
     period_us = board.wire.period_us(_TRACE_BYTES, period_to_play(board))
     got = played_crcs(board, _SEQUENCE, frames, period_us=period_us)
     due = list(map(drive_crc, drives))
@@ -352,7 +343,7 @@ def _replaced_forms(board: BoardClient) -> Iterator[tuple[UploadForm, int]]:
 
 def _replace_upload(board: BoardClient, form: UploadForm, frames: int) -> list[int]:
     """Upload a sequence of random drives; return the CRC-32 of each, as the stream latches it."""
-    if form.kind is UploadKind.PHASES:
+    if form.kind is m.UploadKind.PHASES:
         return list(map(drive_crc, send_phases_to_store(board, _REPLACED, frames=frames)))
     messages = [random_points_to_send(board, form.points) for _ in range(frames)]
     form.upload(board, b"".join(message.serialize() for message in messages))
@@ -364,7 +355,7 @@ def every_replaced_upload_leaves_nothing(board: BoardClient) -> None:
     """a sequence in place of one of every kind and number of points, and that beside it, are
     whole
     """
-    board.arm(trace_mode=TraceMode.CRC)
+    board.arm(trace_mode=m.TraceMode.CRC)
     period_us = period_to_play(board, board.most_points)
     before = "nothing"
     other: list[int] = []
@@ -393,5 +384,5 @@ def every_uploaded_piece_counts_for_itself(board: BoardClient) -> None:
         for cut in sorted({1, 7, 8, 9, size // 2, size - 1} & set(range(1, min(size, most + 1)))):
             form.upload(board, data)
             form.begin(board, data)
-            board.link.call(UploadChunk(0, data[:cut]), UploadChunkReply)
-            board.link.refused(UploadCommit(form.target), ErrorCode.INCOMPLETE, cut)
+            board.link.call(m.UploadChunk(0, data[:cut]), m.UploadChunkReply)
+            board.link.refused(m.UploadCommit(form.target), m.ErrorCode.INCOMPLETE, cut)

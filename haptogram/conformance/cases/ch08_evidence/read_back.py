@@ -6,18 +6,8 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
-from haptogram_protocol.messages import (
-    DriveKind,
-    ErrorCode,
-    Feature,
-    LatchKey,
-    Message,
-    ReadDrive,
-    TraceMode,
-    TraceRecord,
-    TraceReply,
-)
 from haptogram_protocol.rules import READ_BACKS
 
 from ...case import Depth, case
@@ -55,11 +45,13 @@ _SEQUENCE: Final = 7
 _FRAMES: Final = 3
 _LATCHES: Final = 402
 _LAST: Final = 0xFFFFFFFF
-_FIT: Final = (MAX_BODY_BYTES - HEADER_BYTES - TraceReply.LAYOUT.size) // TraceRecord.LAYOUT.size
+_FIT: Final = (
+    MAX_BODY_BYTES - HEADER_BYTES - m.TraceReply.LAYOUT.size
+) // m.TraceRecord.LAYOUT.size
 #: What happens between two trace modes.
 _BETWEEN: Final = ("nothing", "a playback", "MUTE", "an upload", "DISARM")
-_RING: Final = Feature.TRACE_RING | Feature.CONFIG
-_PLAYED_RING: Final = _RING | Feature.SEQUENCE_PHASES
+_RING: Final = m.Feature.TRACE_RING | m.Feature.CONFIG
+_PLAYED_RING: Final = _RING | m.Feature.SEQUENCE_PHASES
 _CEILING: Final = 77
 _AHEAD_US: Final = 2_000_000
 _HOUR_US: Final = 3_600_000_000
@@ -74,7 +66,7 @@ class _TraceRing:
 
     def __init__(self, board: BoardClient) -> None:
         self.board = board
-        self.due: list[tuple[LatchKey, int]] = []  # key and CRC of each latch of the session
+        self.due: list[tuple[m.LatchKey, int]] = []  # key and CRC of each latch of the session
         self.stored: list[bytes] = []
 
     def store(self) -> None:
@@ -85,7 +77,7 @@ class _TraceRing:
         """Latch so many random drives of the stream."""
         first = self.board.link.stream_next
         for place, codes in enumerate(latch_random(self.board, number)):
-            self.due.append((LatchKey(0, 0, first + place), drive_crc(codes)))
+            self.due.append((m.LatchKey(0, 0, first + place), drive_crc(codes)))
 
     def play(self, loops: int = 1, least_us: int = 1000) -> None:
         """Play the stored sequence to its end."""
@@ -140,11 +132,11 @@ def ring_keeps_the_last(board: BoardClient) -> None:
     """the ring keeps the last trace_ring latches, numbered from 0, and forgets the oldest"""
     size = board.identity.trace_ring
     check(size > 0, "TRACE_RING is advertised, trace_ring is 0")
-    board.arm(trace_mode=TraceMode.RING)
+    board.arm(trace_mode=m.TraceMode.RING)
     ring, loops = _TraceRing(board), size // _FRAMES + 3
     lasts_us = loops * _FRAMES * shortest_period_to_play_us(board, 100)
     is_long = size > _RING_TRIED or lasts_us > _FILLED_US
-    if is_long or not board.has(Feature.SEQUENCE_PHASES):
+    if is_long or not board.has(m.Feature.SEQUENCE_PHASES):
         ring.latch(20)
     else:
         ring.store()
@@ -155,7 +147,7 @@ def ring_keeps_the_last(board: BoardClient) -> None:
 @case("HG-8.5/1-modes", needs=_RING, evidence=SELF_REPORTED)
 def ring_counts_every_mode(board: BoardClient) -> None:
     """latches while trace_mode is another one have their numbers: the ring goes on behind them"""
-    modes = trace_modes(board, *TraceMode)
+    modes = trace_modes(board, *m.TraceMode)
     board.hello()
     total = 0
     for mode in [*modes, *reversed(modes)]:
@@ -165,7 +157,7 @@ def ring_counts_every_mode(board: BoardClient) -> None:
         total += 2
         reply = read_ring(board)
         check_fields(reply, f"{mode.name}: TRACE_REPLY", next=total)
-        if mode is TraceMode.RING:
+        if mode is m.TraceMode.RING:
             last = [(record.number, record.key.index) for record in reply.records[-2:]]
             due = [(total - 2, index - 1), (total - 1, index)]
             check_equal(last, due, "(number, index) of the last records")
@@ -177,7 +169,7 @@ def ring_counts_every_mode(board: BoardClient) -> None:
 @case("HG-8.5/2", needs=_RING, evidence=SELF_REPORTED)
 def trace_ring_is_read(board: BoardClient) -> None:
     """READ_TRACE of some, none and all records shows numbers, keys and CRCs, oldest first"""
-    board.arm(trace_mode=TraceMode.RING)
+    board.arm(trace_mode=m.TraceMode.RING)
     ring = _TraceRing(board)
     ring.latch(9)
     for first, count in ((0, 9), (2, 3), (8, 100), (9, 5), (0, 0), (4, 1)):
@@ -189,7 +181,7 @@ def every_ring_span(board: BoardClient) -> None:
     """READ_TRACE of spans at every edge of a ring that has turned over: those, as many as fit"""
     size, ring = board.identity.trace_ring, _TraceRing(board)
     ring.store()
-    board.arm(trace_mode=TraceMode.RING)
+    board.arm(trace_mode=m.TraceMode.RING)
     ring.latch()
     turns_over = board.thorough and size < _RING_TRIED
     ring.play(-(-(max(_LATCHES, size + 7) if turns_over else _LATCHES) // _FRAMES), 200)
@@ -206,12 +198,12 @@ def every_span_with_holes(board: BoardClient) -> None:
     """READ_TRACE before, in, over and behind latches of other modes, MUTE, DISARM, playback,
     upload
     """
-    others = trace_modes(board, TraceMode.OFF, TraceMode.CRC, TraceMode.DRIVE)
+    others = trace_modes(board, m.TraceMode.OFF, m.TraceMode.CRC, m.TraceMode.DRIVE)
     for turn in range(len(_BETWEEN) if board.thorough else 1):
         board.hello()
         ring, name = _TraceRing(board), "RING"
         ring.store()
-        board.arm(trace_mode=TraceMode.RING)
+        board.arm(trace_mode=m.TraceMode.RING)
         ring.latch(2)
         for number, mode in enumerate(others):
             event = _BETWEEN[(turn + number) % len(_BETWEEN)]
@@ -219,7 +211,7 @@ def every_span_with_holes(board: BoardClient) -> None:
             ring.latch()
             ring.go_through(event)
             least = len(ring.due)
-            board.configure(trace_mode=TraceMode.RING)
+            board.configure(trace_mode=m.TraceMode.RING)
             ring.latch()
             if number % 2 == 0:
                 ring.go_through(_BETWEEN[turn - number])
@@ -237,7 +229,7 @@ def reads_back_a_span(board: BoardClient) -> None:
     judge_spans(board, drive_kinds(board)[0], board.phases(registers), due)
 
 
-@case("HG-8.6/1-spans", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
+@case("HG-8.6/1-spans", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def every_span_of_drive_and_geometry(board: BoardClient) -> None:
     """READ_DRIVE of spans at and around every edge shows the codes that the whole shows"""
     frame = stream_kinds(board)[-1].make()  # with amplitudes that differ, where it can
@@ -246,7 +238,7 @@ def every_span_of_drive_and_geometry(board: BoardClient) -> None:
 
 
 def judge_spans(
-    board: BoardClient, kind: DriveKind, frame: Message, due: bytes | None = None
+    board: BoardClient, kind: m.DriveKind, frame: m.Message, due: bytes | None = None
 ) -> None:
     """FAILED unless READ_DRIVE shows of every span what the whole shows, and of that *due*."""
     latched_us, total = -_HOUR_US, board.identity.transducers
@@ -272,22 +264,22 @@ def reads_back_no_more(board: BoardClient) -> None:
     count = board.identity.transducers
     for kind in drive_kinds(board):
         for first in (count, 0xFFFF):
-            board.link.refused(ReadDrive(kind, first, 1), ErrorCode.NOT_FOUND, count)
+            board.link.refused(m.ReadDrive(kind, first, 1), m.ErrorCode.NOT_FOUND, count)
 
 
-@case("HG-8.6/3", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
+@case("HG-8.6/3", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def reads_back_one_latch(board: BoardClient) -> None:
     """codes, key and time of a read-back belong to one latch, as in trace and STATUS"""
-    mode = ask_for_board_latches_if_supported(board, Feature.TRACE)
+    mode = ask_for_board_latches_if_supported(board, m.Feature.TRACE)
     board.arm()
     for _ in range(8):
         index, since = board.link.stream_next, board.link.mark()
         (registers,) = latch_random(board, 1)
         shown = read_back(board)
         expect_witnessed_drive(board, shown, registers, b"\xff" * len(registers))
-        last = {"key": LatchKey(0, 0, index), "t_latch_us": board.status().last_latch_us}
+        last = {"key": m.LatchKey(0, 0, index), "t_latch_us": board.status().last_latch_us}
         check_fields(shown.reply, "DRIVE_REPLY", **last)
-        if mode is not TraceMode.OFF:
+        if mode is not m.TraceMode.OFF:
             seen = latches_received_from_board(board, since, mode)[-1:]
             check_equal([latch.crc for latch in seen], [shown.crc], "CRC-32 in trace and read-back")
 
@@ -295,13 +287,13 @@ def reads_back_one_latch(board: BoardClient) -> None:
 # --- Before the first latch --------------------------------------------------------------------
 
 
-@case("HG-8.6/4", needs=Feature.READ_LATCHED, evidence=SELF_REPORTED)
+@case("HG-8.6/4", needs=m.Feature.READ_LATCHED, evidence=SELF_REPORTED)
 def reads_back_nothing_first(board: BoardClient) -> None:
     """before the first latch of a session codes, key and time are 0"""
     board.arm()
     latch_random(board, 1)
     board.hello()
-    judge_nothing_read_back(board, DriveKind.LATCHED, "behind the session before")
+    judge_nothing_read_back(board, m.DriveKind.LATCHED, "behind the session before")
 
 
 def _wait_with_a_frame(board: BoardClient) -> None:
@@ -321,9 +313,9 @@ def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
     yield "ARMED", BoardClient.arm
     yield "with a frame that waits", _wait_with_a_frame
     yield "MUTED", lambda board: board.mute()
-    if board.has(Feature.CORRECTION):
+    if board.has(m.Feature.CORRECTION):
         yield "with another correction", upload_correction
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         yield "with a playback that waits", _wait_with_a_playback
     yield "DISARMED", BoardClient.disarm
 
@@ -334,9 +326,9 @@ def every_empty_read_back(board: BoardClient) -> None:
     correction
     """
     board.need_any(READ_BACKS)
-    if board.has(Feature.CONFIG | Feature.AMPLITUDE):
+    if board.has(m.Feature.CONFIG | m.Feature.AMPLITUDE):
         board.configure(amplitude_ceiling=_CEILING)
-    if board.has(Feature.CORRECTION):
+    if board.has(m.Feature.CORRECTION):
         upload_correction(board)
     for before, leave in output_states(board):
         board.arm()

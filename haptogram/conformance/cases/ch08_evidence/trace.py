@@ -6,19 +6,7 @@ import itertools
 from collections.abc import Sequence
 from typing import Any, Final
 
-from haptogram_protocol.messages import (
-    DriveKind,
-    DriveReply,
-    Feature,
-    LatchKey,
-    Ping,
-    Pong,
-    ReadDrive,
-    Trace,
-    TraceDrive,
-    TraceMode,
-    TracePlayback,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
 from ...client.board_client import BoardClient
@@ -47,19 +35,19 @@ from ...judge.events import judge_division, played_keys
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, named, require
 from .read_back import judge_spans
 
-_KINDS: Final = (Trace, TracePlayback, TraceDrive)
+_KINDS: Final = (m.Trace, m.TracePlayback, m.TraceDrive)
 _SEQUENCE: Final = 7
 _FRAMES: Final = 3
 _OFFSETS_US: Final = (0, 3, 24)
 _MOMENTS_US: Final = (-40, 0, 10, 30, 60, 100, 150, 250, 400)  # around the latch that is due
-_TRACED: Final = Feature.TRACE | Feature.CONFIG
-_READ: Final = _TRACED | Feature.READ_LATCHED
-_PLAYED: Final = Feature.CONFIG | Feature.SEQUENCE_PHASES
-_FLOODED: Final = _PLAYED | Feature.TRACE_DRIVE
+_TRACED: Final = m.Feature.TRACE | m.Feature.CONFIG
+_READ: Final = _TRACED | m.Feature.READ_LATCHED
+_PLAYED: Final = m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES
+_FLOODED: Final = _PLAYED | m.Feature.TRACE_DRIVE
 _MS: Final = 1000
 _CEILING: Final = 100
-_SHOWN: Final = Feature.CONFIG | Feature.READ_LATCHED
-_DIMMED: Final = _SHOWN | Feature.AMPLITUDE
+_SHOWN: Final = m.Feature.CONFIG | m.Feature.READ_LATCHED
+_DIMMED: Final = _SHOWN | m.Feature.AMPLITUDE
 #: Sequences of one frame each, whose keys differ in nothing else.
 _ALIKE: Final = (2, 3, 0x0101)
 #: Which of them is played, and whether it is stored anew before; None: a frame of the stream.
@@ -74,13 +62,13 @@ def _trace_events(board: BoardClient, since: int) -> int:
     return sum(len(board.link.events(kind, since)) for kind in _KINDS)
 
 
-@case("HG-8.1/1", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-8.1/1", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def traces_by_its_mode(board: BoardClient) -> None:
     """of 6 latches the trace modes OFF and RING report none, CRC and DRIVE report 6"""
-    for mode in trace_modes(board, *TraceMode):
+    for mode in trace_modes(board, *m.TraceMode):
         since = board.arm(trace_mode=mode)
         latch_random(board, 6)
-        got, due = _trace_events(board, since), 6 * (mode in (TraceMode.CRC, TraceMode.DRIVE))
+        got, due = _trace_events(board, since), 6 * (mode in (m.TraceMode.CRC, m.TraceMode.DRIVE))
         check(got == due, f"trace_mode {mode.name}: {got} events of 6 latches, due are {due}")
 
 
@@ -89,17 +77,17 @@ def every_trace_undivided(board: BoardClient) -> None:
     """in modes CRC and RING every latch of stream and playback is told, whatever trace_divider
     is
     """
-    for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
+    for mode in trace_modes(board, m.TraceMode.CRC, m.TraceMode.RING):
         board.hello()
         since = board.arm(trace_mode=mode, trace_divider=3)
         due = _latch_and_play(board, 4)
         _judge_traced_keys(board, since, mode, due)
 
 
-def _latch_and_play(board: BoardClient, number: int) -> list[LatchKey]:
+def _latch_and_play(board: BoardClient, number: int) -> list[m.LatchKey]:
     """Latch so many frames, then two passes of a sequence where it is taken; return the keys."""
-    due = [LatchKey(0, 0, latch_now(board)) for _ in range(number)]
-    if board.has(Feature.SEQUENCE_PHASES):
+    due = [m.LatchKey(0, 0, latch_now(board)) for _ in range(number)]
+    if board.has(m.Feature.SEQUENCE_PHASES):
         send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
         play_out(board, _SEQUENCE, _FRAMES, loops=2)
         due += played_keys(_SEQUENCE, _FRAMES, 2)
@@ -107,15 +95,15 @@ def _latch_and_play(board: BoardClient, number: int) -> list[LatchKey]:
 
 
 def _judge_traced_keys(
-    board: BoardClient, since: int, mode: TraceMode, due: list[LatchKey]
+    board: BoardClient, since: int, mode: m.TraceMode, due: list[m.LatchKey]
 ) -> None:
     """FAILED unless the latches that are traced are these, in order, or the last in the ring."""
-    due = due[-board.identity.trace_ring :] if mode is TraceMode.RING else due
+    due = due[-board.identity.trace_ring :] if mode is m.TraceMode.RING else due
     got = [latch.key for latch in latches_received_from_board(board, since, mode)]
     check_equal(got, due, f"mode {mode.name}: keys of {len(due)} latches")
 
 
-@case("HG-8.2/1", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-8.2/1", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def trace_keys_are_unique(board: BoardClient) -> None:
     """40 stream latches across 0xFFFF and two passes of a sequence have unique keys"""
     mode = ask_for_board_latches(board)
@@ -129,24 +117,24 @@ def trace_keys_are_unique(board: BoardClient) -> None:
 @case("HG-8.3/1", needs=_TRACED, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def traces_tell_the_time(board: BoardClient) -> None:
     """the time in a trace is the carrier period at or after t_apply, as in STATUS"""
-    _judge_latch_times(board, TraceMode.CRC, (0, 3, 990))
+    _judge_latch_times(board, m.TraceMode.CRC, (0, 3, 990))
 
 
-@case("HG-8.3/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-8.3/3", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def evidence_names_one_time(board: BoardClient) -> None:
     """the time of a latch in TRACE or the ring, in a read-back and in STATUS is the same"""
-    for mode in trace_modes(board, TraceMode.CRC, TraceMode.RING):
+    for mode in trace_modes(board, m.TraceMode.CRC, m.TraceMode.RING):
         _judge_latch_times(board, mode, _OFFSETS_US)
 
 
-def _judge_latch_times(board: BoardClient, mode: TraceMode, offsets_us: Sequence[int]) -> None:
+def _judge_latch_times(board: BoardClient, mode: m.TraceMode, offsets_us: Sequence[int]) -> None:
     """FAILED unless all evidence of a latch names the carrier period at or after its t_apply."""
     for offset_us in offsets_us:
         board.hello()
         since = board.arm(trace_mode=mode)
         due_us = board.clock.on_carrier(latch_in_time(board, board.flat_phases(), offset_us))
         times = {"STATUS": [board.last_latch_us()]}
-        if board.has(Feature.READ_LATCHED):
+        if board.has(m.Feature.READ_LATCHED):
             shown_us = read_back(board).reply.t_latch_us
             times["DRIVE_REPLY"] = [board.clock.unwrap(shown_us)]
         latches = latches_received_from_board(board, since, mode)
@@ -154,12 +142,12 @@ def _judge_latch_times(board: BoardClient, mode: TraceMode, offsets_us: Sequence
         check_equal(times, {name: [due_us] for name in times}, "times of one latch")
 
 
-@case("HG-8.3/3-before", needs=Feature.CONFIG | Feature.TRACE_RING, evidence=SELF_REPORTED)
+@case("HG-8.3/3-before", needs=m.Feature.CONFIG | m.Feature.TRACE_RING, evidence=SELF_REPORTED)
 def no_latch_before_time(board: BoardClient) -> None:
     """while a frame waits for its time, neither STATUS nor trace nor read-back knows of its
     latch
     """
-    board.arm(trace_mode=TraceMode.RING)
+    board.arm(trace_mode=m.TraceMode.RING)
     latch_now(board)
     before = board.status()
     t_us = board.clock.soon_us(bytes(2000), ahead_us=50_000)
@@ -171,7 +159,7 @@ def no_latch_before_time(board: BoardClient) -> None:
     check_fields(waiting, "before a latch: STATUS_REPLY", **due)
     check_fields(waiting.counters, "a frame that waits", latched=before.counters.latched)
     check_fields(ring, "before latch 1: the ring", next=1)
-    if board.has(Feature.READ_LATCHED):
+    if board.has(m.Feature.READ_LATCHED):
         check_fields(read_back(board).reply.key, "a frame waits: the key read back", index=last)
     board.clock.wait_until(t_us + 200)
 
@@ -179,23 +167,23 @@ def no_latch_before_time(board: BoardClient) -> None:
 @case("HG-8.3/1-measured", needs=_READ, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def drives_there_in_time(board: BoardClient) -> None:
     """read-backs right behind the time that the trace tells of a latch show its drive"""
-    board.arm(trace_mode=TraceMode.CRC)
+    board.arm(trace_mode=m.TraceMode.CRC)
     latch_now(board)
-    size = len(board.link.request_wire(Ping(0))[0])
+    size = len(board.link.request_wire(m.Ping(0))[0])
     for moment_us in _MOMENTS_US:
         index, since = board.link.stream_next, board.link.mark()
         t_us = board.clock.soon_us(bytes(1000), ahead_us=2000)
         board.link.stream(board.flat_phases(), t_us)
         board.clock.end_exchange()
-        ping, _ = board.link.request_wire(Ping(moment_us & 0xFFFF))
-        read, _ = board.link.request_wire(ReadDrive(DriveKind.LATCHED, 0, 0xFFFF))
+        ping, _ = board.link.request_wire(m.Ping(moment_us & 0xFFFF))
+        read, _ = board.link.request_wire(m.ReadDrive(m.DriveKind.LATCHED, 0, 0xFFFF))
         sent_us = board.clock.device_estimate_us() + board.wire.period_us(2 * size)
         board.wire.idle(max(0, t_us + moment_us - sent_us))
         answers = board.link.exchange(ping, read)
-        pong = board.link.reply_in(answers[0], Pong)
-        told = board.link.reply_in(answers[1], DriveReply).key.index
+        pong = board.link.reply_in(answers[0], m.Pong)
+        told = board.link.reply_in(answers[1], m.DriveReply).key.index
         board.clock.wait_until(t_us + 500)
-        latches = latches_received_from_board(board, since, TraceMode.CRC)
+        latches = latches_received_from_board(board, since, m.TraceMode.CRC)
         (latch,) = (latch for latch in latches if latch.index == index)
         behind_us = board.clock.unwrap(pong.t_rx_us) - latch.t_us
         text = f"frame {index}, by its trace: a read-back {behind_us} µs later shows frame {told}"
@@ -210,28 +198,28 @@ def traces_hash_the_drive(board: BoardClient) -> None:
     """the CRC in TRACE is that of N phases and N amplitudes 255, of 8 random drives and a
     sequence
     """
-    since = board.arm(trace_mode=TraceMode.CRC, amplitude_ceiling=99)
+    since = board.arm(trace_mode=m.TraceMode.CRC, amplitude_ceiling=99)
     drives = latch_random(board, 8)
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         drives += send_phases_to_store(board, 3, frames=3)
         play_out(board, 3, 3)
-    got = [latch.crc for latch in latches_received_from_board(board, since, TraceMode.CRC)]
+    got = [latch.crc for latch in latches_received_from_board(board, since, m.TraceMode.CRC)]
     check_equal(got, list(map(drive_crc, drives)), "TRACE: CRC-32 of the drives sent")
 
 
-@case("HG-8.4/1", needs=Feature.TRACE_DRIVE | Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-8.4/1", needs=m.Feature.TRACE_DRIVE | m.Feature.CONFIG, evidence=SELF_REPORTED)
 def traces_every_third(board: BoardClient) -> None:
     """with trace_divider 3 only latches 0, 3, 6 and 9 are traced, and so again after HELLO"""
-    board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
+    board.configure(trace_mode=m.TraceMode.DRIVE, trace_divider=3)
     for anew in range(2):
         if anew:
             board.hello()
         since, first = board.arm(), board.link.stream_next
         drives = latch_random(board, 10)
-        judge_division(board, since, [LatchKey(0, 0, first + n) for n in range(10)], 3)
+        judge_division(board, since, [m.LatchKey(0, 0, first + n) for n in range(10)], 3)
         events = _trace_events(board, since)
         check_equal(events, 4, "a trace of another kind reports latches as well")
-        for _, event in board.link.events(TraceDrive, since):
+        for _, event in board.link.events(m.TraceDrive, since):
             number = event.key.index - first
             same = event.data == full_client_drive(drives[number])
             check(same, f"TRACE_DRIVE of latch {number} shows another drive than was sent")
@@ -243,7 +231,7 @@ def traces_delay_nothing(board: BoardClient) -> None:
     before = board.status().counters
     _, frames = flood_with_traces(board)
     board.check_counted(before, f"{frames} frames", {"latched": frames})
-    times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(TraceDrive)]
+    times = [board.clock.unwrap(header.time_us) for header, _ in board.link.events(m.TraceDrive)]
     start = times[0] if times else 0
     off = [t_us for t_us in times if (t_us - start) % board.clock.carrier_us]
     check(not off, "a trace that waits for the line tells another time than that of its latch")
@@ -262,9 +250,9 @@ def traces_give_way(board: BoardClient) -> None:
 
 def _show_under_ceiling(board: BoardClient, **changes: Any) -> None:
     """Let the radiated drive differ from the latched one in every phase and loud amplitude."""
-    if board.has(Feature.AMPLITUDE):
+    if board.has(m.Feature.AMPLITUDE):
         changes = {"amplitude_ceiling": _CEILING} | changes
-    if board.has(Feature.CORRECTION):
+    if board.has(m.Feature.CORRECTION):
         upload_correction(board)
     board.configure(**changes)
 
@@ -297,7 +285,7 @@ def every_span_under_a_ceiling(board: BoardClient) -> None:
         message = stream.make()
         codes = registers_asked_for(board, message)
         for kind in drive_kinds(board):
-            due = b"".join(codes) if codes and kind is DriveKind.LATCHED else None
+            due = b"".join(codes) if codes and kind is m.DriveKind.LATCHED else None
             with named(stream.name):
                 judge_spans(board, kind, message, due)
 
@@ -343,7 +331,7 @@ def every_trace_of_like_keys(board: BoardClient) -> None:
                 stored[number] = send_phases_to_store(board, number, frames=1)
             play_out(board, number, 1)
             due.append(drive_crc(stored[number][0]))
-            if board.has(Feature.READ_LATCHED):
+            if board.has(m.Feature.READ_LATCHED):
                 name = f"trace {mode.name}: sequence {number}, read back"
                 check_fields(read_back(board), name, crc=due[-1])
         seen = latches_received_from_board(board, since, mode)
@@ -358,13 +346,13 @@ def every_division_starts_anew(board: BoardClient) -> None:
     """
     send_phases_to_store(board, _SEQUENCE, frames=2)
     for before, name in itertools.product(range(4), ("SET_CONFIG", "HELLO")):
-        board.arm(trace_mode=TraceMode.DRIVE, trace_divider=3)
+        board.arm(trace_mode=m.TraceMode.DRIVE, trace_divider=3)
         latch_random(board, before)
         if name == "HELLO":
             board.hello()
         else:
-            board.configure(trace_mode=TraceMode.DRIVE, trace_divider=3)
+            board.configure(trace_mode=m.TraceMode.DRIVE, trace_divider=3)
         since = board.arm()
-        keys = [LatchKey(0, 0, latch_now(board)), *played_keys(_SEQUENCE, 2, 3)]
+        keys = [m.LatchKey(0, 0, latch_now(board)), *played_keys(_SEQUENCE, 2, 3)]
         play_out(board, _SEQUENCE, 2, loops=3)
         judge_division(board, since, keys, 3, f"{before} latches, {name}, ")

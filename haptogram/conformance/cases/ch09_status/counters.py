@@ -10,22 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Arm,
-    Counters,
-    Feature,
-    GetStatus,
-    Hello,
-    Message,
-    Mute,
-    Phases,
-    Play,
-    StateChanged,
-    Status,
-    StatusReply,
-    Trace,
-    TraceMode,
-)
+from haptogram_protocol import messages as m
 
 from ...case import Depth, case
 from ...client import malformed_frames
@@ -46,9 +31,9 @@ _SEQUENCE: Final = 4
 _LEASE_MS: Final = 20
 _GAP: Final = 7
 _WINDOW_US: Final = 100_000
-_TRACES: Final = Feature.TRACE | Feature.CONFIG
-_RING: Final = Feature.TRACE_RING | Feature.CONFIG
-_FLOODS: Final = Feature.TRACE_DRIVE | Feature.SEQUENCE_PHASES | Feature.CONFIG
+_TRACES: Final = m.Feature.TRACE | m.Feature.CONFIG
+_RING: Final = m.Feature.TRACE_RING | m.Feature.CONFIG
+_FLOODS: Final = m.Feature.TRACE_DRIVE | m.Feature.SEQUENCE_PHASES | m.Feature.CONFIG
 _MANY_MARGINS: Final = 300  # margins of 9.9 s: their sum needs more than 31 bits
 _STORED: Final = 5
 _AHEAD_US: Final = 400_000
@@ -65,7 +50,7 @@ def counters_begin_at_0(board: BoardClient) -> None:
     due = {"frames": 2 + heard, "requests": 2, "repeated": heard}
     if board.link.knocks:  # and may have heard one from its middle on
         due |= {name: getattr(first, name) for name in ("crc", "cobs", "short")}
-    values = {name: getattr(first, name) for name in Counters.WIRE}
+    values = {name: getattr(first, name) for name in m.Counters.WIRE}
     wrong = {name: value for name, value in values.items() if value != due.get(name, 0)}
     check(not wrong, f"after a reset, HELLO and GET_STATUS: {wrong}")
     _check_nothing_clears_counters(board)
@@ -97,12 +82,14 @@ def _counts_of_junk(board: BoardClient) -> Iterator[tuple[str, Callable[[], byte
     """Yield counters with a short frame that each counts and no answer tells of."""
     link, used = board.link, board.link.stream_next - 1
     damaged = malformed_by_counter(link)
-    damaged["duplicate"] = link.stream_raw(Phases.TYPE, b"", seq=used)
-    damaged["stale_session"] = link.stream_raw(Phases.TYPE, b"", seq=used, session=link.session ^ 1)
+    damaged["duplicate"] = link.stream_raw(m.Phases.TYPE, b"", seq=used)
+    damaged["stale_session"] = link.stream_raw(
+        m.Phases.TYPE, b"", seq=used, session=link.session ^ 1
+    )
     for counter in ("crc", "cobs", "short", "duplicate", "stale_session", "unknown_type"):
         yield counter, partial(damaged.__getitem__, counter)
-    yield "bad_length", partial(link.stream_raw, Phases.TYPE, b"")
-    yield "unsupported", partial(link.stream_raw, Phases.TYPE, b"", flags=0x40)
+    yield "bad_length", partial(link.stream_raw, m.Phases.TYPE, b"")
+    yield "unsupported", partial(link.stream_raw, m.Phases.TYPE, b"", flags=0x40)
 
 
 def _count_much_junk(board: BoardClient, number: int) -> None:
@@ -132,7 +119,7 @@ def every_counter_of_66000(board: BoardClient) -> None:
 def every_request_leaves_event_numbers(board: BoardClient) -> None:
     """behind every request, refusal and repeated HELLO events and stream frames go on by 1"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    since, names = board.arm(trace_mode=TraceMode.CRC), ["ARM"]
+    since, names = board.arm(trace_mode=m.TraceMode.CRC), ["ARM"]
     before = board.status().counters
     latch_now(board)
     for name, send in _requests_at_events(board):
@@ -141,7 +128,7 @@ def every_request_leaves_event_numbers(board: BoardClient) -> None:
         board.arm()
         latch_now(board)
     board.check_counted(before, "stream frames without a gap", {"gap": 0, "duplicate": 0})
-    latches = [trace.index for _, trace in board.link.events(Trace, since)]
+    latches = [trace.index for _, trace in board.link.events(m.Trace, since)]
     for place, (one, two) in enumerate(itertools.pairwise(latches)):
         check_equal(two, one + 1, f"behind {names[place + 1]}: stream frames {one}, then {two}")
     judge_event_numbers(board, board.wire.received[since:])
@@ -150,9 +137,9 @@ def every_request_leaves_event_numbers(board: BoardClient) -> None:
 
 def _requests_at_events(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield what sends each request that is carried out or refused, and HELLO again, by name."""
-    messages: list[Message] = [*valid_requests_to_send(board, _SEQUENCE), Mute()]
+    messages: list[m.Message] = [*valid_requests_to_send(board, _SEQUENCE), m.Mute()]
     for message in messages:
-        if not isinstance(message, Play):
+        if not isinstance(message, m.Play):
             yield message.TYPE.name, partial(board.link.ask, message)
         again = partial(board.hello, board.link.session)
         yield f"HELLO again, behind {message.TYPE.name}", again
@@ -164,14 +151,14 @@ def _requests_at_events(board: BoardClient) -> Iterator[tuple[str, Callable[[], 
 def every_request_leaves_the_ring(board: BoardClient) -> None:
     """the ring keeps its latches over every request, MUTE, timer and HELLO again of the session"""
     send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
-    board.arm(trace_mode=TraceMode.RING)
+    board.arm(trace_mode=m.TraceMode.RING)
     latch_random(board, 3)
     before = read_ring(board, 0, 3).records
     check_equal(len(before), 3, f"the ring holds {len(before)} of 3 latches")
     for name, happen in _counter_preserving_events(board):
         if not name.startswith("a new session"):
             happen()
-            board.configure(trace_mode=TraceMode.RING)
+            board.configure(trace_mode=m.TraceMode.RING)
             check_equal(read_ring(board, 0, 3).records, before, f"the ring after {name}")
 
 
@@ -199,7 +186,7 @@ def _counter_preserving_events(board: BoardClient) -> Iterator[tuple[str, Callab
     yield "MUTE without a session", partial(board.mute, session=0)
     yield "a new session while MUTED", board.hello
     yield "ARM while MUTED", board.arm
-    if board.has(Feature.CONFIG):
+    if board.has(m.Feature.CONFIG):
         yield "the lease", partial(_run_out_lease, board)
     yield "a new session behind a timer", board.hello
 
@@ -216,9 +203,9 @@ def _move_all_counters(board: BoardClient) -> None:
         before = board.check_counters_kept(before, f"a new session and frames {drop.summary}")
     board.link.send(*malformed_frames.malformed_by_counter(board.link).values())
     board.link.stream_next += _GAP
-    board.link.send(board.link.stream_raw(Phases.TYPE, b""))
+    board.link.send(board.link.stream_raw(m.Phases.TYPE, b""))
     board.hello(board.link.session)
-    if board.has(Feature.CONFIG):
+    if board.has(m.Feature.CONFIG):
         board.arm(late_window_us=_WINDOW_US)
         board.link.stream(board.flat_phases(), board.late_time_us(_WINDOW_US // 2))
         board.clock.wait_latched()
@@ -229,11 +216,11 @@ def _move_all_counters(board: BoardClient) -> None:
 
 def _run_out_lease(board: BoardClient) -> None:
     board.arm(host_timeout_ms=_LEASE_MS)
-    board.link.await_event(StateChanged, board.link.mark(), (_LEASE_MS + 200) * _MS)
+    board.link.await_event(m.StateChanged, board.link.mark(), (_LEASE_MS + 200) * _MS)
     board.configure()
 
 
-def _send_ahead(board: BoardClient, good: Message, ahead_us: Sequence[int]) -> int:
+def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> int:
     """Send frames so far ahead of now, and return the time that this was."""
     base_us = board.clock.device_us()
     board.link.send(*(board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us))
@@ -241,7 +228,7 @@ def _send_ahead(board: BoardClient, good: Message, ahead_us: Sequence[int]) -> i
 
 
 def _check_margins(
-    status: StatusReply, number: int, least_us: int, mean_us: int, later_us: int
+    status: m.StatusReply, number: int, least_us: int, mean_us: int, later_us: int
 ) -> None:
     check_fields(status, "STATUS_REPLY", margins=number)
     for name, got, due in (
@@ -252,7 +239,7 @@ def _check_margins(
         check(is_due, f"{name} is {got}, due is {due} less at most {later_us}")
 
 
-def _judge_margins_of(board: BoardClient, good: Message, margins: Sequence[int]) -> None:
+def _judge_margins_of(board: BoardClient, good: m.Message, margins: Sequence[int]) -> None:
     """FAILED unless STATUS tells of frames with these margins, once, and of none before them."""
     board.hello()
     board.arm()
@@ -319,8 +306,10 @@ def every_request_keeps_margins(board: BoardClient) -> None:
     """margins outlive every request but GET_STATUS: a new session, MUTE, PLAY and all the others"""
     board.require_no_status()
     send_phases_to_store_if_supported(board, _STORED, frames=2)
-    messages = [m for m in valid_requests_to_send(board, _STORED) if not isinstance(m, GetStatus)]
-    every: list[Message] = [Mute(), Arm(), *messages, board.hello_message(board.new_nonce())]
+    messages = [
+        one for one in valid_requests_to_send(board, _STORED) if not isinstance(one, m.GetStatus)
+    ]
+    every: list[m.Message] = [m.Mute(), m.Arm(), *messages, board.hello_message(board.new_nonce())]
     try:
         _check_margins_behind(board, every)
     except CaseEndedError:
@@ -330,7 +319,7 @@ def every_request_keeps_margins(board: BoardClient) -> None:
         raise
 
 
-def _check_margins_behind(board: BoardClient, messages: list[Message]) -> None:
+def _check_margins_behind(board: BoardClient, messages: list[m.Message]) -> None:
     """FAILED unless the margins of three frames are those sent, behind *messages*."""
     board.hello()
     board.arm()
@@ -340,7 +329,7 @@ def _check_margins_behind(board: BoardClient, messages: list[Message]) -> None:
     board.link.barrier()
     passed_us = board.clock.ready_us(board.clock.device_us() - base_us)
     for message in messages:
-        if isinstance(message, Hello):
+        if isinstance(message, m.Hello):
             board.hello()
         else:
             board.link.ask_at_once(message)
@@ -363,7 +352,7 @@ def every_dropped_margin(board: BoardClient) -> None:
         board.mute()
 
 
-@case("HG-9.3/1-status", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-9.3/1-status", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def every_status_restarts_margins(board: BoardClient) -> None:
     """the margins begin anew with STATUS as with STATUS_REPLY: of frames before it nothing is
     left
@@ -373,9 +362,9 @@ def every_status_restarts_margins(board: BoardClient) -> None:
     since = board.link.mark()
     board.link.stream(board.flat_phases(), board.clock.ahead_us(_AHEAD_US))
     timeout_us = 3000 * board.quick_status_ms
-    board.due_event(Status, since, timeout_us)
-    board.due_event(Status, board.link.mark(), timeout_us)
+    board.due_event(m.Status, since, timeout_us)
+    board.due_event(m.Status, board.link.mark(), timeout_us)
     # The frame may have come behind the first one; it is told of once.
-    told = [status.margins for _, status in board.link.events(Status, since)]
+    told = [status.margins for _, status in board.link.events(m.Status, since)]
     told.append(board.status().margins)
     check(sum(told) == 1, f"one frame was sent; the margins of STATUS tell of {told} frames")

@@ -7,18 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Arm,
-    Disarm,
-    Feature,
-    LatchKey,
-    Message,
-    Mute,
-    Play,
-    Status,
-    StatusReply,
-    TraceMode,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
@@ -65,7 +54,7 @@ _HEADERS_BYTES: Final = 100  # of a PING and two stream frames
 _COUNTED: Final = ("accepted", "latched", "late", "flushed")
 
 
-@case("HG-9.1/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-9.1/1", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def sends_status(board: BoardClient) -> None:
     """in 8.4 periods eight STATUS come; with status_period_ms = 0 none comes"""
     period_ms = board.quick_status_ms
@@ -77,23 +66,23 @@ def sends_status(board: BoardClient) -> None:
     board.configure(status_period_ms=0)
     since = board.link.mark()
     board.wire.idle(200 * _MS)
-    check(not board.link.events(Status, since), "STATUS comes although status_period_ms is 0")
+    check(not board.link.events(m.Status, since), "STATUS comes although status_period_ms is 0")
 
 
-@case("HG-9.1/3", needs=Feature.CONFIG, evidence=SELF_REPORTED)
+@case("HG-9.1/3", needs=m.Feature.CONFIG, evidence=SELF_REPORTED)
 def status_of_one_moment(board: BoardClient) -> None:
     """in STATUS and STATUS_REPLY amid a stream both sums hold: of frames, and of accepted"""
     board.arm(status_period_ms=board.quick_status_ms)
     good = board.shortest_stream()
     since = board.link.mark()
-    found: list[StatusReply | Status] = [board.status()]
+    found: list[m.StatusReply | m.Status] = [board.status()]
     for _ in range(_ROUNDS):
         t_us = board.clock.soon_us(bytes(1000), ahead_us=_MS)
         for number in range(3):
             board.link.stream(good, t_us + number * _MS)
             found.append(board.status())
         board.clock.wait_until(t_us + 2 * _MS)
-    found += [event for _, event in board.link.events(Status, since)]
+    found += [event for _, event in board.link.events(m.Status, since)]
     for status in found:
         counted = counter_steps(found[0].counters, status.counters)
         parts = {name: counted[name] for name in PARTS_OF_FRAMES if counted[name]}
@@ -120,40 +109,40 @@ def status_begins_with_nothing(board: BoardClient) -> None:
         board.arm()
 
 
-@case("HG-9.1/2-playback", needs=Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
+@case("HG-9.1/2-playback", needs=m.Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED)
 def every_playback_last_seq(board: BoardClient) -> None:
     """a playback moves last_latch_us and not last_seq, which is of the last stream frame"""
     stored = _last_stored_frame(board)
     paths = list(_paths_of_latches(board))
     board.arm()
     for path in (paths[0], *(path for path in paths if path.plays), paths[0]):
-        _judge_latch_on_path(board, path, stored, TraceMode.OFF, path.name)
+        _judge_latch_on_path(board, path, stored, m.TraceMode.OFF, path.name)
 
 
 def _read_last_latch(board: BoardClient) -> dict[str, object]:
     """Return what status and read-back tell of the last latch, by its name."""
     status = board.status()
     told: dict[str, object] = {"seq": status.last_seq, "latch_us": status.last_latch_us}
-    return told | ({"read": read_back(board).reply} if board.has(Feature.READ_LATCHED) else {})
+    return told | ({"read": read_back(board).reply} if board.has(m.Feature.READ_LATCHED) else {})
 
 
 def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield what a host or a timer does that latches nothing; the board is ARMED and sounding."""
     ask, stream, frame = board.link.ask, board.link.stream, board.flat_phases(9)
     for message in valid_requests_to_send(board, _SEQUENCE):
-        if not isinstance(message, Play | Disarm):
+        if not isinstance(message, m.Play | m.Disarm):
             yield message.TYPE.name, partial(ask, message)
     yield "a frame for later", lambda: stream(frame, board.clock.ahead_us(_FAR_US))
     yield "a late frame", lambda: stream(frame, board.clock.device_us() - _FAR_US)
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         wait = partial(play_later, loops=1, unattended_ms=5000)
         yield "a playback that waits", partial(wait, board, _SEQUENCE, 3_000_000)
         yield "STOP before its start", board.stop
-    if board.has(Feature.CORRECTION):
+    if board.has(m.Feature.CORRECTION):
         yield "a correction", partial(upload_correction, board)
-    if board.has(Feature.CONFIG):
+    if board.has(m.Feature.CONFIG):
         yield "the hold that mutes", partial(_run_out_hold, board)
-    for last in (Mute(), Arm(), Disarm()):
+    for last in (m.Mute(), m.Arm(), m.Disarm()):
         yield last.TYPE.name, partial(ask, last)
 
 
@@ -180,7 +169,7 @@ def every_latchless_event(board: BoardClient) -> None:
     index = board.link.stream_next
     latch_random(board, 1)
     _check_last_latch_stays(board, "a stream frame")
-    if not board.has(Feature.SEQUENCE_PHASES):
+    if not board.has(m.Feature.SEQUENCE_PHASES):
         return
     for ended in ("by itself", "by STOP"):
         board.arm()
@@ -191,9 +180,9 @@ def every_latchless_event(board: BoardClient) -> None:
             let_play(board, 5)
             board.stop()
         board.check_status("after a playback", last_seq=index)
-        if board.has(Feature.READ_LATCHED):
+        if board.has(m.Feature.READ_LATCHED):
             key = read_back(board).reply.key
-            due = LatchKey(_SEQUENCE, 2 if ended == "by itself" else key.loop, 0)
+            due = m.LatchKey(_SEQUENCE, 2 if ended == "by itself" else key.loop, 0)
             check_equal(key, due, f"the key after passes of 1 frame, ended {ended}")
         _check_last_latch_stays(board, f"a playback that ended {ended}")
 
@@ -216,7 +205,7 @@ class _Path:
     """
 
     name: str
-    latch: Callable[[BoardClient, Message], object]
+    latch: Callable[[BoardClient, m.Message], object]
     counted: tuple[int, int, int, int] = (1, 1, 0, 0)
     plays: bool = False
 
@@ -225,7 +214,7 @@ class _Path:
 class _LastLatch:
     """Key and phase codes of the last latch of a path; its amplitudes are 255."""
 
-    key: LatchKey
+    key: m.LatchKey
     registers: bytes
 
 
@@ -234,16 +223,16 @@ def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch
     registers = board.random_registers()
     path.latch(board, board.phases(registers))
     if path.plays:
-        return _LastLatch(LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), stored)
-    return _LastLatch(LatchKey(0, 0, board.link.stream_next - 1), registers)
+        return _LastLatch(m.LatchKey(_SEQUENCE, _LOOPS - 1, _FRAMES - 1), stored)
+    return _LastLatch(m.LatchKey(0, 0, board.link.stream_next - 1), registers)
 
 
-def _latch_late(board: BoardClient, frame: Message) -> None:
+def _latch_late(board: BoardClient, frame: m.Message) -> None:
     board.link.stream(frame, board.late_time_us(_LATE_US))
     board.clock.wait_latched()
 
 
-def _latch_and_replace(board: BoardClient, frame: Message) -> None:
+def _latch_and_replace(board: BoardClient, frame: m.Message) -> None:
     """Latch the later of two frames that fall on one carrier period."""
     period_us = board.clock.carrier_us
     t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(frame.serialize())))
@@ -252,19 +241,19 @@ def _latch_and_replace(board: BoardClient, frame: Message) -> None:
     board.clock.wait_until(t_us + 2 * period_us)
 
 
-def _latch_and_flush(board: BoardClient, frame: Message) -> None:
+def _latch_and_flush(board: BoardClient, frame: m.Message) -> None:
     """Latch at once a frame that flushes one for later."""
     board.link.stream(board.flat_phases(), board.clock.ahead_us(2_000_000))
     latch_now(board, frame)
 
 
-def _play_at_once(board: BoardClient, _: Message) -> None:
+def _play_at_once(board: BoardClient, _: m.Message) -> None:
     since = board.link.mark()
     play_now(board, _SEQUENCE, loops=_LOOPS)
     _await_end(board, since)
 
 
-def _play_in_time(board: BoardClient, _: Message) -> None:
+def _play_in_time(board: BoardClient, _: m.Message) -> None:
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(500), ahead_us=5 * _MS)
     play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
@@ -281,20 +270,20 @@ def _paths_of_latches(board: BoardClient) -> Iterator[_Path]:
     """Yield every path to a latch that the board has."""
     yield _Path("a frame latched at once", latch_now)
     yield _Path("a frame latched in time", latch_in_time)
-    if board.has(Feature.CONFIG):
+    if board.has(m.Feature.CONFIG):
         yield _Path("a late frame", _latch_late, (1, 1, 1, 0))
     if board.clock.carrier_us > 1:
         yield _Path("a frame that replaces another", _latch_and_replace, (2, 1, 0, 1))
     yield _Path("a frame that flushes another", _latch_and_flush, (2, 1, 0, 1))
     frames, most = _LOOPS * _FRAMES, most_periods_to_play(board, period_to_play(board))
-    if board.has(Feature.SEQUENCE_PHASES) and most > frames:
+    if board.has(m.Feature.SEQUENCE_PHASES) and most > frames:
         for name, play in (("at once", _play_at_once), ("in time", _play_in_time)):
             yield _Path(f"a sequence played {name}", play, (0, frames, 0, 0), plays=True)
 
 
 def _last_stored_frame(board: BoardClient) -> bytes:
     """Store a sequence where the board takes any; return its last frame."""
-    if not board.has(Feature.SEQUENCE_PHASES):
+    if not board.has(m.Feature.SEQUENCE_PHASES):
         return b""
     return send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)[-1]
 
@@ -306,8 +295,8 @@ def _last_stored_frame(board: BoardClient) -> bytes:
 def every_latch_changes_the_status(board: BoardClient) -> None:
     """a latch of every path, the first and later: counters, last_seq, time, key, codes, LATE"""
     stored = _last_stored_frame(board)
-    can_configure = board.has(Feature.CONFIG)
-    for mode in trace_modes(board, *TraceMode) if can_configure else [TraceMode.OFF]:
+    can_configure = board.has(m.Feature.CONFIG)
+    for mode in trace_modes(board, *m.TraceMode) if can_configure else [m.TraceMode.OFF]:
         if can_configure:
             board.configure(trace_mode=mode, late_window_us=_WINDOW_US)
         for order in ("the first of a session", "behind another latch"):
@@ -320,7 +309,7 @@ def every_latch_changes_the_status(board: BoardClient) -> None:
 
 
 def _judge_latch_on_path(
-    board: BoardClient, path: _Path, stored: bytes, mode: TraceMode, text: str
+    board: BoardClient, path: _Path, stored: bytes, mode: m.TraceMode, text: str
 ) -> None:
     """FAILED unless status, read-back and trace tell of a latch on a path; see _latch_on_path."""
     before, since = board.status(), board.link.mark()
@@ -328,14 +317,14 @@ def _judge_latch_on_path(
     after = board.status()
     _check_status(before, after, path, last, text)
     _check_drives(board, after, last, text)
-    if mode is not TraceMode.OFF:
+    if mode is not m.TraceMode.OFF:
         latches = latches_received_from_board(board, since, mode)
         last_us = board.clock.unwrap(after.last_latch_us)
         _check_traces(latches, path, last, last_us, text)
 
 
 def _check_status(
-    before: StatusReply, after: StatusReply, path: _Path, last: _LastLatch, text: str
+    before: m.StatusReply, after: m.StatusReply, path: _Path, last: _LastLatch, text: str
 ) -> None:
     index = before.last_seq if path.plays else last.key.index
     check_fields(after, f"{text}: STATUS_REPLY", last_seq=index)
@@ -345,7 +334,7 @@ def _check_status(
     check_equal(tuple(steps[name] for name in _COUNTED), path.counted, f"{text}: {_COUNTED} count")
 
 
-def _check_drives(board: BoardClient, after: StatusReply, last: _LastLatch, text: str) -> None:
+def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, text: str) -> None:
     for kind in drive_kinds(board):
         due = {"key": last.key, "t_latch_us": after.last_latch_us}
         due |= {"data": full_client_drive(last.registers)}
@@ -362,7 +351,7 @@ def _check_traces(
     check_fields(new[-1], f"{text}: the last trace", key=last.key, t_us=last_us)
 
 
-@case("HG-12.3/1-latches", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-12.3/1-latches", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def every_latch_restarts_the_hold(board: BoardClient) -> None:
     """a latch of every path begins the hold anew: it ends hold_ms behind the last latch"""
     stored = _last_stored_frame(board)

@@ -4,16 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Feature,
-    GetGeometry,
-    PlaybackEnded,
-    StateChanged,
-    Status,
-    TraceDrive,
-    TraceMode,
-    TracePlayback,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case
@@ -29,13 +20,13 @@ from ...client.request_client import LONGEST_BURST_BYTES
 from ...judge.events import judge_event_numbers
 from ...outcome import SELF_REPORTED, check
 
-_PLAYED: Final = Feature.SEQUENCE_PHASES | Feature.CONFIG
+_PLAYED: Final = m.Feature.SEQUENCE_PHASES | m.Feature.CONFIG
 _ASKED: Final = 40
 _MS: Final = 1000
 _SEQUENCE: Final = 2
 _SILENT_MS: Final = 8000  # STATUS of 50 ms are more than a board has room for
 _TRACED_US: Final = 10_000
-_TRACES: Final = (TraceMode.CRC, TraceMode.DRIVE)
+_TRACES: Final = (m.TraceMode.CRC, m.TraceMode.DRIVE)
 _STATUS_TOLD: Final = 4  # STATUS while the uplink is full
 
 
@@ -50,7 +41,7 @@ def free_bytes_are_free(board: BoardClient) -> None:
         board.wire.idle_while_sending()
 
 
-@case("HG-9.5/1", needs=_PLAYED | Feature.TRACE_DRIVE)
+@case("HG-9.5/1", needs=_PLAYED | m.Feature.TRACE_DRIVE)
 def uplink_keeps_event_numbers(board: BoardClient) -> None:
     """events count up without a gap, even where traces were dropped at the board"""
     since = board.link.mark()
@@ -67,7 +58,7 @@ def only_traces_give_way(board: BoardClient) -> None:
         _flood_uplink(board, mode)
 
 
-def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
+def _flood_uplink(board: BoardClient, mode: m.TraceMode) -> None:
     """Let a playback fill the uplink until the unattended time mutes the board, then read it."""
     period_ms = board.quick_status_ms
     board.configure(trace_mode=mode, status_period_ms=period_ms)
@@ -82,12 +73,12 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
     play_now(board, _SEQUENCE, loops=0, period_us=period_us, unattended_ms=alone_ms)
     board.wire.look_away((alone_ms + 5) * _MS)
     timeout_us = 20 * alone_ms * _MS
-    for event in (StateChanged, PlaybackEnded):
+    for event in (m.StateChanged, m.PlaybackEnded):
         board.due_event(event, since, timeout_us, f"trace {mode.name}, a full uplink")
     board.link.barrier()
     dropped = board.counted_since(before)["trace_dropped"]
     name = f"trace {mode.name}, {dropped} traces dropped"
-    found = board.link.events(Status, since)
+    found = board.link.events(m.Status, since)
     end_us = start_us + alone_ms * _MS
     told = [t for header, _ in found if (t := board.clock.unwrap(header.time_us)) <= end_us]
     due = (end_us - start_us) // (period_ms * _MS)
@@ -96,31 +87,31 @@ def _flood_uplink(board: BoardClient, mode: TraceMode) -> None:
 
 
 # the buffers of an operating system take seconds to fill
-@case("HG-9.5/1-full", needs=Feature.CONFIG, evidence=SELF_REPORTED, wall_depth=Depth.FULL)
+@case("HG-9.5/1-full", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, wall_depth=Depth.FULL)
 def full_uplink_keeps_numbers(board: BoardClient) -> None:
     """a host reads nothing until no event finds room: numbers of every kind go on without a gap"""
-    plays = board.has(Feature.SEQUENCE_PHASES)
+    plays = board.has(m.Feature.SEQUENCE_PHASES)
     if plays:
         send_phases_that_fit(board, _SEQUENCE, frames=2)
     for state in (OutputState.DISARMED, OutputState.ARMED):
-        _fill_uplink(board, state, TraceMode.OFF)
+        _fill_uplink(board, state, m.TraceMode.OFF)
     for mode in trace_modes(board, *_TRACES) if plays else ():
         _fill_uplink(board, OutputState.ARMED, mode)
 
 
-def _fill_uplink(board: BoardClient, state: OutputState, mode: TraceMode) -> None:
+def _fill_uplink(board: BoardClient, state: OutputState, mode: m.TraceMode) -> None:
     """Let STATUS fill the uplink, then a timer mute the board; FAILED if a number is left out.
 
     With a trace a sequence plays meanwhile.
     """
     period_ms, alone_ms = board.quick_status_ms, _SILENT_MS
-    if mode is not TraceMode.OFF:
+    if mode is not m.TraceMode.OFF:
         alone_ms = min(alone_ms, board.identity.max_unattended_ms)
     board.hello()
     board.configure(trace_mode=mode, status_period_ms=period_ms, host_timeout_ms=alone_ms)
     board.bring_to(state)
     since, before = board.link.mark(), board.status().counters
-    if mode is not TraceMode.OFF:
+    if mode is not m.TraceMode.OFF:
         play_now(board, _SEQUENCE, loops=0, period_us=_TRACED_US, unattended_ms=alone_ms)
     board.wire.look_away((_SILENT_MS + 5 * period_ms) * _MS)
     board.link.barrier()
@@ -128,10 +119,10 @@ def _fill_uplink(board: BoardClient, state: OutputState, mode: TraceMode) -> Non
     counted, pieces = board.counted_since(before), board.wire.received[since:]
     name = f"{state.name}, trace {mode.name}, the host reads again"
     judge_event_numbers(board, pieces, name)
-    traces = sum(isinstance(piece.message, TracePlayback | TraceDrive) for piece in pieces)
+    traces = sum(isinstance(piece.message, m.TracePlayback | m.TraceDrive) for piece in pieces)
     latched, dropped = counted["latched"], counted["trace_dropped"]
     text = f"{name}: {latched} latches, {dropped} traces dropped; {traces} traces came"
-    check(mode is TraceMode.OFF or traces == latched - dropped, text)
+    check(mode is m.TraceMode.OFF or traces == latched - dropped, text)
     expected = OutputState.MUTED if state is OutputState.ARMED else state
     board.check_status(f"{name}: behind a silence of {_SILENT_MS} ms", state=expected)
 
@@ -139,7 +130,7 @@ def _fill_uplink(board: BoardClient, state: OutputState, mode: TraceMode) -> Non
 @case("HG-9.6/1", depth=Depth.DEFAULT)
 def bounds_its_uplink(board: BoardClient) -> None:
     """40 GET_GEOMETRY without a pause: whole frames come, then the board answers as before"""
-    wires = [board.link.request_wire(GetGeometry(0, 0xFFFF))[0] for _ in range(_ASKED)]
+    wires = [board.link.request_wire(m.GetGeometry(0, 0xFFFF))[0] for _ in range(_ASKED)]
     since = board.link.mark()
     board.link.send(*wires)
     board.wire.idle(board.wire.period_us(_ASKED * 4200))

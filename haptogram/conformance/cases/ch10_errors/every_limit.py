@@ -7,24 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Final, TypeAlias
 
-from haptogram_protocol.messages import (
-    Config,
-    ConfigReply,
-    DriveKind,
-    ErrorCode,
-    Feature,
-    Flag,
-    GetConfig,
-    GetGeometry,
-    Message,
-    Play,
-    ReadDrive,
-    SetConfig,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import CONFIG_BOUNDS
 
 from ...case import Case, Depth, case
@@ -43,12 +26,12 @@ _HALF: Final = 1 << 31
 _SPARE_US: Final = 1 << 22  # more than a slow line takes for all of these frames
 _WIDTHS: Final[dict[str, int]] = {
     name: 8 * field.size
-    for kind in (Config, GetGeometry, Play, UploadBegin, UploadChunk)
+    for kind in (m.Config, m.GetGeometry, m.Play, m.UploadBegin, m.UploadChunk)
     for name, field in kind.WIRE.items()
 }
 
 #: A request beyond a limit: name of the value, request, code and detail of its refusal, header.
-_Beyond: TypeAlias = tuple[str, Message, ErrorCode, int | None, dict[str, Any]]
+_Beyond: TypeAlias = tuple[str, m.Message, m.ErrorCode, int | None, dict[str, Any]]
 
 
 def _values_beyond(least: int, most: int, bits: int) -> list[int]:
@@ -73,8 +56,8 @@ def _settings_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
             if name == "status_period_ms" and value == 0:
                 continue  # none
             changes: dict[str, Any] = {name: value}
-            wrong = SetConfig(dataclasses.replace(board.config, **changes))
-            yield f"{name} = {value}", wrong, ErrorCode.BAD_VALUE, Config.WIRE[name].offset, {}
+            wrong = m.SetConfig(dataclasses.replace(board.config, **changes))
+            yield f"{name} = {value}", wrong, m.ErrorCode.BAD_VALUE, m.Config.WIRE[name].offset, {}
 
 
 def _sizes_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
@@ -85,29 +68,29 @@ def _sizes_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
         for frames in _values_beyond(1, form.most_frames(board), _WIDTHS["size"]):
             if 0 < frames * unit < 1 << _WIDTHS["size"]:
                 name = f"{frames} frames of {form.kind.name}, {unit} bytes each"
-                yield name, form.request(frames * unit), ErrorCode.TOO_LARGE, None, {}
+                yield name, form.request(frames * unit), m.ErrorCode.TOO_LARGE, None, {}
 
 
 def _targets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    offset = UploadBegin.WIRE["target"].offset
+    offset = m.UploadBegin.WIRE["target"].offset
     for target in _values_beyond(0, 0, _WIDTHS["target"]):
-        begin = UploadBegin(UploadKind.CORRECTION, 0, target, board.identity.transducers, 0)
-        yield f"a correction for {target:#06x}", begin, ErrorCode.BAD_VALUE, offset, {}
+        begin = m.UploadBegin(m.UploadKind.CORRECTION, 0, target, board.identity.transducers, 0)
+        yield f"a correction for {target:#06x}", begin, m.ErrorCode.BAD_VALUE, offset, {}
 
 
 def _offsets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
     size = _begin_upload_with_limits(board)
     for offset in _values_beyond(0, size - 1, _WIDTHS["offset"]):
         for length in (1, 2):
-            chunk = UploadChunk(offset, bytes(length))
-            yield f"{length} bytes at {offset} of {size}", chunk, ErrorCode.BAD_VALUE, 0, {}
+            chunk = m.UploadChunk(offset, bytes(length))
+            yield f"{length} bytes at {offset} of {size}", chunk, m.ErrorCode.BAD_VALUE, 0, {}
 
 
 def _commits_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
     _begin_upload_with_limits(board)
     for target in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["target"]):
-        commit = UploadCommit(target)
-        yield f"a commit of {target:#06x} for 5", commit, ErrorCode.BAD_VALUE, 0, {}
+        commit = m.UploadCommit(target)
+        yield f"a commit of {target:#06x} for 5", commit, m.ErrorCode.BAD_VALUE, 0, {}
 
 
 def _begin_upload_with_limits(board: BoardClient) -> int:
@@ -119,16 +102,16 @@ def _begin_upload_with_limits(board: BoardClient) -> int:
 
 
 def _elements_beyond_limits(
-    make: Callable[[int, int], Message], board: BoardClient
+    make: Callable[[int, int], m.Message], board: BoardClient
 ) -> Iterator[_Beyond]:
     count = board.identity.transducers
     for first in _values_beyond(0, count - 1, _WIDTHS["first"]):
         for number in (1, 0xFFFF):
             name = f"{number} from {first} of {count}"
-            yield name, make(first, number), ErrorCode.NOT_FOUND, count, {}
+            yield name, make(first, number), m.ErrorCode.NOT_FOUND, count, {}
 
 
-def _play_within_limits(board: BoardClient) -> Play:
+def _play_within_limits(board: BoardClient) -> m.Play:
     """Return a PLAY that an ARMED board carries out."""
     send_phases_to_store(board, _SEQUENCE, frames=1)
     board.arm()
@@ -140,13 +123,13 @@ def _sequences_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
     for sequence in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["sequence"]):
         if sequence not in SEQUENCES:
             wrong = dataclasses.replace(right, sequence=sequence)
-            header = {"flags": int(Flag.IMMEDIATE)}
-            yield f"sequence {sequence:#06x}", wrong, ErrorCode.NOT_FOUND, None, header
+            header = {"flags": int(m.Flag.IMMEDIATE)}
+            yield f"sequence {sequence:#06x}", wrong, m.ErrorCode.NOT_FOUND, None, header
 
 
 def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    right, identity, bad = _play_within_limits(board), board.identity, ErrorCode.BAD_VALUE
-    header = {"flags": int(Flag.IMMEDIATE)}
+    right, identity, bad = _play_within_limits(board), board.identity, m.ErrorCode.BAD_VALUE
+    header = {"flags": int(m.Flag.IMMEDIATE)}
     bounds = {
         "period_us": (least_period_us(board), (1 << _WIDTHS["period_us"]) - 1),
         "unattended_ms": (1, identity.max_unattended_ms),
@@ -155,7 +138,7 @@ def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
         for value in _values_beyond(least, most, _WIDTHS[name]):
             changes: dict[str, Any] = {name: value}
             wrong = dataclasses.replace(right, **changes)
-            yield f"{name} = {value}", wrong, bad, Play.WIRE[name].offset, header
+            yield f"{name} = {value}", wrong, bad, m.Play.WIRE[name].offset, header
     for off_us in _times_beyond_limits(board):
         time_us = board.clock.device_us() + off_us
         yield f"a start {off_us} µs from now", right, bad, 0, {"time_us": time_us}
@@ -170,32 +153,37 @@ def _times_beyond_limits(board: BoardClient) -> list[int]:
 
 
 _DRIVES_BEYOND_LIMITS: Final = partial(
-    _elements_beyond_limits, partial(ReadDrive, DriveKind.LATCHED)
+    _elements_beyond_limits, partial(m.ReadDrive, m.DriveKind.LATCHED)
 )
 _REQUESTS: Final[
-    tuple[tuple[str, Feature, str, Callable[[BoardClient], Iterator[_Beyond]]], ...]
+    tuple[tuple[str, m.Feature, str, Callable[[BoardClient], Iterator[_Beyond]]], ...]
 ] = (
-    ("HG-7.1/1", Feature.CONFIG, "settings", _settings_beyond_limits),
-    ("HG-7.2/1", Feature.SEQUENCE_PHASES, "uploads of sizes", _sizes_beyond_limits),
-    ("HG-7.2/3", Feature.CORRECTION, "targets of a correction", _targets_beyond_limits),
-    ("HG-7.3/4", Feature.SEQUENCE_PHASES, "offsets of a chunk", _offsets_beyond_limits),
-    ("HG-7.4/4", Feature.SEQUENCE_PHASES, "targets of a commit", _commits_beyond_limits),
-    ("HG-7.5/2", Feature(0), "first transducers", partial(_elements_beyond_limits, GetGeometry)),
-    ("HG-7.6/1", Feature.SEQUENCE_PHASES, "sequences of PLAY", _sequences_beyond_limits),
-    ("HG-7.6/2", Feature.SEQUENCE_PHASES, "periods, times, starts", _playbacks_beyond_limits),
-    ("HG-8.6/2", Feature.READ_LATCHED, "first transducers", _DRIVES_BEYOND_LIMITS),
+    ("HG-7.1/1", m.Feature.CONFIG, "settings", _settings_beyond_limits),
+    ("HG-7.2/1", m.Feature.SEQUENCE_PHASES, "uploads of sizes", _sizes_beyond_limits),
+    ("HG-7.2/3", m.Feature.CORRECTION, "targets of a correction", _targets_beyond_limits),
+    ("HG-7.3/4", m.Feature.SEQUENCE_PHASES, "offsets of a chunk", _offsets_beyond_limits),
+    ("HG-7.4/4", m.Feature.SEQUENCE_PHASES, "targets of a commit", _commits_beyond_limits),
+    (
+        "HG-7.5/2",
+        m.Feature(0),
+        "first transducers",
+        partial(_elements_beyond_limits, m.GetGeometry),
+    ),
+    ("HG-7.6/1", m.Feature.SEQUENCE_PHASES, "sequences of PLAY", _sequences_beyond_limits),
+    ("HG-7.6/2", m.Feature.SEQUENCE_PHASES, "periods, times, starts", _playbacks_beyond_limits),
+    ("HG-8.6/2", m.Feature.READ_LATCHED, "first transducers", _DRIVES_BEYOND_LIMITS),
 )
 
 
 def _case_of_limits(
-    clause: str, needs: Feature, names: str, beyond: Callable[[BoardClient], Iterator[_Beyond]]
+    clause: str, needs: m.Feature, names: str, beyond: Callable[[BoardClient], Iterator[_Beyond]]
 ) -> Case:
     def body(board: BoardClient) -> None:
-        before = board.link.call(GetConfig(), ConfigReply)
+        before = board.link.call(m.GetConfig(), m.ConfigReply)
         for name, message, code, detail, header in beyond(board):
             with named(name):
                 board.link.refused(message, code, detail, **header)
-        after = board.link.call(GetConfig(), ConfigReply)
+        after = board.link.call(m.GetConfig(), m.ConfigReply)
         check_equal(after, before, "refused requests changed the configuration")
 
     summary = f"{names} beyond a limit by each bit of their field, and the sign, are refused"

@@ -9,28 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
-from haptogram_protocol.messages import (
-    Arm,
-    ConfigReply,
-    Disarm,
-    Error,
-    ErrorCode,
-    Feature,
-    GetConfig,
-    GetGeometry,
-    Message,
-    Play,
-    SetConfig,
-    SetConfigReply,
-    Stop,
-    TraceMode,
-    UploadBegin,
-    UploadChunk,
-    UploadChunkReply,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 
 from ...case import Depth, case, case_about_host
@@ -94,7 +73,16 @@ _AWAY: Final = {
 }
 _ABSENT: Final = 51
 _EVENTS: Final = 2200  # more than 11 bits of event numbers
-_CHANGING: Final = (Arm, Disarm, Stop, Play, SetConfig, UploadBegin, UploadChunk, UploadCommit)
+_CHANGING: Final = (
+    m.Arm,
+    m.Disarm,
+    m.Stop,
+    m.Play,
+    m.SetConfig,
+    m.UploadBegin,
+    m.UploadChunk,
+    m.UploadCommit,
+)
 #: What a configuration itself changes, of what a board holds.
 _BY_CONFIG: Final = ("config_crc", "the configuration", "the radiated drive")
 
@@ -105,18 +93,18 @@ unknown_codes = case_about_host("HG-10.1/3")
 def error_refusals_change_nothing(board: BoardClient) -> None:
     """refused requests leave state, configuration, queue and stream numbers alone"""
     board.arm()
-    config = board.link.call(GetConfig(), ConfigReply)
+    config = board.link.call(m.GetConfig(), m.ConfigReply)
     t_us = board.clock.soon_us(bytes(2000), ahead_us=40_000)
     with board.counting(latched=2):
         board.link.stream(board.flat_phases(), t_us)
-        board.link.refused_raw(0x43, b"\x00", ErrorCode.BAD_LENGTH, 0)
-        board.link.refused_raw(0x43, b"", ErrorCode.UNSUPPORTED, 0x20, flags=0x20)
-        board.link.refused_raw(0x43, b"", ErrorCode.STALE_SESSION, session=board.link.session ^ 3)
-        board.link.refused(GetGeometry(0xFFFF, 1), ErrorCode.NOT_FOUND)
+        board.link.refused_raw(0x43, b"\x00", m.ErrorCode.BAD_LENGTH, 0)
+        board.link.refused_raw(0x43, b"", m.ErrorCode.UNSUPPORTED, 0x20, flags=0x20)
+        board.link.refused_raw(0x43, b"", m.ErrorCode.STALE_SESSION, session=board.link.session ^ 3)
+        board.link.refused(m.GetGeometry(0xFFFF, 1), m.ErrorCode.NOT_FOUND)
         board.clock.wait_until(t_us + 100)
         latch_now(board)
     board.check_status("a refusal", state=OutputState.ARMED)
-    found = board.link.call(GetConfig(), ConfigReply)
+    found = board.link.call(m.GetConfig(), m.ConfigReply)
     check_equal(found, config, "a refusal has changed the configuration")
 
 
@@ -138,7 +126,7 @@ def uses_the_right_error_codes(board: BoardClient) -> None:
     """each refusal of an ARMED board has the code that SPEC.md gives; none is BUSY"""
     send_phases_to_store_if_supported(board, STORED, frames=1)
     board.arm()
-    board.link.refused_raw(0x7B, b"", ErrorCode.UNSUPPORTED, 0x7B)
+    board.link.refused_raw(0x7B, b"", m.ErrorCode.UNSUPPORTED, 0x7B)
     _judge_error_codes(board, requests_refused_while_armed(board))
 
 
@@ -165,7 +153,7 @@ class Situation:
 
     def refusals(self, board: BoardClient) -> Iterator[Refusal]:
         """Yield the requests that are refused in it."""
-        stores = board.has(Feature.SEQUENCE_PHASES)
+        stores = board.has(m.Feature.SEQUENCE_PHASES)
         if self.name == QUEUES:
             yield from requests_refused_while_armed(board)
         else:
@@ -184,13 +172,13 @@ def _set_before_refusal(board: BoardClient) -> None:
     board.hello()
     board.link.stream_next += _GAP  # numbers of more than 16 bits
     board.link.stream(board.shortest_stream(), flags=_UNKNOWN_FLAG)
-    if board.has(Feature.CORRECTION) and not any(board.correction or b""):
+    if board.has(m.Feature.CORRECTION) and not any(board.correction or b""):
         upload_correction(board)
-    if board.has(Feature.CONFIG):
-        louder = {"ramp_ms": 33, "amplitude_ceiling": 77} if board.has(Feature.AMPLITUDE) else {}
-        ring = {"trace_mode": TraceMode.RING} if board.has(Feature.TRACE_RING) else {}
+    if board.has(m.Feature.CONFIG):
+        louder = {"ramp_ms": 33, "amplitude_ceiling": 77} if board.has(m.Feature.AMPLITUDE) else {}
+        ring = {"trace_mode": m.TraceMode.RING} if board.has(m.Feature.TRACE_RING) else {}
         board.configure(**_AWAY, **louder, **ring)
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         _begin_upload_before_refusal(board)
 
 
@@ -204,14 +192,14 @@ def pending_before_refusal(board: BoardClient) -> bytes:
 def _begin_upload_before_refusal(board: BoardClient) -> bytes:
     """Begin the upload, send its first byte, and return all of its bytes."""
     data = pending_before_refusal(board)
-    begin_upload(board, UploadKind.PHASES, PENDING, data)
-    board.link.call(UploadChunk(0, data[:1]), UploadChunkReply)
+    begin_upload(board, m.UploadKind.PHASES, PENDING, data)
+    board.link.call(m.UploadChunk(0, data[:1]), m.UploadChunkReply)
     return data
 
 
 def refusal_situations(board: BoardClient) -> Iterator[Situation]:
     """Yield the situations that a board can be brought into; in a quick run one."""
-    plays = (PLAYING_SLOWLY, WAITS) if board.has(Feature.SEQUENCE_PHASES) else ()
+    plays = (PLAYING_SLOWLY, WAITS) if board.has(m.Feature.SEQUENCE_PHASES) else ()
     for name in (QUEUES, *plays, OFF, MUTED) if board.thorough else (QUEUES,):
         yield Situation(name)
 
@@ -225,7 +213,7 @@ def every_refusal_changes_nothing(board: BoardClient) -> None:
     send_phases_to_store_if_supported(board, STORED, frames=1)
     for situation in refusal_situations(board):
         _judge_refusals_in_situation(board, situation)
-        if board.has(Feature.SEQUENCE_PHASES):
+        if board.has(m.Feature.SEQUENCE_PHASES):
             _goes_on_after_refusal(board, situation.name)
 
 
@@ -270,8 +258,10 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
     """FAILED unless the upload under way can be completed, and both sequences are played."""
     data = pending_before_refusal(board)
     send_upload_chunks(board, data)
-    taken = board.link.ask(UploadCommit(PENDING)).message
-    check(isinstance(taken, UploadCommitReply), f"{name}: the upload cannot be committed any more")
+    taken = board.link.ask(m.UploadCommit(PENDING)).message
+    check(
+        isinstance(taken, m.UploadCommitReply), f"{name}: the upload cannot be committed any more"
+    )
     board.hello()
     for sequence, frames in ((STORED, 1), (PENDING, len(data) // board.identity.transducers)):
         board.arm()
@@ -281,7 +271,7 @@ def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
             board.wire.idle_beyond(0)
 
 
-@case("HG-10.1/1-mismatch", needs=Feature.SEQUENCE_PHASES)
+@case("HG-10.1/1-mismatch", needs=m.Feature.SEQUENCE_PHASES)
 def every_mismatch_leaves_the_upload(board: BoardClient) -> None:
     """an upload outlives a commit that is refused with CRC_MISMATCH: the right bytes complete it"""
     data = _begin_upload_before_refusal(board)
@@ -290,21 +280,21 @@ def every_mismatch_leaves_the_upload(board: BoardClient) -> None:
     since = board.link.mark()
     before = judged_held_state(board, since)
     for _ in range(2):
-        board.link.refused(UploadCommit(PENDING), ErrorCode.CRC_MISMATCH, zlib.crc32(damaged))
+        board.link.refused(m.UploadCommit(PENDING), m.ErrorCode.CRC_MISMATCH, zlib.crc32(damaged))
         text = held_state_changes(before, judged_held_state(board, since))
         check(not text, f"a commit refused with CRC_MISMATCH: {text}")
-    board.link.call(UploadChunk(0, data[:1]), UploadChunkReply)
-    answer = board.link.ask(UploadCommit(PENDING))
-    board.link.reply_in(answer, UploadCommitReply, UploadCommit.TYPE)
+    board.link.call(m.UploadChunk(0, data[:1]), m.UploadChunkReply)
+    answer = board.link.ask(m.UploadCommit(PENDING))
+    board.link.reply_in(answer, m.UploadCommitReply, m.UploadCommit.TYPE)
 
 
-@case("HG-10.1/1-timers", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-10.1/1-timers", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def every_refusal_leaves_the_timers(board: BoardClient) -> None:
     """behind a refusal of every kind lease and unattended time have their own lengths and
     reasons
     """
     send_phases_to_store_if_supported(board, STORED, frames=1)
-    for plays in (False, True) if board.has(Feature.SEQUENCE_PHASES) else (False,):
+    for plays in (False, True) if board.has(m.Feature.SEQUENCE_PHASES) else (False,):
         playing = Situation(PLAYING_SLOWLY).refusals
         refusals = list(playing(board) if plays else requests_refused_while_armed(board))
         for group in [[r] for r in refusals] if board.wire.is_virtual else [refusals]:
@@ -339,9 +329,9 @@ def every_refusal_has_its_error_code(board: BoardClient) -> None:
     _judge_error_codes(board, list(queued.refusals(board)))
 
 
-def _allowed_readings(board: BoardClient) -> list[Message]:
+def _allowed_readings(board: BoardClient) -> list[m.Message]:
     """Return every request that only asks."""
-    return [m for m in valid_requests_to_send(board, _ABSENT) if not isinstance(m, _CHANGING)]
+    return [one for one in valid_requests_to_send(board, _ABSENT) if not isinstance(one, _CHANGING)]
 
 
 @case("HG-10.2/1-moments", evidence=SELF_REPORTED, depth=Depth.DEFAULT)
@@ -353,13 +343,13 @@ def every_reading_is_always_answered(board: BoardClient) -> None:
         for message in _allowed_readings(board):
             answer = board.link.ask(message)
             name = f"{situation.name}, {message.TYPE.name}"
-            if isinstance(answer.message, Error) or answer.message is None:
+            if isinstance(answer.message, m.Error) or answer.message is None:
                 fail(f"{name} is answered by {board.link.answer_text(answer)}")
         text = held_state_changes(before, held_after_refusals(board, last_us))
         check(not text, f"{situation.name}, requests that only ask: {text}")
 
 
-@case("HG-7.1/3-alone", needs=Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case("HG-7.1/3-alone", needs=m.Feature.CONFIG, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_setting_changes_only_itself(board: BoardClient) -> None:
     """a field set while frames wait, a sequence plays or an upload is under way changes only
     itself
@@ -369,7 +359,7 @@ def every_setting_changes_only_itself(board: BoardClient) -> None:
         last_us, before = brought_to_refusal(board, situation)
         other = other_config_than_judged(board)
         changed: dict[str, Any] = {
-            "ramp_ms": other.ramp_ms if board.has(Feature.AMPLITUDE) else 0,
+            "ramp_ms": other.ramp_ms if board.has(m.Feature.AMPLITUDE) else 0,
             "late_window_us": other.late_window_us,
             "sound_speed_mm_s": other.sound_speed_mm_s,
             "amplitude_ceiling": other.amplitude_ceiling,
@@ -379,8 +369,8 @@ def every_setting_changes_only_itself(board: BoardClient) -> None:
         }
         usual = board.config
         for name, value in changed.items():
-            wanted = SetConfig(dataclasses.replace(usual, **{name: value}))
-            board.link.call(wanted, SetConfigReply)
+            wanted = m.SetConfig(dataclasses.replace(usual, **{name: value}))
+            board.link.call(wanted, m.SetConfigReply)
             after = held_after_refusals(board, last_us)
             held = {key: value for key, value in before.items() if key not in _BY_CONFIG}
             text = held_state_changes(before, {key: after[key] for key in held})
@@ -388,7 +378,7 @@ def every_setting_changes_only_itself(board: BoardClient) -> None:
         board.config = usual
 
 
-@case("HG-7.1/3-hello", needs=Feature.CONFIG)
+@case("HG-7.1/3-hello", needs=m.Feature.CONFIG)
 def every_speed_is_told_by_hello(board: BoardClient) -> None:
     """HELLO_REPLY tells the speed of sound that is set"""
     for speed in (300_000, 343_210, 380_000):
@@ -401,7 +391,7 @@ def every_speed_is_told_by_hello(board: BoardClient) -> None:
 def every_event_of_many_is_numbered(board: BoardClient) -> None:
     """2200 events of one session count up by 1: more than 11 bits of their numbers are kept"""
     send_phases_that_fit(board, STORED, frames=2)
-    board.configure(trace_mode=TraceMode.CRC)
+    board.configure(trace_mode=m.TraceMode.CRC)
     board.hello()
     since, period_us = board.arm(), shortest_period_to_play_us(board, 500)
     play_out(board, STORED, 2, loops=_EVENTS // 2, period_us=period_us)

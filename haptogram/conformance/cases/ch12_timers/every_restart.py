@@ -7,23 +7,8 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import partial
 from typing import Any, Final
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, encode_frame
-from haptogram_protocol.messages import (
-    STREAM_RANGE,
-    Arm,
-    ArmReply,
-    Disarm,
-    ErrorCode,
-    Feature,
-    Hello,
-    Message,
-    Ping,
-    Play,
-    PlayReply,
-    SetConfig,
-    Stop,
-    StopReply,
-)
 from haptogram_protocol.state import MuteReason
 
 from ...case import Depth, case
@@ -90,10 +75,10 @@ _MOMENTS: Final = (0.4, 0.8, 1.3)  # of the length: the last one in the ramp
 _STALE: Final = 0x0F0F
 
 
-@case("HG-12.2/1-latches", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-12.2/1-latches", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def latches_renew_no_lease(board: BoardClient) -> None:
     """no latch, of queue or playback, and no HELLO again renews lease or unattended time"""
-    ramp_ms = TIMER_MS if board.has(Feature.AMPLITUDE) else 0
+    ramp_ms = TIMER_MS if board.has(m.Feature.AMPLITUDE) else 0
     for timer in timer_kinds(board, LEASE, UNATTENDED):
         board.hello()
         since = board.link.mark()
@@ -147,13 +132,13 @@ def waits_unattended(board: BoardClient) -> None:
         board.wire.idle(150 * _MS)
         asked_us = board.clock.device_estimate_us()
         answer = board.stop()  # nothing behind it: that would renew the lease
-        board.link.reply_in(answer, StopReply, Stop.TYPE)
+        board.link.reply_in(answer, m.StopReply, m.Stop.TYPE)
         start_us = board.clock.unwrap(answer.frame_header.time_us)
         name = "host_timeout_ms behind STOP"
         LEASE.judge(board, since, start_us, 80, name, asked_us=asked_us)
 
 
-@case("HG-6.7/1-types", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-6.7/1-types", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def every_type_renews_the_lease(board: BoardClient) -> None:
     """frames of every type, good, bad and repeated, each renew the lease: it runs out behind
     them
@@ -167,7 +152,7 @@ def every_type_renews_the_unattended_time(board: BoardClient) -> None:
     judge_renewals(board, plays=True)
 
 
-@case("HG-6.11/4-types", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
+@case("HG-6.11/4-types", needs=m.Feature.CONFIG | m.Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def every_type_ends_the_ramp_of_a_lease(board: BoardClient) -> None:
     """during a ramp of the lease frames of every type, good and bad, each end it"""
     judge_renewals(board, plays=False, ramps=True)
@@ -213,7 +198,7 @@ def _muted_by_lease_after_ms(
     make: Callable[[], bytes],
     lasts_ms: int,
     wait_ms: int,
-    first: Message | None,
+    first: m.Message | None,
     *,
     plays: bool,
 ) -> float:
@@ -222,12 +207,14 @@ def _muted_by_lease_after_ms(
     The request *first*, if there is one, starts the timer anew, and is the remembered one.
     """
     since = board.link.mark()
-    answer = board.link.ask(Arm())
+    answer = board.link.ask(m.Arm())
     if plays:
         alone_ms = min(lasts_ms, board.identity.max_unattended_ms)
         play = play_request(board, STORED, loops=0, period_us=SLOW_US, unattended_ms=alone_ms)
         answer = board.link.ask_at_once(play)
-    board.link.reply_in(answer, *((PlayReply, Play.TYPE) if plays else (ArmReply, Arm.TYPE)))
+    board.link.reply_in(
+        answer, *((m.PlayReply, m.Play.TYPE) if plays else (m.ArmReply, m.Arm.TYPE))
+    )
     answer = board.link.ask(first) if first else answer
     start_us = board.clock.unwrap(answer.frame_header.time_us)
     board.wire.idle(wait_ms * _MS)
@@ -255,39 +242,39 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
         yield message.TYPE.name, request
         yield f"{message.TYPE.name} with an unknown flag", partial(request, flags=_UNKNOWN_FLAG)
     for refusal in board.sample(requests_refused_while_armed(board), 0):
-        other = (ErrorCode.STALE_SESSION, ErrorCode.SEQUENCE_REUSED)
-        if refusal.kind != Hello.TYPE and refusal.code not in other:  # HELLO is of no session
+        other = (m.ErrorCode.STALE_SESSION, m.ErrorCode.SEQUENCE_REUSED)
+        if refusal.kind != m.Hello.TYPE and refusal.code not in other:  # HELLO is of no session
             yield refusal.name, partial(make, refusal.kind, refusal.payload, **refusal.header)
 
 
-def _requests_that_renew(board: BoardClient, *, plays: bool) -> list[Message]:
+def _requests_that_renew(board: BoardClient, *, plays: bool) -> list[m.Message]:
     """Return the requests that neither end nor start a playback, as far as one plays."""
-    ends = (Disarm, Play, Stop) if plays else (Disarm, Play)
+    ends = (m.Disarm, m.Play, m.Stop) if plays else (m.Disarm, m.Play)
     valid = valid_requests_to_send(board, STORED + plays)
     return [message for message in valid if not isinstance(message, ends)]
 
 
 def _repeated_renewals(
     board: BoardClient, *, plays: bool
-) -> Iterator[tuple[str, Callable[[], bytes], Message]]:
+) -> Iterator[tuple[str, Callable[[], bytes], m.Message]]:
     """Yield requests by name, what makes them again with the number of the last, and themselves.
 
     The same bytes are answered from memory, others are refused.
     """
-    refused = [m for m in refused_requests_to_send(board) if not isinstance(m, Play)]
+    refused = [one for one in refused_requests_to_send(board) if not isinstance(one, m.Play)]
     for message in (*_requests_that_renew(board, plays=plays), *refused):
         wire = partial(_frame_that_renews, board, message.TYPE, message.serialize(), back=0)
         yield f"{message.TYPE.name}, and the same again", wire, message
     for name, back in (("its number in another PING", 0), ("an old number", 1)):
-        other = partial(_frame_that_renews, board, Ping.TYPE, Ping(1).serialize(), back=back)
-        yield f"PING, and {name}", other, Ping(0)
+        other = partial(_frame_that_renews, board, m.Ping.TYPE, m.Ping(1).serialize(), back=back)
+        yield f"PING, and {name}", other, m.Ping(0)
 
 
 def _frame_that_renews(
     board: BoardClient, kind: int, payload: bytes, back: int | None = None, **header: Any
 ) -> bytes:
     """Return a frame of the session with the next number of its kind, or one so far back."""
-    if kind in STREAM_RANGE:
+    if kind in m.STREAM_RANGE:
         return board.link.stream_raw(kind, payload, **header)
     seq = board.link.next_seq() if back is None else board.link.seq - back
     return encode_frame(board.link.body(kind, payload, seq=seq, **header))
@@ -300,7 +287,7 @@ def _dropped_frame_that_renews(board: BoardClient, drop: Drop, kind: StreamKind)
 # --- STATUS ------------------------------------------------------------------------------------
 
 
-@case("HG-9.1/1-types", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-9.1/1-types", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def nothing_else_restarts_the_status_timer(board: BoardClient) -> None:
     """STATUS comes at its time whatever is sent and refused meanwhile: only STATUS restarts it"""
     period_ms = board.quick_status_ms + 7
@@ -310,7 +297,7 @@ def nothing_else_restarts_the_status_timer(board: BoardClient) -> None:
         board.arm()
         latch_now(board)
         for message in valid_requests_to_send(board, STORED):
-            if not isinstance(message, SetConfig):
+            if not isinstance(message, m.SetConfig):
                 board.link.ask(message)
             board.wire.idle(period_ms * _MS // 40)
         board.arm()
@@ -326,7 +313,7 @@ def nothing_else_restarts_the_status_timer(board: BoardClient) -> None:
 Frames = dict[str, list[bytes]]
 
 
-def _bodies_that_renew_no_lease(board: BoardClient) -> Iterator[tuple[Message, bytes]]:
+def _bodies_that_renew_no_lease(board: BoardClient) -> Iterator[tuple[m.Message, bytes]]:
     """Yield a message of every type of a host, and its body with a fresh number."""
     for kind in stream_kinds(board):
         message, seq = kind.make(), board.link.stream_next
@@ -353,12 +340,12 @@ def damaged_pings(board: BoardClient) -> Frames:
 
 def stale_pings(board: BoardClient) -> Frames:
     """Return a PING of another session, by its name."""
-    wire, _ = board.link.request_wire(Ping(0), session=board.link.session ^ _STALE)
+    wire, _ = board.link.request_wire(m.Ping(0), session=board.link.session ^ _STALE)
     return {"PING of another session": [wire]}
 
 
 def _defect_renews_no_lease(board: BoardClient) -> Frames:
-    ping = board.link.body(Ping.TYPE, bytes(8), seq=board.link.seq + 1)
+    ping = board.link.body(m.Ping.TYPE, bytes(8), seq=board.link.seq + 1)
     long = malformed_frames.malformed_noise(board.random, MAX_ENCODED_BYTES + 100)
     frames = {
         "bytes that are no COBS": [b"\x00\xff\x01\x02\x00"],
@@ -394,7 +381,7 @@ def _lease_late_us(
     wires = [data for name in names for data in frames[name]]
     length_ms = _lease_length_ms(board, {name: frames[name] for name in names})
     since = board.link.mark()
-    ramp_ms = _RAMP_MS if board.has(Feature.AMPLITUDE) else 0
+    ramp_ms = _RAMP_MS if board.has(m.Feature.AMPLITUDE) else 0
     start_us = timer.start(board, length_ms, ramp_ms=ramp_ms)
     for moment in _MOMENTS:
         board.clock.idle_until(start_us + round(moment * length_ms * _MS))
@@ -416,7 +403,7 @@ def judge_no_renewals(
             judge_unmoved(timer.name, late_us, list(frames))
 
 
-@case("HG-2.4/2-timers", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-2.4/2-timers", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def damaged_frames_renew_no_timer(board: BoardClient) -> None:
     """frames of every type with a wrong CRC renew no hold, lease or unattended time, nor in a
     ramp
@@ -424,13 +411,13 @@ def damaged_frames_renew_no_timer(board: BoardClient) -> None:
     judge_no_renewals(board, _wrong_crc_renews_no_lease)
 
 
-@case("HG-6.7/1-others", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-6.7/1-others", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def frames_of_other_sessions_renew_no_timer(board: BoardClient) -> None:
     """other damage and frames of another session do not renew hold, lease or unattended time"""
     judge_no_renewals(board, _defect_renews_no_lease)
 
 
-@case("HG-4.6/1-timers", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-4.6/1-timers", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def a_repeated_hello_renews_no_timer(board: BoardClient) -> None:
     """HELLO with the open nonce renews no hold, lease or unattended time, nor in a ramp"""
     judge_no_renewals(board, _repeated_hello_renews_no_lease)
@@ -442,11 +429,11 @@ def _repeated_hello_renews_no_lease(board: BoardClient) -> Frames:
     return {"HELLO with the open nonce": wires}
 
 
-@case("HG-6.3/2-hold", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-6.3/2-hold", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def arm_while_armed_renews_no_hold(board: BoardClient) -> None:
     """ARM while ARMED, before the end of the hold and in its ramp, leaves the hold as it runs"""
     since = board.link.mark()
-    ramp_ms = _RAMP_MS if board.has(Feature.AMPLITUDE) else 0
+    ramp_ms = _RAMP_MS if board.has(m.Feature.AMPLITUDE) else 0
     start_us = HOLD.start(board, _LENGTH_MS, ramp_ms=ramp_ms)
     for moment in _MOMENTS:
         board.clock.idle_until(start_us + round(moment * _LENGTH_MS * _MS))

@@ -12,20 +12,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Disarm,
-    Drives,
-    Feature,
-    FocalPoint,
-    Message,
-    Mute,
-    PlaybackEnded,
-    Points,
-    StateChanged,
-    Status,
-    Trace,
-    TraceMode,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import CONFIG_BOUNDS
 from haptogram_protocol.state import MuteReason
 
@@ -85,7 +72,7 @@ host_times = case_about_host("HG-12.6/1")
 host_gives_up = case_about_host("HG-12.6/2")
 
 
-@case("HG-12.1/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-12.1/1", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def timers_are_exact(board: BoardClient) -> None:
     """hold and STATUS come within 1 ms of their time"""
     for hold_ms in (50, 137):
@@ -102,22 +89,22 @@ def lease_runs_out(board: BoardClient) -> None:
     """without a frame the board is muted host_timeout_ms later"""
     for wanted_ms in map(board.clock.timer_ms, (80, 200)):
         due_ms = board.arm_with_timer(LEASE.name, wanted_ms) + board.graded_ramp_ms
-        if board.has(Feature.CONFIG):  # else a hold may end before
+        if board.has(m.Feature.CONFIG):  # else a hold may end before
             latch_now(board)
         start_us, since = board.clock.device_us(), board.link.mark()
         LEASE.judge(board, since, start_us, due_ms)
 
 
-@case("HG-12.2/2", needs=Feature.CONFIG)
+@case("HG-12.2/2", needs=m.Feature.CONFIG)
 def hold_timer_waits_for_a_latch(board: BoardClient) -> None:
     """between ARM and the first latch the hold does not run, the lease does"""
     LEASE.judge_whole(board, 250, hold_ms=30)
 
 
-@case("HG-12.2/2-ended", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-12.2/2-ended", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def hold_timer_is_not_taken_up_again(board: BoardClient) -> None:
     """behind each end of a held drive, ARM and every other request start no hold"""
-    for end in (Mute(), Disarm(), None):
+    for end in (m.Mute(), m.Disarm(), None):
         board.arm(hold_ms=_STALE_MS)
         latch_now(board)
         board.link.ask(end) if end else board.hello()
@@ -126,7 +113,7 @@ def hold_timer_is_not_taken_up_again(board: BoardClient) -> None:
             if message.TYPE.name not in ("DISARM", "PLAY"):
                 board.link.ask(message)
         board.wire.idle((_STALE_MS + 50) * _MS)
-        told = [event.reason.name for _, event in board.link.events(StateChanged, since)]
+        told = [event.reason.name for _, event in board.link.events(m.StateChanged, since)]
         text = f"muted by {', '.join(told)} behind {name} and ARM, before any latch"
         check(not told, f"{text}: a hold runs that no latch began")
 
@@ -154,14 +141,14 @@ def lease_is_back_after_playback(board: BoardClient) -> None:
     since = board.arm()
     play_now(board, 1, loops=150, period_us=1000, unattended_ms=5000)
     name = "a playback of 300 ms, longer than host_timeout_ms"
-    ended, _ = board.due_event(PlaybackEnded, since, 600 * _MS, name)
+    ended, _ = board.due_event(m.PlaybackEnded, since, 600 * _MS, name)
     LEASE.judge(board, since, board.clock.unwrap(ended.time_us), 150, "after the playback")
 
 
-@case("HG-12.5/1", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-12.5/1", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def the_first_timer_wins(board: BoardClient) -> None:
     """the timer that runs out first mutes, in both orders"""
-    ramp_ms = _RAMP_MS * board.has(Feature.AMPLITUDE)
+    ramp_ms = _RAMP_MS * board.has(m.Feature.AMPLITUDE)
     for first, second, lengths_ms in ((HOLD, LEASE, (60, 120)), (LEASE, HOLD, (80, 160))):
         first_ms, second_ms = map(board.clock.timer_ms, lengths_ms)
         with board.counting(timeouts=1):
@@ -215,7 +202,7 @@ def _timer_stays(board: BoardClient, timer: TimerKind, length_ms: int) -> None:
     since = board.link.mark()
     start_us = timer.start(board, length_ms)
     look_ms = min(_LOOK_MS, length_ms - 2 * _OVER_MS)
-    found = board.link.await_event(StateChanged, since, look_ms * _MS)
+    found = board.link.await_event(m.StateChanged, since, look_ms * _MS)
     if found is not None:
         # By the board's own clock: a host that was held up may have let the whole length pass.
         took_us = board.clock.unwrap(found[0].time_us) - start_us
@@ -225,7 +212,7 @@ def _timer_stays(board: BoardClient, timer: TimerKind, length_ms: int) -> None:
     board.mute()
 
 
-@case("HG-9.1/1-lengths", needs=Feature.CONFIG)
+@case("HG-9.1/1-lengths", needs=m.Feature.CONFIG)
 def every_status_period_does_not_wrap(board: BoardClient) -> None:
     """status periods just above every power of two of 1 µs to 1 ms bring no STATUS at once"""
     for length_ms in wrapping_timer_lengths(board.quick_status_ms, 65_535, thorough=board.thorough):
@@ -234,13 +221,13 @@ def every_status_period_does_not_wrap(board: BoardClient) -> None:
         since = board.link.mark()
         look_us = min(_LOOK_MS, length_ms - 2 * _OVER_MS) * _MS
         board.wire.idle(look_us)  # a host that is held up sees what came in its time, too
-        times = [board.clock.unwrap(h.time_us) for h, _ in board.link.events(Status, since)]
+        times = [board.clock.unwrap(h.time_us) for h, _ in board.link.events(m.Status, since)]
         got = sum(t_us - set_us < look_us for t_us in times)
         text = f"status_period_ms = {length_ms}: {got} STATUS within {look_us // _MS} ms"
         check_equal(got, 0, text)
 
 
-@case("HG-6.11/5-timers", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
+@case("HG-6.11/5-timers", needs=m.Feature.CONFIG | m.Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
     """hold, lease and unattended time each mute after their ramp, with their reason, counted
     once
@@ -255,7 +242,7 @@ def every_timer_ends_in_a_ramp(board: BoardClient) -> None:
 # --- Whole lengths -----------------------------------------------------------------------------
 
 
-@case("HG-12.1/1-whole", needs=Feature.CONFIG, wall_depth=Depth.FULL)
+@case("HG-12.1/1-whole", needs=m.Feature.CONFIG, wall_depth=Depth.FULL)
 def every_timer_passes_its_whole_length(board: BoardClient) -> None:
     """lease, hold, ramp and unattended time of lengths up to the greatest end within 1 ms"""
     for timer in timer_kinds(board):
@@ -267,7 +254,7 @@ def every_timer_passes_its_whole_length(board: BoardClient) -> None:
             timer.judge_whole(board, length_ms)
 
 
-@case("HG-9.1/1-whole", needs=Feature.CONFIG, wall_depth=Depth.FULL)
+@case("HG-9.1/1-whole", needs=m.Feature.CONFIG, wall_depth=Depth.FULL)
 def every_status_period_passes_as_a_whole(board: BoardClient) -> None:
     """status periods of every length up to the greatest pass as a whole"""
     lengths = [65_535]
@@ -278,7 +265,7 @@ def every_status_period_passes_as_a_whole(board: BoardClient) -> None:
         board.configure(status_period_ms=length_ms)
         since, start_us = board.link.mark(), board.clock.device_us()
         name = f"status_period_ms = {length_ms}"
-        header, _ = board.due_event(Status, since, (length_ms + 1000) * _MS, name)
+        header, _ = board.due_event(m.Status, since, (length_ms + 1000) * _MS, name)
         late_us = board.clock.unwrap(header.time_us) - start_us - length_ms * _MS
         text = f"status_period_ms = {length_ms}: STATUS {late_us / _MS:+.1f} ms off"
         check(before_us - start_us - EXACT_US <= late_us <= EXACT_US, text)
@@ -322,27 +309,27 @@ def _play_across_timer_wrap(board: BoardClient) -> None:
     lead_us = board.clock.ready_us(100 * _MS + 2 * board.wire.limits.lead_us)
     for offset_us in (30 * _MS, -30 * _MS):
         send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
-        board.configure(trace_mode=TraceMode.CRC)
+        board.configure(trace_mode=m.TraceMode.CRC)
         wrap_us = _wait_before_timer_wrap(board, lead_us)
         start_us = board.clock.on_carrier(wrap_us + offset_us)
         with named(f"a playback from {offset_us:+d} µs of the wrap on"):
-            judge_playback(board, TraceMode.CRC, _SEQUENCE, _FRAMES, 1, 10 * _MS, start_us)
+            judge_playback(board, m.TraceMode.CRC, _SEQUENCE, _FRAMES, 1, 10 * _MS, start_us)
         if not board.wire.is_virtual:
             return  # at a wall clock the next wrap is 71 minutes away
         board.disarm()
 
 
-@case("HG-12.1/1-wrap", needs=Feature.CONFIG, needs_reset=True, wall_depth=Depth.FULL)
+@case("HG-12.1/1-wrap", needs=m.Feature.CONFIG, needs_reset=True, wall_depth=Depth.FULL)
 def every_timer_crosses_the_wrap(board: BoardClient) -> None:
     """STATUS, lease, hold, ramp and unattended time that run across 2^32 µs end at their times"""
     board.prepare()
-    board.need(Feature.CONFIG)
+    board.need(m.Feature.CONFIG)
     for timer in timer_kinds(board):
         board.configure(host_timeout_ms=10_000)
         wrap_us = _wait_before_timer_wrap(board, 100 * _MS)
         since = board.link.mark()
         start_us = timer.start(board, 200)
-        if timer is HOLD and board.has(Feature.READ_LATCHED):
+        if timer is HOLD and board.has(m.Feature.READ_LATCHED):
             told_us, shown_us = board.status().last_latch_us, read_back(board).reply.t_latch_us
             check_equal(shown_us, told_us, f"READ_DRIVE: latched at {shown_us}, STATUS disagrees")
         timer.judge(board, since, start_us, 200, f"{timer.name} across {wrap_us} µs")
@@ -359,7 +346,7 @@ def every_timer_crosses_the_wrap(board: BoardClient) -> None:
 # --- The hold ----------------------------------------------------------------------------------
 
 
-@case("HG-6.10/1-types", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-6.10/1-types", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def every_other_frame_leaves_the_hold(board: BoardClient) -> None:
     """dropped frames of every kind and every request leave the hold as it runs; only latches do
     not
@@ -415,7 +402,7 @@ def _ask_all_during_hold(board: BoardClient) -> None:
     board.hello(board.link.session)
 
 
-@case("HG-12.3/1-ramp", needs=Feature.CONFIG | Feature.AMPLITUDE, depth=Depth.DEFAULT)
+@case("HG-12.3/1-ramp", needs=m.Feature.CONFIG | m.Feature.AMPLITUDE, depth=Depth.DEFAULT)
 def every_request_leaves_the_ramp_of_a_hold(board: BoardClient) -> None:
     """during a ramp of the hold no request, ARM and SET_CONFIG among them, ends or moves it"""
     hold_ms, ramp_ms = 60, min(2000, _length_of_hold_ms(board))
@@ -437,7 +424,7 @@ def every_played_latch_restarts_the_hold(board: BoardClient) -> None:
     since = board.arm()
     play_now(board, STORED, loops=50, period_us=4 * _MS)
     name = "a playback of 400 ms with a hold of 100 ms"
-    board.due_event(PlaybackEnded, since, 600 * _MS, name)
+    board.due_event(m.PlaybackEnded, since, 600 * _MS, name)
     start_us = board.last_latch_us()
     HOLD.judge(board, since, start_us, 100, "after the last frame of a playback")
 
@@ -465,27 +452,27 @@ def every_stop_leaves_the_hold(board: BoardClient) -> None:
         HOLD.judge(board, since, start_us, TIMER_MS, f"hold_ms behind {name}")
 
 
-@case("HG-6.10/1-silent", needs=Feature.CONFIG, depth=Depth.DEFAULT)
+@case("HG-6.10/1-silent", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
 def every_silent_drive_is_held(board: BoardClient) -> None:
     """drives without sound, of amplitude 0 or under a ceiling of 0, are held and traced as
     others
     """
-    silent: dict[str, tuple[Message, int]] = {}
-    if board.has(Feature.AMPLITUDE):
+    silent: dict[str, tuple[m.Message, int]] = {}
+    if board.has(m.Feature.AMPLITUDE):
         codes = board.random_registers() + bytes(board.identity.transducers)
-        silent["DRIVES of amplitude 0"] = Drives(codes), FULL
+        silent["DRIVES of amplitude 0"] = m.Drives(codes), FULL
         silent["PHASES under a ceiling of 0"] = board.flat_phases(5), 0
-    if board.has(Feature.POINTS):
-        points = (FocalPoint(10_000, 5_000, 150_000, 0, 0),)
-        silent["POINTS of amplitude 0"] = Points(points), FULL
-    mode = TraceMode.CRC if board.has(Feature.TRACE) else TraceMode.OFF
+    if board.has(m.Feature.POINTS):
+        points = (m.FocalPoint(10_000, 5_000, 150_000, 0, 0),)
+        silent["POINTS of amplitude 0"] = m.Points(points), FULL
+    mode = m.TraceMode.CRC if board.has(m.Feature.TRACE) else m.TraceMode.OFF
     for name, (message, ceiling) in silent.items():
         since = board.arm(hold_ms=_SILENT_MS, amplitude_ceiling=ceiling, trace_mode=mode)
         with board.counting(latched=1, accepted=1, timeouts=1):
             start_us = latch_timed(board, message)
             HOLD.judge(board, since, start_us, _SILENT_MS, name)
-        traced = len(board.link.events(Trace, since))
-        check_equal(traced, mode is TraceMode.CRC, f"{name}: {traced} traces of one latch")
+        traced = len(board.link.events(m.Trace, since))
+        check_equal(traced, mode is m.TraceMode.CRC, f"{name}: {traced} traces of one latch")
 
 
 # --- Latches that end its ramp -----------------------------------------------------------------
@@ -496,7 +483,7 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     """in a ramp of the hold every latch restores the output: at once, queued, late, played"""
     full = bytes([FULL]) * board.identity.transducers
     ways = ["at once", "queued", "queued, with others behind it", "late"]
-    if board.has(Feature.SEQUENCE_PHASES):
+    if board.has(m.Feature.SEQUENCE_PHASES):
         send_phases_that_fit(board, STORED, frames=2)
         ways += ["played", "played later"]
     for way in ways:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from haptogram_protocol.messages import Feature, HelloReply
+from haptogram_protocol import messages as m
 
 
 @dataclass(slots=True)
@@ -49,7 +49,7 @@ class DialogueConditions:
         Whether drives may be traced.
     """
 
-    identity: HelloReply
+    identity: m.HelloReply
     random: random.Random
     coverage: DialogueCoverage
     timed: bool
@@ -58,9 +58,9 @@ class DialogueConditions:
     drives: bool = False
 
     @property
-    def can(self) -> Feature:
+    def can(self) -> m.Feature:
         """The capabilities of the board that this text knows."""
-        return Feature(self.identity.features & sum(Feature))
+        return m.Feature(self.identity.features & sum(m.Feature))
 
     def next(self, kind: str, names: Callable[[], Iterable[tuple[Any, ...]]]) -> tuple[Any, ...]:
         """Return one of *names*, by chance: each once in the run before any twice."""

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, Final
 
-from haptogram_protocol.messages import Config, Feature, TraceMode
+from haptogram_protocol import messages as m
 
 from ..actions import LATE_WINDOWS_US, SLOT_US
 from .conditions import DialogueConditions, DialogueMaker
@@ -55,12 +55,12 @@ class RandomConfigs(DialogueMaker):
         self.with_status = conditions.timed and source.random() < 0.3
         self.with_timers = conditions.timed and not self.with_status
         self._ramps = source.choice(((0,), (0, *_RAMPS_MS[:1]), (0, *_RAMPS_MS[2:])))
-        self.last = Config()
+        self.last = m.Config()
 
-    def config(self) -> Config:
+    def config(self) -> m.Config:
         """Return a configuration."""
         pick = self._random.choice
-        self.last = Config(
+        self.last = m.Config(
             hold_ms=pick(self._lengths((2, 2, 4, 20), _HOLD_PART)),
             ramp_ms=pick(self._ramps),
             host_timeout_ms=pick(self._lengths((3, 5, 50), _LEASE_PART)),
@@ -75,7 +75,7 @@ class RandomConfigs(DialogueMaker):
 
     def timed_config(
         self, lease: int | None, hold: int | None, ramp_ms: int | None = None
-    ) -> Config:
+    ) -> m.Config:
         """Return a configuration with timers of so many slots and a part; None: they never end."""
         never = self._random.choice(_NEVER_MS)
         ramps = [length for length in self._ramps if length <= _LONGEST_RAMP_MS]
@@ -89,16 +89,16 @@ class RandomConfigs(DialogueMaker):
         )
         return self.last
 
-    def traced_config(self, mode: TraceMode | None, divider: int) -> Config:
+    def traced_config(self, mode: m.TraceMode | None, divider: int) -> m.Config:
         """Return a configuration that traces, if the board can in *mode*, and no timer ends."""
-        modes = {one for one in self.modes() if one not in (TraceMode.OFF, TraceMode.DRIVE)}
+        modes = {one for one in self.modes() if one not in (m.TraceMode.OFF, m.TraceMode.DRIVE)}
         if mode not in modes:
-            mode = self._random.choice(sorted(modes) or [TraceMode.OFF])
+            mode = self._random.choice(sorted(modes) or [m.TraceMode.OFF])
         config = self.timed_config(None, None)
         self.last = dataclasses.replace(config, trace_mode=mode, trace_divider=divider)
         return self.last
 
-    def changed(self, name: str) -> Config:
+    def changed(self, name: str) -> m.Config:
         """Return the last configuration with another value of one field."""
         last = self.last
         others = [getattr(self.config(), name) for _ in range(_TRIES)]
@@ -113,10 +113,10 @@ class RandomConfigs(DialogueMaker):
 
     def _ceilings(self, wanted: Sequence[int]) -> Sequence[int]:
         """Return those of which SPEC.md says what the board radiates (HG-7.9/2)."""
-        is_graded = Feature.AMPLITUDE in self._can
+        is_graded = m.Feature.AMPLITUDE in self._can
         return [ceiling for ceiling in wanted if is_graded or ceiling in (0, 255)]
 
-    def refused(self, name: str) -> Config:
+    def refused(self, name: str) -> m.Config:
         """Return the last configuration with a value of one field that no board takes."""
         changes: dict[str, Any] = {name: self._random.choice(REFUSED_CONFIG[name])}
         return dataclasses.replace(self.last, **changes)
@@ -142,15 +142,15 @@ class RandomConfigs(DialogueMaker):
             return never
         return [_in_slots_ms(number, part) for number in slots] + never
 
-    def modes(self) -> list[TraceMode]:
+    def modes(self) -> list[m.TraceMode]:
         """Return the modes of the trace, as often as they are to be likely."""
-        modes = [TraceMode.OFF]
+        modes = [m.TraceMode.OFF]
         for feature, mode, weight in (
-            (Feature.TRACE, TraceMode.CRC, 2),
-            (Feature.TRACE_DRIVE, TraceMode.DRIVE, 3),
-            (Feature.TRACE_RING, TraceMode.RING, 3),
+            (m.Feature.TRACE, m.TraceMode.CRC, 2),
+            (m.Feature.TRACE_DRIVE, m.TraceMode.DRIVE, 3),
+            (m.Feature.TRACE_RING, m.TraceMode.RING, 3),
         ):
-            may = mode is not TraceMode.DRIVE or self._drives
+            may = mode is not m.TraceMode.DRIVE or self._drives
             modes += [mode] * weight if self._can & feature and may else []
         return modes
 

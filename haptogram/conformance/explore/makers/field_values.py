@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final, TypeAlias
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import HEADER_BYTES
-from haptogram_protocol.messages import Header, HelloReply, Message, Phases, Ping, Play
 from haptogram_protocol.record import Record
 
 from ...judge.refused_requests import OUT_OF_BOUNDS
 from ..actions import SLOT_US, STORED_PHASES
 
 #: A message, and the bytes to put at an offset of its body.
-FieldValue: TypeAlias = tuple[Message, int, bytes]
+FieldValue: TypeAlias = tuple[m.Message, int, bytes]
 
 _NO_VALUE: Final = 9  # of no enumeration
 _MOST_U32: Final = 0xFFFFFFFF
@@ -39,19 +39,19 @@ _NOT_ANY: Final = frozenset(
 )
 
 
-def field_values(identity: HelloReply, messages: Iterable[Message]) -> Iterator[FieldValue]:
+def field_values(identity: m.HelloReply, messages: Iterable[m.Message]) -> Iterator[FieldValue]:
     """Yield *messages* with other values of type, flags and each field.
 
     A field of one byte is an enumeration, a version or a count: the first message that has it
     gets every value, the others and longer fields those at which an answer may change.
     """
     limits = {getattr(identity, name) + more for name in _LIMITS for more in (0, 1)}
-    types, flags = (Header.WIRE[name].offset for name in ("type", "flags"))
+    types, flags = (m.Header.WIRE[name].offset for name in ("type", "flags"))
     met = set()
     for message in messages:
-        if isinstance(message, Ping | Phases):
+        if isinstance(message, m.Ping | m.Phases):
             yield from ((message, types, bytes([kind])) for kind in range(256))
-        if not isinstance(message, Play):  # its frames would be due when others arrive
+        if not isinstance(message, m.Play):  # its frames would be due when others arrive
             yield from ((message, flags, bytes([1 << bit])) for bit in range(8))
         for value, offset, size in _numbers(message, HEADER_BYTES):
             is_first = (type(message), offset) not in met
@@ -64,18 +64,18 @@ def field_values(identity: HelloReply, messages: Iterable[Message]) -> Iterator[
                     yield message, offset, other.to_bytes(size, "little")
 
 
-def play_values(identity: HelloReply) -> Iterator[FieldValue]:
+def play_values(identity: m.HelloReply) -> Iterator[FieldValue]:
     """Yield PLAY with a number that no board takes, and with many loops."""
     least_us = -(-1_000_000 // max(1, identity.max_playback_rate_hz))
     beyond_ms = {min(identity.max_unattended_ms + 1, _MOST_U32), _MOST_U32}
-    play = Play(STORED_PHASES, SLOT_US, 1, SLOT_US // 100)
+    play = m.Play(STORED_PHASES, SLOT_US, 1, SLOT_US // 100)
     values: dict[str, Iterable[int]] = {
         "period_us": (0, least_us - 1),
         "loops": MANY_LOOPS,
         "unattended_ms": {0, *beyond_ms} - {identity.max_unattended_ms},
     }
     for name, some in values.items():
-        field = Play.WIRE[name]
+        field = m.Play.WIRE[name]
         for value in some:
             yield play, HEADER_BYTES + field.offset, value.to_bytes(field.size, "little")
 

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 from typing import Final, TypeAlias
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
-from haptogram_protocol.messages import (
-    STREAM_RANGE,
-    VERSION_MAJOR,
-    Flag,
-    Hello,
-    Message,
-    Mute,
-    Ping,
-    UploadChunk,
-)
 
 from ..actions import LATE_WINDOWS_US, SLOT_US, DialogueAction
 from ..host import NO_SESSION, DialogueHost
@@ -24,12 +15,12 @@ from .conditions import DialogueMaker
 At: TypeAlias = float | str | None
 
 #: High: must be understood, and is not; low: may be ignored.
-ODD_FLAGS: Final = (0x20, 0x40, 0x80, 0x01, 0x02, 0x04, 0x08, 0xFF & ~Flag.IMMEDIATE)
+ODD_FLAGS: Final = (0x20, 0x40, 0x80, 0x01, 0x02, 0x04, 0x08, 0xFF & ~m.Flag.IMMEDIATE)
 #: Of a session that is not the open one: low byte the same, high byte the same.
 WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000)
 #: Defects of a request, of which each has its place in the order of the checks (HG-3.8).
 DEFECTS: Final[dict[str, dict[str, int]]] = {
-    "IMMEDIATE": {"flags": Flag.IMMEDIATE},
+    "IMMEDIATE": {"flags": m.Flag.IMMEDIATE},
     "a flag that must be understood": {"flags": 0x40},
     "a flag that may be ignored": {"flags": 0x02},
     "another session": {"session": WRONG_SESSIONS[0]},
@@ -59,7 +50,7 @@ class RandomFrames(DialogueMaker):
 
     def frame(
         self,
-        message: Message,
+        message: m.Message,
         at: At = 0.0,
         *,
         apart_us: int = 0,
@@ -73,11 +64,11 @@ class RandomFrames(DialogueMaker):
         *number* is added to the next one, *length* to that of the frame; the open session is
         combined with *session*.
         """
-        kind, is_stream = message.TYPE.name, message.TYPE in STREAM_RANGE
+        kind, is_stream = message.TYPE.name, message.TYPE in m.STREAM_RANGE
         due_us = self._ahead_us(at) + apart_us
         is_odd = any((number, flags, session, length))
-        is_remembered = not (is_odd or is_stream or isinstance(message, UploadChunk))
-        flags |= Flag.IMMEDIATE if at is None else 0
+        is_remembered = not (is_odd or is_stream or isinstance(message, m.UploadChunk))
+        flags |= m.Flag.IMMEDIATE if at is None else 0
 
         def body(host: DialogueHost) -> bytes:
             render = host.stream if is_stream else host.request
@@ -92,10 +83,10 @@ class RandomFrames(DialogueMaker):
         name = f"{kind} for {at}" if is_stream else kind
         return DialogueAction(0, name, body, ends_slot=at in _LATCHED_AS_IT_COMES)
 
-    def defective(self, message: Message, *defects: str) -> DialogueAction:
+    def defective(self, message: m.Message, *defects: str) -> DialogueAction:
         """Return a request with some of :data:`DEFECTS`."""
         merged = {key: value for defect in defects for key, value in DEFECTS[defect].items()}
-        if isinstance(message, Mute):
+        if isinstance(message, m.Mute):
             merged["length"] = max(0, merged.get("length", 0))
         if "session" in merged and self._pick((0, 1)):  # whose number is any
             merged["number"] = -self._across(1, 1 << 16)
@@ -109,8 +100,8 @@ class RandomFrames(DialogueMaker):
         def body(host: DialogueHost) -> bytes:
             found = host.of_session(which, age)
             if found and which == "hello":
-                host.go_on_in(Hello.deserialize(found[HEADER_BYTES:]).nonce)
-            return found or host.request(Ping(1))
+                host.go_on_in(m.Hello.deserialize(found[HEADER_BYTES:]).nonce)
+            return found or host.request(m.Ping(1))
 
         return DialogueAction(0, name, body, ends_slot=True)
 
@@ -139,7 +130,7 @@ class RandomFrames(DialogueMaker):
                 host.seq = first
             elif takes and nonce != host.session:
                 host.seq -= back
-            message = Hello(VERSION_MAJOR + (which == "next major"), minor, nonce, table)
+            message = m.Hello(m.VERSION_MAJOR + (which == "next major"), minor, nonce, table)
             return host.hello(message, takes=takes)
 
         return DialogueAction(0, f"HELLO {which}", body)

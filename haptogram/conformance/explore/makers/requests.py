@@ -6,27 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Arm,
-    Disarm,
-    DriveKind,
-    Feature,
-    GetConfig,
-    GetGeometry,
-    GetStatus,
-    Message,
-    Mute,
-    Ping,
-    Play,
-    ReadDrive,
-    ReadTrace,
-    SetConfig,
-    Stop,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import READ_CAPABILITIES
 
 from ..actions import (
@@ -75,68 +55,68 @@ class RandomRequests(RandomUploads):
     @property
     def plays(self) -> bool:
         """True if the board plays sequences."""
-        return bool(self._can & Feature.SEQUENCE_PHASES)
+        return bool(self._can & m.Feature.SEQUENCE_PHASES)
 
-    def messages(self) -> dict[str, Callable[[], Message]]:
+    def messages(self) -> dict[str, Callable[[], m.Message]]:
         """Return the makers of each request that the board knows, by name."""
         count, across = self._identity.transducers, self._across
-        found: dict[str, Callable[[], Message]] = {
-            "ARM": Arm,
-            "MUTE": Mute,
-            "DISARM": Disarm,
-            "PING": lambda: Ping(across(2**64)),
-            "GET_STATUS": GetStatus,
-            "GET_CONFIG": GetConfig,
-            "GET_GEOMETRY": lambda: GetGeometry(across(count + 2), across(9)),
-            "SET_CONFIG": lambda: SetConfig(self.configs.last),
+        found: dict[str, Callable[[], m.Message]] = {
+            "ARM": m.Arm,
+            "MUTE": m.Mute,
+            "DISARM": m.Disarm,
+            "PING": lambda: m.Ping(across(2**64)),
+            "GET_STATUS": m.GetStatus,
+            "GET_CONFIG": m.GetConfig,
+            "GET_GEOMETRY": lambda: m.GetGeometry(across(count + 2), across(9)),
+            "SET_CONFIG": lambda: m.SetConfig(self.configs.last),
         }
         found |= {f"read {number}": read for number, read in enumerate(self._reads())}
         if self.plays:
             found |= {
-                "STOP": Stop,
+                "STOP": m.Stop,
                 "UPLOAD_BEGIN": self._begin,
                 "UPLOAD_CHUNK": self._chunk,
-                "UPLOAD_COMMIT": lambda: UploadCommit(self._pick((*UPLOADED, 0))),
-                "PLAY of nothing": lambda: Play(ABSENT, SLOT_US, 1, 1000),
+                "UPLOAD_COMMIT": lambda: m.UploadCommit(self._pick((*UPLOADED, 0))),
+                "PLAY of nothing": lambda: m.Play(ABSENT, SLOT_US, 1, 1000),
             }
         return found
 
-    def whole_requests(self) -> list[Message]:
+    def whole_requests(self) -> list[m.Message]:
         """Return requests of every type as they should be, and of every kind of upload and read."""
         count, most = self._identity.transducers, self._identity.max_points
-        points = {1, min(2, most), most} if Feature.SEQUENCE_POINTS in self._can else set()
-        uploads = [UploadBegin(UploadKind.PHASES, 0, REPLACED, count, 0)] * self.plays
+        points = {1, min(2, most), most} if m.Feature.SEQUENCE_POINTS in self._can else set()
+        uploads = [m.UploadBegin(m.UploadKind.PHASES, 0, REPLACED, count, 0)] * self.plays
         uploads += [
-            UploadBegin(UploadKind.POINTS, number, REPLACED, number * POINT_BYTES, 0)
+            m.UploadBegin(m.UploadKind.POINTS, number, REPLACED, number * POINT_BYTES, 0)
             for number in sorted(points)
         ]
-        if Feature.CORRECTION in self._can:
-            uploads.append(UploadBegin(UploadKind.CORRECTION, 0, 0, count, 0))
-        found: list[Message] = [GetGeometry(0, count), *self._whole_drives(), *uploads]
+        if m.Feature.CORRECTION in self._can:
+            uploads.append(m.UploadBegin(m.UploadKind.CORRECTION, 0, 0, count, 0))
+        found: list[m.Message] = [m.GetGeometry(0, count), *self._whole_drives(), *uploads]
         others = (make() for make in self.messages().values())
         return found + [other for other in others if type(other) not in set(map(type, found))]
 
     # --- what shows a board, and makes a dialogue go on ------------------------------------------
 
-    def _reads(self) -> list[Callable[[], Message]]:
+    def _reads(self) -> list[Callable[[], m.Message]]:
         """Return the makers of requests that read drives and latches, whole and in part."""
         pick, across, count = self._pick, self._across, self._identity.transducers
 
-        def drive(kind: DriveKind) -> Message:
+        def drive(kind: m.DriveKind) -> m.Message:
             first = pick((0, 0, 0, across(count), count - 1))
-            return ReadDrive(kind, first, pick((count, count - first, 1, _MOST_U16)))
+            return m.ReadDrive(kind, first, pick((count, count - first, 1, _MOST_U16)))
 
-        reads: list[Callable[[], Message]] = [
+        reads: list[Callable[[], m.Message]] = [
             partial(drive, whole.kind) for whole in self._whole_drives()
         ]
-        if self._can & Feature.TRACE_RING:
+        if self._can & m.Feature.TRACE_RING:
             firsts = (0, 0, 0, across(12), across(300), _MOST_U32, _MOST_U16)
-            reads.append(lambda: ReadTrace(pick(firsts), pick((_MOST_U16, 4, 30, 1))))
+            reads.append(lambda: m.ReadTrace(pick(firsts), pick((_MOST_U16, 4, 30, 1))))
         return reads
 
-    def _whole_drives(self) -> list[ReadDrive]:
+    def _whole_drives(self) -> list[m.ReadDrive]:
         kinds = (kind for kind, needed in READ_CAPABILITIES.items() if self._can & needed)
-        return [ReadDrive(kind, 0, self._identity.transducers) for kind in kinds]
+        return [m.ReadDrive(kind, 0, self._identity.transducers) for kind in kinds]
 
     def read_backs(self) -> list[DialogueAction]:
         """Return requests for the whole drive, latched and radiated."""
@@ -144,22 +124,28 @@ class RandomRequests(RandomUploads):
 
     def probe(self) -> list[DialogueAction]:
         """Return requests that together show what a board may have changed."""
-        asked: list[Message] = [*self._whole_drives()]
+        asked: list[m.Message] = [*self._whole_drives()]
         if self.plays:  # its refusal shows how many sequences are stored
-            asked.append(Play(ABSENT, SLOT_US, 1, 1000))
-        if self._can & Feature.TRACE_RING:
-            asked.append(ReadTrace(self._pick((0, 1)), _MOST_U16))
-        asked += [UploadChunk(0, b""), GetConfig()]
+            asked.append(m.Play(ABSENT, SLOT_US, 1, 1000))
+        if self._can & m.Feature.TRACE_RING:
+            asked.append(m.ReadTrace(self._pick((0, 1)), _MOST_U16))
+        asked += [m.UploadChunk(0, b""), m.GetConfig()]
         self._random.shuffle(asked)
-        shown = [GetStatus(), *asked[: self._pick((0, 1, 2, len(asked)))]]
+        shown = [m.GetStatus(), *asked[: self._pick((0, 1, 2, len(asked)))]]
         again = [self.repeated()] * (self._random.random() < 0.4)
         return [*again, *map(self.frame, shown)]
 
     def keeping(self) -> DialogueAction:
         """Return a request that changes nothing and renews the lease."""
         count = self._identity.transducers
-        messages: list[Message] = [Ping(0), GetStatus(), GetConfig(), GetGeometry(0, 1), Arm()]
-        messages += [UploadChunk(0, b""), UploadChunk(0, bytes(count)), Stop()]
+        messages: list[m.Message] = [
+            m.Ping(0),
+            m.GetStatus(),
+            m.GetConfig(),
+            m.GetGeometry(0, 1),
+            m.Arm(),
+        ]
+        messages += [m.UploadChunk(0, b""), m.UploadChunk(0, bytes(count)), m.Stop()]
         messages += [make() for make in self._reads()]
         return self.frame(self._pick(messages))
 
@@ -169,7 +155,7 @@ class RandomRequests(RandomUploads):
         """Return PLAY of any sequence, at once or for any time."""
         period_us, loops = self._pick(self._periods)
         sequence = self._pick((*UPLOADED, *UPLOADED, ABSENT))
-        play = Play(sequence, period_us, loops, self.configs.unattended_ms())
+        play = m.Play(sequence, period_us, loops, self.configs.unattended_ms())
         # Later frames of it end before the next slot.
         may_begin_now = period_us < SLOT_US // 2 and self._pick((True, False))
         at = None if may_begin_now else self._pick(self._starts)
@@ -197,18 +183,18 @@ class RandomRequests(RandomUploads):
 
     def _play(
         self, sequence: int, period_us: int, loops: int, unattended_ms: int | None = None
-    ) -> Play:
+    ) -> m.Play:
         unattended_ms = unattended_ms or self.configs.unattended_ms() or 6000
-        return Play(sequence, period_us, loops, unattended_ms)
+        return m.Play(sequence, period_us, loops, unattended_ms)
 
     # --- single steps of uploads, most of which are refused --------------------------------------
 
-    def _begin(self) -> Message:
+    def _begin(self) -> m.Message:
         pick, data = self._pick, bytes(2 * self._count)
         size = pick((len(data), self._count, len(data) + 1, 0))
-        kind = pick((UploadKind.PHASES, UploadKind.PHASES, UploadKind.CORRECTION))
-        return UploadBegin(kind, pick((0, 0, 1)), pick((REPLACED, 1, 0)), size, 0)
+        kind = pick((m.UploadKind.PHASES, m.UploadKind.PHASES, m.UploadKind.CORRECTION))
+        return m.UploadBegin(kind, pick((0, 0, 1)), pick((REPLACED, 1, 0)), size, 0)
 
-    def _chunk(self) -> Message:
+    def _chunk(self) -> m.Message:
         size = self._pick((0, 1, min(self._count, self._largest)))
-        return UploadChunk(self._pick((0, self._count, 7 * self._count)), bytes(size))
+        return m.UploadChunk(self._pick((0, self._count, 7 * self._count)), bytes(size))

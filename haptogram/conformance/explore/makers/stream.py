@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from haptogram_protocol.messages import Drives, Feature, FocalPoint, Message, Phases, Points
+from haptogram_protocol import messages as m
 
 from ..actions import SLOT_US, DialogueAction
 from .conditions import DialogueConditions
@@ -31,7 +31,7 @@ class RandomStream(RandomFrames):
         self._before = bytes(2 * self._count)
         # The points of a slot are computed before its middle.
         fitting = SLOT_US // 4 // (_FRAMES * identity.point_time_us or 1)
-        has_points = bool(self._can & Feature.POINTS)
+        has_points = bool(self._can & m.Feature.POINTS)
         self._most_points = min(identity.max_points, fitting) * has_points
 
     def burst(self) -> list[DialogueAction]:
@@ -80,27 +80,27 @@ class RandomStream(RandomFrames):
     # --- what a frame carries ------------------------------------------------------------------
 
     @property
-    def kinds(self) -> dict[str, Callable[[], Message]]:
+    def kinds(self) -> dict[str, Callable[[], m.Message]]:
         """Makers of the message of a frame, by type and format."""
-        kinds: dict[str, Callable[[], Message]] = {}
-        kinds["PHASES"] = lambda: Phases(self._codes()[: self._count])
-        if self._can & Feature.AMPLITUDE:
-            kinds["DRIVES"] = lambda: Drives(self._codes())
+        kinds: dict[str, Callable[[], m.Message]] = {}
+        kinds["PHASES"] = lambda: m.Phases(self._codes()[: self._count])
+        if self._can & m.Feature.AMPLITUDE:
+            kinds["DRIVES"] = lambda: m.Drives(self._codes())
         if self._most_points:
             kinds["POINTS"] = lambda: self._points(self._pick((1, 1, 2, self._most_points)))
         return kinds
 
-    def any(self) -> Message:
+    def any(self) -> m.Message:
         """Return the message of a frame of any kind."""
         return self._pick(list(self.kinds.values()))()
 
-    def refused(self) -> Message:
+    def refused(self) -> m.Message:
         """Return a message with one value or length that its type does not allow."""
         made = self.any()
-        if isinstance(made, Points):
-            return Points(tuple(self.point() for _ in range(self._identity.max_points + 1)))
-        assert isinstance(made, Phases | Drives)
-        unit, data = 1 if isinstance(made, Phases) else 2, made.data
+        if isinstance(made, m.Points):
+            return m.Points(tuple(self.point() for _ in range(self._identity.max_points + 1)))
+        assert isinstance(made, m.Phases | m.Drives)
+        unit, data = 1 if isinstance(made, m.Phases) else 2, made.data
         wrong = (data[:-unit], data + bytes(unit), b"", data[: len(data) // 4 * 2])
         return type(made)(self._pick(wrong))
 
@@ -118,10 +118,10 @@ class RandomStream(RandomFrames):
         self._before = codes
         return codes
 
-    def _points(self, number: int) -> Message:
-        return Points(tuple(self.point() for _ in range(min(number, self._most_points))))
+    def _points(self, number: int) -> m.Message:
+        return m.Points(tuple(self.point() for _ in range(min(number, self._most_points))))
 
-    def point(self) -> FocalPoint:
+    def point(self) -> m.FocalPoint:
         """Return a focal point, often with a field at an edge, or at a transducer."""
         pick, across = self._pick, self._across
         level, phase = across(30_000, 65_536), across(65_536)
@@ -131,7 +131,7 @@ class RandomStream(RandomFrames):
             if self._random.random() < _EDGE_SHARE:
                 x_um, y_um, z_um = *pick((self._element(), (0, 0))), 0
             level, phase = pick((level, *_EDGES_U16)), pick((phase, *_EDGES_U16))
-        return FocalPoint(x_um, y_um, z_um, level, phase)
+        return m.FocalPoint(x_um, y_um, z_um, level, phase)
 
     def _element(self) -> tuple[int, int]:
         """Return where a transducer of the grid is, in whole micrometres."""

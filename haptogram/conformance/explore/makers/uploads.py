@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram_protocol.messages import (
-    Feature,
-    Message,
-    UploadChunk,
-    UploadCommit,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 
 from ..actions import (
     MOST_POINTS,
@@ -49,10 +43,10 @@ class RandomUploads(RandomStream):
             return []
         pick = self._pick
         kind = pick(kinds)
-        target = 0 if kind is UploadKind.CORRECTION else pick(UPLOADED)
+        target = 0 if kind is m.UploadKind.CORRECTION else pick(UPLOADED)
         points = self._random.randint(1, min(MOST_POINTS, self._identity.max_points))
         data = self._data(kind, points)
-        of_frame = points if kind is UploadKind.POINTS else 0
+        of_frame = points if kind is m.UploadKind.POINTS else 0
         # A line carries few chunks.
         least = max(pick((_LONGEST_CHUNK, _LONGEST_CHUNK, 13)), -(-len(data) // _MOST_CHUNKS))
         chunk = min(self._largest, least)
@@ -64,18 +58,18 @@ class RandomUploads(RandomStream):
             steps[1:-1] = [*chunks[:missing], *chunks[missing + 1 :], commit, *chunks[missing:]]
         elif how == "mismatch":  # one byte is put right after the refused commit
             at = self._across(len(data))
-            wrong = UploadChunk(at, bytes([data[at] ^ 1 << self._across(8)]))
-            steps[-1:] = [wrong, commit, UploadChunk(at, data[at : at + 1]), commit]
+            wrong = m.UploadChunk(at, bytes([data[at] ^ 1 << self._across(8)]))
+            steps[-1:] = [wrong, commit, m.UploadChunk(at, data[at : at + 1]), commit]
         elif how == "target":
-            steps[-1:] = [UploadCommit(target + 1), commit]
+            steps[-1:] = [m.UploadCommit(target + 1), commit]
         elif how == "overlap":  # pieces that lie over each other, and gaps between them
             steps[1:-1] = [*self._pieces(data), commit, *chunks]
         elif how == "again":  # announced once more, and nothing of it has come
             some = self._across(len(chunks) + 1)
             steps = [begin, *chunks[:some], begin, *chunks[some:], commit, *chunks, commit]
         elif how == "odd":
-            end = UploadChunk(len(data), b"")
-            steps[-1:] = [end, pick(chunks), UploadChunk(len(data), b"x"), commit, commit]
+            end = m.UploadChunk(len(data), b"")
+            steps[-1:] = [end, pick(chunks), m.UploadChunk(len(data), b"x"), commit, commit]
         return [self.frame(step) for step in steps]
 
     def long_upload(self) -> list[DialogueAction]:
@@ -85,29 +79,29 @@ class RandomUploads(RandomStream):
         data = self._random.randbytes(frames * self._count)
         if _ROOM * len(data) > identity.max_upload_bytes:
             return self.upload()
-        steps = upload_in_dialogue(UploadKind.PHASES, REPLACED, data, identity.max_chunk)
+        steps = upload_in_dialogue(m.UploadKind.PHASES, REPLACED, data, identity.max_chunk)
         return [self.frame(step) for step in steps]
 
-    def _kinds(self) -> list[UploadKind]:
+    def _kinds(self) -> list[m.UploadKind]:
         has_room = has_room_in_dialogue(self._identity)
         weights = {
-            UploadKind.PHASES: 3 * bool(self._can & Feature.SEQUENCE_PHASES and has_room),
-            UploadKind.POINTS: bool(self._can & Feature.SEQUENCE_POINTS and has_room),
-            UploadKind.CORRECTION: bool(self._can & Feature.CORRECTION),
+            m.UploadKind.PHASES: 3 * bool(self._can & m.Feature.SEQUENCE_PHASES and has_room),
+            m.UploadKind.POINTS: bool(self._can & m.Feature.SEQUENCE_POINTS and has_room),
+            m.UploadKind.CORRECTION: bool(self._can & m.Feature.CORRECTION),
         }
         return [kind for kind, weight in weights.items() for _ in range(weight)]
 
-    def _data(self, kind: UploadKind, points: int) -> bytes:
-        frames = 1 if kind is UploadKind.CORRECTION else self._across(1, STORED_FRAMES + 1)
-        if kind is not UploadKind.POINTS:
+    def _data(self, kind: m.UploadKind, points: int) -> bytes:
+        frames = 1 if kind is m.UploadKind.CORRECTION else self._across(1, STORED_FRAMES + 1)
+        if kind is not m.UploadKind.POINTS:
             return self._random.randbytes(frames * self._count)
         return b"".join(self.point().pack() for _ in range(frames * points))
 
-    def _pieces(self, data: bytes) -> list[Message]:
+    def _pieces(self, data: bytes) -> list[m.Message]:
         """Return some chunks from anywhere to anywhere in *data*."""
-        pieces: list[Message] = []
+        pieces: list[m.Message] = []
         for _ in range(_PIECES):
             start = self._across(len(data))
             size = self._random.randint(1, min(self._largest, len(data) - start))
-            pieces.append(UploadChunk(start, data[start : start + size]))
+            pieces.append(m.UploadChunk(start, data[start : start + size]))
         return pieces

@@ -8,22 +8,8 @@ from functools import partial
 from itertools import combinations
 from typing import Final, TypeAlias
 
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
-from haptogram_protocol.messages import (
-    STREAM_RANGE,
-    VERSION_MAJOR,
-    Arm,
-    Config,
-    Disarm,
-    Header,
-    Hello,
-    Message,
-    Mute,
-    Ping,
-    SetConfig,
-    Stop,
-    TraceMode,
-)
 
 from ..actions import FAULT, PARTS, SLOT_US, ActionSlots, DialogueAction
 from ..host import NO_SESSION, DialogueHost
@@ -75,7 +61,7 @@ _PLAYS: Final[dict[str, tuple[float, tuple[int, ...]]]] = {
 _TIMERS: Final = "timers "  # lease and hold in slots, ramp in ms (-: it never ends, any)
 _Makers: TypeAlias = dict[str, Callable[[], DialogueAction]]
 _LAST: Final = DialogueAction(
-    0, "the last request again", lambda host: host.last or host.request(Ping(0)), ends_slot=True
+    0, "the last request again", lambda host: host.last or host.request(m.Ping(0)), ends_slot=True
 )
 _FAULT: Final = DialogueAction(0, "the hardware fails", lambda _: b"", FAULT)
 
@@ -189,16 +175,18 @@ class SceneInputs:
             "an upload": makers.upload,
             "a begun upload": lambda: makers.upload()[:2],
             "a long upload": makers.long_upload,
-            "traces": lambda: self._configured(configs.traced_config(TraceMode.CRC, 1)),
-            "a ring": lambda: self._configured(configs.traced_config(TraceMode.RING, 1)),
-            "no trace": lambda: self._configured(replace(configs.last, trace_mode=TraceMode.OFF)),
+            "traces": lambda: self._configured(configs.traced_config(m.TraceMode.CRC, 1)),
+            "a ring": lambda: self._configured(configs.traced_config(m.TraceMode.RING, 1)),
+            "no trace": lambda: self._configured(replace(configs.last, trace_mode=m.TraceMode.OFF)),
             "some traces": lambda: self._configured(
                 configs.traced_config(None, self._pick((2, 3)))
             ),
         }
 
-    def _configured(self, config: Config) -> list[DialogueAction]:
-        return [self.makers.frame(message) for message in (Disarm(), SetConfig(config), Arm())]
+    def _configured(self, config: m.Config) -> list[DialogueAction]:
+        return [
+            self.makers.frame(message) for message in (m.Disarm(), m.SetConfig(config), m.Arm())
+        ]
 
     # --- frames of the stream --------------------------------------------------------------------
 
@@ -225,24 +213,24 @@ class SceneInputs:
         found: _Makers = {
             "PLAY": makers.any_play,
             "PLAY in half a slot": partial(makers.start, 0.5),
-            "STOP of a playback": lambda: makers.frame(Stop()),
+            "STOP of a playback": lambda: makers.frame(m.Stop()),
         }
         return found if makers.plays else {}
 
-    def _plain(self, make: Callable[[], Message]) -> DialogueAction:
+    def _plain(self, make: Callable[[], m.Message]) -> DialogueAction:
         return self.makers.frame(make())
 
     def _configs(self) -> _Makers:
         configs = self.makers.configs
-        changes: dict[str, Callable[[], Config]] = {
+        changes: dict[str, Callable[[], m.Config]] = {
             "another configuration": configs.config,
-            **{f"another {f.name}": partial(configs.changed, f.name) for f in fields(Config)},
+            **{f"another {f.name}": partial(configs.changed, f.name) for f in fields(m.Config)},
             **{f"refused {name}": partial(configs.refused, name) for name in REFUSED_CONFIG},
         }
         return {name: partial(self._config, make) for name, make in changes.items()}
 
-    def _config(self, make: Callable[[], Config]) -> DialogueAction:
-        return self.makers.frame(SetConfig(make()))
+    def _config(self, make: Callable[[], m.Config]) -> DialogueAction:
+        return self.makers.frame(m.SetConfig(make()))
 
     # --- what is odd about a request -------------------------------------------------------------
 
@@ -250,7 +238,7 @@ class SceneInputs:
         makers = self.makers
         found: _Makers = {f"any with {one}": partial(self._any_with, one) for one in DEFECTS}
         found |= {f"type {kind:#x}": partial(self._unknown, kind) for kind in _UNKNOWN_TYPES}
-        found["foreign MUTE"] = lambda: makers.defective(Mute(), "another session")
+        found["foreign MUTE"] = lambda: makers.defective(m.Mute(), "another session")
         found["the remembered request again"] = makers.repeated
         found["the last request again"] = lambda: _LAST
         return found
@@ -277,7 +265,7 @@ class SceneInputs:
         size = self._pick((0, 1, 20, 256, 1000, _LARGEST - 1, _LARGEST))
         payload = self._pick((b"\0", b"U")) * size  # the one is stuffed, the other not
         session = self._pick((0, 0, *WRONG_SESSIONS))
-        message = self.makers.any() if kind in STREAM_RANGE else Ping(0)
+        message = self.makers.any() if kind in m.STREAM_RANGE else m.Ping(0)
         told = self.makers.frame(message, 0.5, session=session)
         return told._replace(
             name=f"type {kind:#x}",
@@ -285,7 +273,7 @@ class SceneInputs:
         )
 
     def _damaged(self, damage: int) -> DialogueAction:
-        told = self._pick((self.frame(0.5), self.makers.frame(Ping(0))))
+        told = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
         return told._replace(name=f"damage {damage}", damage=damage)
 
     # --- one field of any value ------------------------------------------------------------------
@@ -295,7 +283,7 @@ class SceneInputs:
         found: FieldValue = self.makers.conditions.next("values of fields", self.values)
         message, offset, value = found
         makers, end = self.makers, offset + len(value)
-        is_hello = isinstance(message, Hello)
+        is_hello = isinstance(message, m.Hello)
         told = makers.hello("open") if is_hello else makers.frame(message, 0.5)
 
         def body(host: DialogueHost) -> bytes:
@@ -303,7 +291,7 @@ class SceneInputs:
             return whole[:offset] + value + whole[end:]
 
         # A MUTE has a write of its own: it may overtake what is sent with it.
-        is_mute = (offset, value[0]) == (Header.WIRE["type"].offset, Mute.TYPE)
+        is_mute = (offset, value[0]) == (m.Header.WIRE["type"].offset, m.Mute.TYPE)
         wait_us = int(is_mute and makers.conditions.exact)
         return told._replace(name=f"{told.name} with a value", body=body, wait_us=wait_us)
 
@@ -311,7 +299,7 @@ class SceneInputs:
         """Return every frame that :meth:`with_any_value` may return."""
         makers, identity = self.makers, self.makers.conditions.identity
         stream = [make() for make in makers.kinds.values()]
-        messages = [*makers.whole_requests(), *stream, Hello(VERSION_MAJOR, 0, 1)]
+        messages = [*makers.whole_requests(), *stream, m.Hello(m.VERSION_MAJOR, 0, 1)]
         found = [*field_values(identity, messages)]
         return [*found, *play_values(identity)] if makers.plays else found
 

@@ -6,7 +6,7 @@ import dataclasses
 from itertools import product
 from typing import Final
 
-from haptogram_protocol.messages import Arm, Mute, ReadTrace, SetConfig, TraceMode
+from haptogram_protocol import messages as m
 
 from ..actions import SLOT_US, ActionSlots
 from .states import SceneMaker
@@ -38,7 +38,7 @@ class MemoryScenes(SceneMaker):
             names += self._next("steps of sessions", lambda: product(steps, repeat=2))
         found = self._inputs.slots("HELLO wrapping | a keeping request | HELLO new")
         for told in (told for name in names for told in self._inputs.told(name)):
-            is_alone = told.name == Mute.TYPE.name or not exact
+            is_alone = told.name == m.Mute.TYPE.name or not exact
             if not is_alone and self._random.random() < _TOGETHER:
                 found[-1].append(told)
             else:
@@ -53,20 +53,20 @@ class MemoryScenes(SceneMaker):
     def ring(self) -> ActionSlots:
         """Return latches of which the ring keeps some, and requests for parts of them."""
         makers, source = self._makers, self._random
-        kept = makers.configs.traced_config(TraceMode.RING, 1)
-        modes = [TraceMode.RING, TraceMode.RING, *makers.configs.modes()]
+        kept = makers.configs.traced_config(m.TraceMode.RING, 1)
+        modes = [m.TraceMode.RING, m.TraceMode.RING, *makers.configs.modes()]
         found: ActionSlots = []
         total = 0
         for _ in range(_SEGMENTS):
             mode, divider = source.choice(modes), source.choice((1, 2, 7))
-            mode = TraceMode.OFF if mode is TraceMode.DRIVE else mode
+            mode = m.TraceMode.OFF if mode is m.TraceMode.DRIVE else mode
             config = dataclasses.replace(kept, trace_mode=mode, trace_divider=divider)
             latches = source.choice(_LATCHES)
             total += latches
-            begun = [makers.frame(message) for message in (SetConfig(config), Arm())]
+            begun = [makers.frame(message) for message in (m.SetConfig(config), m.Arm())]
             found.append([*begun, *makers.row(latches, SLOT_US // 2)])
         reads = (
-            ReadTrace(source.randrange(total + 3), source.choice((1, 2, 5, 0xFFFF)))
+            m.ReadTrace(source.randrange(total + 3), source.choice((1, 2, 5, 0xFFFF)))
             for _ in range(_READS)
         )
         return [*found, [makers.frame(read) for read in reads]]

@@ -8,7 +8,7 @@ from functools import partial
 from itertools import product
 from typing import Final
 
-from haptogram_protocol.messages import Config, Feature, Stop
+from haptogram_protocol import messages as m
 
 from ..actions import ActionSlots, DialogueAction
 from ..makers.frames import HELLOS
@@ -69,7 +69,7 @@ class RandomScenes(SceneMaker):
         return {
             memories.sessions: 0.07,
             memories.numbers: 0.05,
-            memories.ring: 0.04 * (Feature.TRACE_RING in conditions.can),
+            memories.ring: 0.04 * (m.Feature.TRACE_RING in conditions.can),
             moments.trios: 0.08,
             moments.turns: 0.1 * conditions.exact,
             partial(moments.pause, timed=False): 0.05 * conditions.exact,
@@ -115,7 +115,7 @@ class RandomScenes(SceneMaker):
 
         Neither ends the ramp of a hold.
         """
-        names = [field.name for field in fields(Config)]
+        names = [field.name for field in fields(m.Config)]
         ramps = [state for state in self.timed if "ramp" in state]
         likely = [*product(ramps, _OF_RAMPS)] * _LIKELY
         state, name = self._next(
@@ -187,7 +187,7 @@ class RandomScenes(SceneMaker):
         found: ActionSlots = []
         for _ in range(_VALUE_SLOTS):
             found.append([self._inputs.with_any_value() for _ in range(number)])
-            found.append([self._makers.frame(Stop()), *self._makers.probe()])
+            found.append([self._makers.frame(m.Stop()), *self._makers.probe()])
         return found
 
     def _silent(self, slots: int) -> ActionSlots:

@@ -16,6 +16,7 @@ from haptogram.acoustics import TransducerArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
+from ...mixed_up import grid_orders
 from ..run_drives import Bools, PinRunDrives
 
 _MOST: Final = 0.9  # share of frames that a name must explain
@@ -268,18 +269,9 @@ def exchanged_pin_orders(
     """Return the order of elements that explains *others*, pairs of element and element shown."""
     if array.grid_shape is None or len(others) < _EXCHANGED * captured or len(others) < 2:
         return None
-    grid = np.arange(array.count).reshape(array.grid_shape)
-    orders = {
-        "x mirrored": grid[::-1],
-        "y mirrored": grid[:, ::-1],
-        "x and y mirrored (turned by 180 degrees)": grid[::-1, ::-1],
-        "x and y exchanged (transposed)": grid.T,
-    }
-    for name, order in orders.items():
-        shown = order.ravel()
-        if all(shown[element] == other for element, other in others):
-            return name
-    return None
+    orders = grid_orders(np.arange(array.count).reshape(array.grid_shape))
+    fitting = (n for n, order in orders if all(order[element] == o for element, o in others))
+    return next(fitting, None)
 
 
 def grouped_pin_faults(faults: Sequence[tuple[int, str, str]]) -> Iterator[str]:

@@ -1,13 +1,11 @@
-"""By how much each pin is off in all frames, and the structure of it: ports, chains, outputs."""
+"""By how much each pin is off in all frames."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +16,6 @@ from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.pins import PinRecord
 
 from .faults import PinDrives
-
-_MODULI: Final = (2, 4, 8, 16, 32)
-_BLOCKS: Final = (64, 32, 16, 8)
-_FEWEST: Final = 3  # elements that make a structure
-_NUMBERED: Final = re.compile(r"(.*?)[._\[ -]*[0-9]+\]?")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -120,95 +113,3 @@ def calibration_of_pins(every: Sequence[ElementOffsets], array: TransducerArray)
         gain[places] = one.gain[shown] * np.abs(one.known[shown])
         phase[places] = wrapped_phases(one.phase_rad[shown] + np.angle(one.known[shown]))
     return Calibration(np.minimum(gain, MAX_GAIN), phase, array.positions_m)
-
-
-# --- structure -----------------------------------------------------------------------------------
-
-
-def structures_of_offsets(
-    offsets: ElementOffsets, shifted: Sequence[int], limit_rad: float, steps: int
-) -> tuple[list[str], set[int]]:
-    """Return in words which *shifted* elements are off together, and all that this explains.
-
-    Those of a port, of a remainder of their numbers, of a block.
-
-    Parameters
-    ----------
-    shifted : sequence of int
-        Elements that are off by a phase that is the same in every frame.
-    limit_rad : float
-        Phase that samples may hide.
-    steps : int
-        Steps of the board's phases in a period.
-    """
-    phases = dict(zip(offsets.elements, offsets.phase_rad.tolist(), strict=True))
-    left = set(shifted)
-    found: list[str] = []
-    for classes in _classes_of_elements(offsets):
-        lags = {
-            name: lag
-            for name, members in classes.items()
-            if len(members) >= _FEWEST
-            and (lag := _shared_lag(members, phases, limit_rad)) is not None
-        }
-        shared = [name for name in lags if left.issuperset(classes[name])]
-        base, zero = "the others", 0.0
-        if 2 * len(shared) > len(classes) and len(lags) == len(classes):
-            base = next(iter(lags))  # no class is as most are: all lag behind the first
-            zero, shared = lags[base], list(lags)
-        for name in shared:
-            lag = float(wrapped_phases(np.array([lags[name] - zero]))[0])
-            many = f"{name} ({len(classes[name])} of {len(offsets.elements)} pins)"
-            if name != base and abs(lag) > limit_rad:
-                found.append(f"{many}: {_lag_text(lag, limit_rad, steps, base)}")
-            left -= set(classes[name])
-        if not left:
-            break
-    return found, set(shifted) - left
-
-
-def _shared_lag(
-    members: Sequence[int], phases: Mapping[int, float], limit_rad: float
-) -> float | None:
-    """Return the lag that all *members* have; None: they differ."""
-    lags = np.array([phases[element] for element in members])
-    lags = lags[np.isfinite(lags)]
-    if not len(lags):
-        return None
-    middle = float(np.angle(np.exp(1j * lags).sum()))
-    near = np.abs(wrapped_phases(lags - middle)).max() <= 2.0 * limit_rad
-    return middle if near else None
-
-
-def _classes_of_elements(offsets: ElementOffsets) -> Iterator[dict[str, list[int]]]:
-    """Yield ways to divide the elements: by the names of their channels, remainders, blocks."""
-    by_port: dict[str, list[int]] = defaultdict(list)
-    for element, channel in zip(offsets.elements, offsets.channels, strict=True):
-        stem = _NUMBERED.fullmatch(channel)
-        by_port[f"port {channel if stem is None else stem[1]}"].append(element)
-    if 1 < len(by_port) < len(offsets.elements):
-        yield by_port
-    for modulus in _MODULI:
-        yield _classes(offsets.elements, lambda n, m=modulus: f"elements n mod {m} = {n % m}")
-    for size in _BLOCKS:
-        yield _classes(
-            offsets.elements,
-            lambda n, s=size: f"elements {n // s * s} to {n // s * s + s - 1}",
-        )
-
-
-def _classes(elements: Sequence[int], name: Any) -> dict[str, list[int]]:
-    found: dict[str, list[int]] = defaultdict(list)
-    for element in elements:
-        found[name(element)].append(element)
-    return found
-
-
-def _lag_text(lag_rad: float, limit_rad: float, steps: int, base: str) -> str:
-    degrees = math.degrees(lag_rad)
-    count = round(lag_rad * steps / math.tau)
-    step_rad = math.tau / steps
-    if count and abs(lag_rad - count * step_rad) <= min(2.0 * limit_rad, step_rad / 4.0):
-        many = "one step" if abs(count) == 1 else f"{abs(count)} steps"
-        return f"{many} of {steps} {'late' if count > 0 else 'early'}, {degrees:+.1f} degrees"
-    return f"{abs(degrees):.1f} degrees {'behind' if degrees > 0 else 'ahead of'} {base}"

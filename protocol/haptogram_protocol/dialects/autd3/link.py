@@ -28,22 +28,9 @@ from typing import Final
 
 from ...errors import LocalProtocolError
 from ..codec import Dialect, Operation, Reply, no_dialect_bytes_for
+from . import messages
 from .display import Autd3Display
 from .frame import DEVICE_FRAME_BYTES, Autd3DeviceReader, Autd3DeviceState
-from .messages import (
-    VERSION,
-    Accepted,
-    Autd3Refused,
-    Autd3States,
-    Close,
-    Hello,
-    Open,
-    Pose,
-    Read,
-    Undecodable,
-    Update,
-    Write,
-)
 from .operations import CHANNELS
 
 MAX_DEVICES: Final = 64  # ours: the link has a u32
@@ -103,11 +90,11 @@ class Autd3BoardEnd:
 
     def send(self, message: Reply) -> bytes:
         """Return the bytes of a reply."""
-        if isinstance(message, Accepted):
+        if isinstance(message, messages.Accepted):
             return bytes([_OK])
-        if isinstance(message, Autd3States):
+        if isinstance(message, messages.Autd3States):
             return bytes([_OK]) + b"".join(state.pack() for state in message.devices)
-        if isinstance(message, Autd3Refused):
+        if isinstance(message, messages.Autd3Refused):
             text = message.reason.encode("utf-8", "replace")[:MAX_TEXT_BYTES]
             return struct.pack("<BI", _ERROR, len(text)) + text
         raise no_dialect_bytes_for(message, _WIRE)
@@ -131,7 +118,7 @@ class Autd3BoardEnd:
             _OPEN: self._read_geometry,
             _UPDATE: self._read_geometry,
             _WRITE: self._read_frames,
-            _READ: lambda *_: (Read(), 1),
+            _READ: lambda *_: (messages.Read(), 1),
             _CLOSE: self._read_close,
         }
         if kind == _HELLO and not self._greeted:
@@ -161,10 +148,12 @@ class Autd3BoardEnd:
         _, version, magic = _HELLO_LAYOUT.unpack_from(received, at)
         if magic != _MAGIC:
             return self._give_up("the handshake does not say AUTD3REMOTE")
-        if version != VERSION:
-            return self._give_up(f"version {version} of the link; served is {VERSION}, of autd3 38")
+        if version != messages.VERSION:
+            return self._give_up(
+                f"version {version} of the link; served is {messages.VERSION}, of autd3 38"
+            )
         self._greeted = True
-        return Hello(version), _HELLO_LAYOUT.size
+        return messages.Hello(version), _HELLO_LAYOUT.size
 
     def _read_geometry(self, received: bytes, at: int) -> tuple[Operation | None, int]:
         if len(received) < at + _COUNT.size:
@@ -176,15 +165,15 @@ class Autd3BoardEnd:
         if len(received) < end:
             return None, end - at
         poses = tuple(
-            Pose(values[:3], values[3:])
+            messages.Pose(values[:3], values[3:])
             for values in _POSE.iter_unpack(received[at + _COUNT.size : end])
         )
         if received[at] == _UPDATE:
-            return Update(poses), end - at
+            return messages.Update(poses), end - at
         if self._devices is not None:
             return self._give_up("the devices are open already")
         self._devices = [Autd3DeviceReader(self.counters) for _ in poses]
-        return Open(poses), end - at
+        return messages.Open(poses), end - at
 
     def _read_frames(self, received: bytes, at: int) -> tuple[Operation | None, int]:
         devices = self._devices or []
@@ -196,16 +185,16 @@ class Autd3BoardEnd:
             device.read(received[start : start + DEVICE_FRAME_BYTES])
             for device, start in zip(devices, starts, strict=True)
         )
-        return Write(frames), size
+        return messages.Write(frames), size
 
     def _read_close(self, *_: object) -> tuple[Operation, int]:
         self._ended = True
-        return Close(), 1
+        return messages.Close(), 1
 
     def _give_up(self, reason: str) -> tuple[Operation, int]:
         self._ended = True
         self.counters["links_undecodable"] += 1
-        return Undecodable(reason), 0
+        return messages.Undecodable(reason), 0
 
 
 class Autd3HostEnd:
@@ -244,7 +233,7 @@ class Autd3HostEnd:
         if len(self._due) >= MAX_UNANSWERED:
             raise LocalProtocolError(f"{MAX_UNANSWERED} answers are due; read them first")
         packed = self._pack(message)
-        self._due.append(self._devices if isinstance(message, Read) else 0)
+        self._due.append(self._devices if isinstance(message, messages.Read) else 0)
         return packed
 
     def receive_data(self, data: bytes) -> list[Reply]:
@@ -267,28 +256,28 @@ class Autd3HostEnd:
         return found
 
     def _pack(self, message: Operation) -> bytes:
-        if isinstance(message, Hello):
+        if isinstance(message, messages.Hello):
             return _HELLO_LAYOUT.pack(_HELLO, message.version, _MAGIC)
-        if isinstance(message, Open | Update):
+        if isinstance(message, messages.Open | messages.Update):
             return self._pack_geometry(message)
-        if isinstance(message, Write):
+        if isinstance(message, messages.Write):
             if len(message.frames) != self._devices:
                 raise LocalProtocolError(
                     f"{len(message.frames)} frames for {self._devices} open devices"
                 )
             return bytes([_WRITE]) + b"".join(frame.pack() for frame in message.frames)
-        if isinstance(message, Read | Close):
-            return bytes([_READ if isinstance(message, Read) else _CLOSE])
+        if isinstance(message, messages.Read | messages.Close):
+            return bytes([_READ if isinstance(message, messages.Read) else _CLOSE])
         raise no_dialect_bytes_for(message, _WIRE)
 
-    def _pack_geometry(self, message: Open | Update) -> bytes:
+    def _pack_geometry(self, message: messages.Open | messages.Update) -> bytes:
         if not 1 <= len(message.devices) <= MAX_DEVICES:
             raise LocalProtocolError(
                 f"{len(message.devices)} devices; 1 to {MAX_DEVICES} are served"
             )
-        if isinstance(message, Open):
+        if isinstance(message, messages.Open):
             self._devices = len(message.devices)
-        kind = _OPEN if isinstance(message, Open) else _UPDATE
+        kind = _OPEN if isinstance(message, messages.Open) else _UPDATE
         poses = (_POSE.pack(*pose.position, *pose.rotation) for pose in message.devices)
         return struct.pack("<BI", kind, len(message.devices)) + b"".join(poses)
 
@@ -300,12 +289,12 @@ class Autd3HostEnd:
         if len(received) < end:
             return None, 0
         if not devices:
-            return Accepted(), 1
+            return messages.Accepted(), 1
         states = (
             Autd3DeviceState.parse(received[start : start + _STATE_BYTES])
             for start in range(at + 1, end, _STATE_BYTES)
         )
-        return Autd3States(tuple(states)), end - at
+        return messages.Autd3States(tuple(states)), end - at
 
     def _read_refusal(self, received: bytes, at: int) -> tuple[Reply | None, int]:
         if len(received) < at + _COUNT.size:
@@ -313,13 +302,13 @@ class Autd3HostEnd:
         (size,) = _COUNT.unpack_from(received, at)
         if size > MAX_TEXT_BYTES:
             self.counters["bytes_unexpected"] += size
-            return Autd3Refused(
+            return messages.Autd3Refused(
                 f"a text of {size} bytes; up to {MAX_TEXT_BYTES} are read"
             ), _COUNT.size
         start = at + _COUNT.size
         if len(received) < start + size:
             return None, 0
-        return Autd3Refused(
+        return messages.Autd3Refused(
             received[start : start + size].decode("utf-8", "replace")
         ), start + size - at
 
@@ -335,4 +324,6 @@ AUTD3: Final = Dialect(
     host=Autd3HostEnd,
     signature=re.compile(rb"\x10..AUTD3REMOTE", re.DOTALL),
     display=Autd3Display,
+    layout="autd3",
 )
+DIALECTS: Final = (AUTD3,)

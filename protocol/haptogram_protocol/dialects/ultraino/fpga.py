@@ -38,8 +38,6 @@ from ..fpga_bytes.operations import (
     BeginAmplitudes,
     Clocks,
     Select,
-    SetAmplitudes,
-    SetPhases,
     Swap,
     ToggleMultiplex,
 )
@@ -65,22 +63,6 @@ RULES: Final = {
 RULES_128: Final = FpgaByteRules(
     "ultraino-fpga-128", CHANNELS_128, 128, {0xFE: Begin(), 0xFD: Swap()}, wraps=False
 )
-
-
-def ultraino_fpga_frame(codes: bytes, amplitudes: bytes | None = None) -> list[Operation]:
-    """Return the operations of SimpleFPGA's frame; with *amplitudes* for ``fb="amplitude"``."""
-    operations: list[Operation] = [Begin(), SetPhases((0,), 0, codes)]
-    if amplitudes is not None:
-        operations += [BeginAmplitudes(), SetAmplitudes((0,), 0, amplitudes)]
-    return [*operations, Swap()]
-
-
-def chained_ultraino_frame(codes: list[bytes]) -> list[Operation]:
-    """Return the operations of ChainedFPGA's frame, from the codes of each board."""
-    operations: list[Operation] = []
-    for number, of_board in enumerate(codes):
-        operations += [Select(number), SetPhases((number,), 0, of_board)]
-    return [*operations, Swap()]
 
 
 def _ultraino_board_end(*, fb: str = FALLS_THROUGH) -> FpgaBoardEnd:
@@ -136,6 +118,7 @@ SIMPLE: Final = Dialect(
     host=_ultraino_host_end,
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
     display=lambda _: FpgaDisplay(RULES[FALLS_THROUGH], 32),
+    layout="ultraino-sonicsurface",
 )
 SIMPLE_128: Final = Dialect(
     name="ultraino-fpga-128",
@@ -148,6 +131,7 @@ SIMPLE_128: Final = Dialect(
     host=functools.partial(FpgaHostEnd, RULES_128),
     signature=re.compile(rb"\xfe[\x00-\x80]{72}\xfd"),
     display=lambda _: FpgaDisplay(RULES_128, 128),
+    layout="tinylev",
 )
 CHAINED: Final = Dialect(
     name="ultraino-fpga-chained",
@@ -160,4 +144,6 @@ CHAINED: Final = Dialect(
     host=_chained_ultraino_host_end,
     signature=re.compile(rb"(?<!\xfe)(?:[\xc0-\xcf][\x00-\x20]{256})+\xfd"),
     display=lambda boards: FpgaDisplay(chained_ultraino_rules(boards), 32, boards),
+    layout="ultraino-sonicsurface-stack",
 )
+DIALECTS: Final = (SIMPLE, SIMPLE_128, CHAINED)

@@ -1,3 +1,5 @@
+import re
+
 import pytest
 
 from haptogram.campaigns.bench.frame_budget import (
@@ -34,17 +36,24 @@ def test_a_loop_is_never_early():
 
 
 def test_the_command_says_what_fits_and_what_does_not(capsys):
-    assert main(["budget", "--baud", "3000000", "--rate-hz", "1000"]) == 0
+    """Whatever this machine is busy with: the host's share and the widths are measured."""
+    status = main(["budget", "--baud", "3000000", "--rate-hz", "1000"])
     text = capsys.readouterr().out
-    assert "wire     913.3 µs   91.3 %  274 bytes of 10 bits at 3000000 baud" in text
-    assert "1000 Hz fits: the line is 91.3 % full" in text
+    assert re.search(r"wire +913\.3 µs +91\.3 %  274 bytes of 10 bits at 3000000 baud", text)
+    assert "the line is 91.3 % full" in text
+    assert ("1000 Hz fits: " in text, "1000 Hz does not fit: " in text) == (
+        status == 0,
+        status == 1,
+    )
     for name in bench_frame_formats(256):
         assert name in text
-    assert "latency timer of 16 ms, as it comes  16193.3 µs" in text
-    assert main(["budget", "--baud", "115200", "--rate-hz", "1000"]) == 1
+    assert re.search(r"latency timer of 16 ms, as it comes +16193\.3 µs", text)
+    assert main(["budget", "--rate-hz", "0.1"]) == 0
+    assert "0.1 Hz fits: " in capsys.readouterr().out
+    assert main(["budget", "--baud", "9600", "--rate-hz", "1000"]) == 1
     text = capsys.readouterr().out
-    assert "1000 Hz does not fit" in text
-    assert " 42 Hz  line" in text
+    assert "1000 Hz does not fit: " in text
+    assert re.search(r"\nphases .* 4 Hz +line", text)
 
 
 @pytest.mark.parametrize(

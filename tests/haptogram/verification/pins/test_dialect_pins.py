@@ -12,6 +12,7 @@ from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.verification import Verdict
 from haptogram.verification.pins.joined import verify_captures
+from pin_captures import captured_dialect_run
 
 MEGA_HZ = 16e6 / 396
 EVERY = {"reference": "sync", "elements": "p{}"}
@@ -56,7 +57,7 @@ def test_late_channels_are_one_line_and_lose_no_focus(tmp_path):
     offsets = found.pins[0].offsets
     assert np.degrees(offsets.phase_rad[3::8]) == pytest.approx(11.25, abs=0.3)
     assert np.degrees(np.delete(offsets.phase_rad, late)) == pytest.approx(0.0, abs=0.3)
-    assert "32 elements off by +1 LSB" in str(found)
+    assert "wrong drive; elements n mod 8 = 3 (32 of 256): one step of 32 late" in str(found)
 
 
 @pytest.mark.parametrize("named", [False, True])
@@ -116,6 +117,33 @@ def test_a_carrier_that_is_not_steady_is_no_latch(reference, tmp_path):
     (pins,) = judged(board, tmp_path / "pins.sr", line).pins
     assert re.fullmatch(r"while bytes arrive: -\d+\.\d dB", pins.findings["amplitudes"][0])
     assert pins.not_judged["torn"] == "the carrier is not steady while pins change"
+
+
+PINS = {  # findings, and the frames of 3 that are right; port H is 18.2 degrees behind port A
+    "": ({}, 3),
+    "upload=drawn-out": ({"amplitudes": r"while bytes arrive: -[56]\.\d dB"}, 3),
+    "carrier=20kHz": ({"carrier": r"20000 Hz: 6 of 6 pins pulse in one of 2 periods"}, 0),
+    "ports=staggered": (
+        {"phases": r"element 9 \(e9\): phase off by \+\d+\.\d degrees in every"},
+        0,
+    ),
+}
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("option", PINS)
+def test_the_emulated_board_shows_at_its_pins_what_was_found(option, tmp_path):
+    options = dict([option.split("=")]) if option else {}
+    path, name = tmp_path / "pins.vcd", "ultraino-mega64"
+    intended = captured_dialect_run(path, name, frames_of(name, 3), **options)
+    line = {"reference": "carrier", "elements": "e{}", "to_board": "to_board", "baud": 115_200}
+    record = pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", line))
+    (pins,) = verify_captures([record], intended, model=model_of(name)).pins
+    found, right = PINS[option]
+    assert pins.counts["right"] == right, str(pins)
+    assert set(pins.findings) == set(found)
+    for check, told in found.items():
+        assert re.search(told, "\n".join(pins.findings[check]))
 
 
 def test_a_frame_that_never_came_is_lost_and_a_few_pins_say_what_they_cover(tmp_path):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import pattern_drives as drives
+from dialect_boards import SENT, DialectBoard
 from haptogram.acoustics import Calibration, focus_phases
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT, LAYOUTS
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
 from haptogram.records.remark import About
 from haptogram.verification import FrameStatus, Tolerance, Verdict
@@ -36,6 +37,42 @@ BOARDS = {"sonicsurface": 32, "interactlab": 128, "ultraino-flat8": 10}
 
 def named(result):
     return [found.defect for found in result.diagnoses]
+
+
+FOUND = {  # in the firmware of boards: dialect, defect, figures, and how much pressure is left
+    "last_bit=late": (
+        "sonicsurface",
+        Defect.TOGETHER,
+        r"elements n mod 8 = 3 \(32 of 256\): one step of 32 late, \+\d+\.\d degrees; 0\.\d\d mm",
+        0.997,
+    ),
+    "carrier=20kHz": ("ultraino-mega64", Defect.CARRIER, "a transducer hears -6.0 dB", 0.5),
+    "upload=drawn-out": ("ultraino-mega64", Defect.UPLOAD, "-6.0 dB", 0.5),
+}
+
+
+@pytest.mark.parametrize("option", ["", *FOUND])
+def test_what_was_found_in_firmware_is_named_with_what_it_costs(option):
+    dialect, defect, figures, left = FOUND.get(option, ("ultraino-mega64", None, "", 1.0))
+    board = DialectBoard(dialect, *filter(None, [option]))
+    for _ in range(2):
+        board.send(SENT[dialect])
+        board.pass_us(5_000)
+    watch = Watch(board.settings.truth)
+    steps = board.settings.wiring.steps
+    kinds = [
+        watch.take(
+            SeenLatch(n, seen.radiated, steps, seen.t_latch_us, seen.cause, seen.counted)
+        ).pattern.kind
+        for n, seen in enumerate(board.latches)
+        if seen.cause != "power-up"
+    ]
+    assert set(kinds) <= {"one focus", "uniform"}
+    result = watch.result()
+    assert named(result) == ([] if defect is None else [defect])
+    for found in result.diagnoses:
+        costs = re.search(rf"{figures}.* (\d+) Pa instead of (\d+) Pa$", found.detail)
+        assert float(costs[1]) / float(costs[2]) == pytest.approx(left, abs=3e-3)
 
 
 # --- expectation ---------------------------------------------------------------------------------
@@ -427,7 +464,7 @@ def test_the_frames_of_a_client_are_judged_by_what_the_board_says_of_it(events, 
 
 
 def test_frames_of_bytes_that_look_like_no_wire_are_not_judged():
-    frames = FrameDefects(most=10)
+    frames = FrameDefects()
     array = LAYOUTS["sonicsurface"].array()
     (whole,) = latches(array, 32, targets_of(array)[:1])
     torn = dataclasses.replace(whole, counted={"frames_short": 1})
@@ -478,7 +515,7 @@ def test_a_focus_of_bowls_is_found_without_being_expected(radius_m):
 
 def test_elements_too_few_for_a_focus_are_not_verified():
     """Eight of them prove nothing: the right drive is no wrong one, and a wrong one is."""
-    array = LAYOUT_OF_DIALECT["ultraino-nano8"].array()
+    array = LAYOUTS["ultraino-nano8"].array()
     target = np.array([[0.004, 0.005, 0.04]])
     run = watched(array, latches(array, 24, target), target)
     assert run.result().statuses == {FrameStatus.NOT_VERIFIED: 1}

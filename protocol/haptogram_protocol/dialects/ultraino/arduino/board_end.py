@@ -8,15 +8,8 @@ from typing import Final
 
 from ....errors import LocalProtocolError
 from ...codec import Operation, Reply, no_dialect_bytes_for
+from . import line_bytes
 from .firmware import MAX_BOARDS, ArduinoFirmware
-from .line_bytes import (
-    BYTES_OF_DURATION,
-    COMMAND,
-    DURATION_BYTES,
-    PARTS,
-    SWAP,
-    durations_from_pairs,
-)
 from .memory import PatternMemory
 from .operations import CommitDurations, Forward, Restart, SetDurations, Swap
 
@@ -25,20 +18,20 @@ _TOKENS: Final = re.compile(
     b"|".join(
         b"(" + part + b")"
         for part in (
-            *PARTS.values(),
-            rb"[" + re.escape(DURATION_BYTES) + rb"]+",
-            SWAP,
-            COMMAND,
+            *line_bytes.PARTS.values(),
+            rb"[" + re.escape(line_bytes.DURATION_BYTES) + rb"]+",
+            line_bytes.SWAP,
+            line_bytes.COMMAND,
             rb"[\x20\x40-\x60\x80-\xa0\xc0-\xe0]",
         )
     ),
     re.DOTALL,
 )
 _DURATION, _SWAPPED, _COMMANDED = 16, 17, 18
-_ACTS: Final = re.compile(rb"[" + re.escape(SWAP + COMMAND) + rb"]")
+_ACTS: Final = re.compile(rb"[" + re.escape(line_bytes.SWAP + line_bytes.COMMAND) + rb"]")
 # Operations are values: each byte that is sent on has one object, and a swap its two.
 _FORWARDS: Final = tuple(map(Forward, range(256)))
-_SWAP_AND_FORWARD: Final = (Swap(), _FORWARDS[SWAP[0]])
+_SWAP_AND_FORWARD: Final = (Swap(), _FORWARDS[line_bytes.SWAP[0]])
 
 
 class ArduinoBoardEnd:
@@ -91,7 +84,7 @@ class ArduinoBoardEnd:
 
     @property
     def _is_partial(self) -> bool:
-        is_cut = len(self._durations) % BYTES_OF_DURATION > 0
+        is_cut = len(self._durations) % line_bytes.BYTES_OF_DURATION > 0
         return is_cut or any(memory.is_partial for memory in self._memories)
 
     @property
@@ -178,10 +171,10 @@ class ArduinoBoardEnd:
         else:
             self._restart(found)
             found.append(Restart())
-        found.append(_FORWARDS[COMMAND[0]])
+        found.append(_FORWARDS[line_bytes.COMMAND[0]])
 
     def _take_durations(self, part: bytes, found: list[Operation]) -> None:
-        room = BYTES_OF_DURATION * self._firmware.durations - len(self._durations)
+        room = line_bytes.BYTES_OF_DURATION * self._firmware.durations - len(self._durations)
         if len(part) > room:
             self.counters["durations_beyond_memory"] += len(part) - room
         self._durations += part[:room]
@@ -190,9 +183,9 @@ class ArduinoBoardEnd:
     def _end_durations(self, found: list[Operation]) -> None:
         if not self._durations:
             return
-        if len(self._durations) % BYTES_OF_DURATION:
+        if len(self._durations) % line_bytes.BYTES_OF_DURATION:
             self.counters["durations_short"] += 1
-        found.append(SetDurations(durations_from_pairs(bytes(self._durations))))
+        found.append(SetDurations(line_bytes.durations_from_pairs(bytes(self._durations))))
         self._durations.clear()
         self._uncommitted = True
 

@@ -6,24 +6,13 @@ import functools
 import re
 from typing import Final
 
-from ...codec import Dialect, Operation
+from ...codec import Dialect
 from .board_end import ArduinoBoardEnd
 from .display import ONE_PATTERN, SlotDisplay
 from .firmware import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoFirmware
 from .host_end import ArduinoHostEnd
 from .line_bytes import BYTES_OF_DURATION, COMMAND, DURATION_BYTES, OTHER_HOPS, PARTS, SWAP
-from .operations import CommitDurations, SetDurations, SetPattern, Swap
 from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, ArduinoSlotLayout
-
-
-def mega64_frame(patterns: list[bytes], durations: bytes = ONE_PATTERN) -> list[Operation]:
-    """Return the operations of a frame of MEGA64 from the slot bytes of each board of a chain."""
-    return [
-        *(SetPattern(board, 0, slots) for board, slots in enumerate(patterns)),
-        SetDurations(durations),
-        CommitDurations(),
-        Swap(),
-    ]
 
 
 def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
@@ -33,7 +22,11 @@ def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
 
 
 def _arduino_dialect(
-    firmware: ArduinoFirmware, title: str, layout: ArduinoSlotLayout, connected: bytes = b""
+    firmware: ArduinoFirmware,
+    title: str,
+    layout: ArduinoSlotLayout,
+    emitters: str,
+    connected: bytes = b"",
 ) -> Dialect:
     def board(*, boards: int = 1) -> ArduinoBoardEnd:
         return ArduinoBoardEnd(firmware, boards)
@@ -62,11 +55,21 @@ def _arduino_dialect(
         host=host,
         signature=re.compile(pattern + others + ending, re.DOTALL),
         display=display,
+        layout=emitters,
     )
 
 
-MEGA64: Final = _arduino_dialect(MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", MEGA64_LAYOUT)
-NANO16: Final = _arduino_dialect(
-    NANO16_FIRMWARE, "Ultraino Arduino Nano16", NANO16_LAYOUT, NANO16_CONNECTED
+MEGA64: Final = _arduino_dialect(
+    MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", MEGA64_LAYOUT, "ultraino-flat8"
 )
-NANO8: Final = _arduino_dialect(NANO8_FIRMWARE, "Ultraino Arduino Nano8", NANO8_LAYOUT)
+NANO16: Final = _arduino_dialect(
+    NANO16_FIRMWARE,
+    "Ultraino Arduino Nano16",
+    NANO16_LAYOUT,
+    "ultraino-nano16",
+    NANO16_CONNECTED,
+)
+NANO8: Final = _arduino_dialect(
+    NANO8_FIRMWARE, "Ultraino Arduino Nano8", NANO8_LAYOUT, "ultraino-nano8"
+)
+DIALECTS: Final = (MEGA64, NANO8, NANO16)

@@ -16,7 +16,7 @@ from haptogram.acoustics.model.boards.grids import (
     interactlab_pin,
     sonicsurface_wire_index,
 )
-from haptogram.acoustics.model.boards.table import LAYOUT_OF_DIALECT, LAYOUTS
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram_protocol.dialects.table import DIALECTS
 
 DATA = Path(__file__).parents[4] / "data" / "dialects"
@@ -102,9 +102,8 @@ def test_axes_of_clients_turn_there_and_back(board):
 
 
 def test_every_dialect_has_a_layout():
-    assert set(DIALECTS) == set(LAYOUT_OF_DIALECT)
-    for name, board in LAYOUT_OF_DIALECT.items():
-        assert board.array().count % DIALECTS[name].channels == 0
+    for dialect in DIALECTS.values():
+        assert LAYOUTS[dialect.layout].array().count % dialect.channels == 0
 
 
 def test_the_examples_run():
@@ -125,7 +124,7 @@ MAPS = {
 @pytest.mark.parametrize("name", MAPS)
 def test_the_map_of_a_page_has_every_channel_where_the_layout_has_it(name):
     up, across, text = MAPS[name]
-    layout = LAYOUT_OF_DIALECT[name]
+    layout = LAYOUTS[DIALECTS[name].layout]
     places_mm = 1e3 * layout.clients_m(layout.array().positions_m)
     columns, *rows = [line.split() for line in text.strip("\n").split("\n")]
     seen = {}
@@ -142,7 +141,7 @@ def test_the_map_of_a_page_has_every_channel_where_the_layout_has_it(name):
 def test_every_dialect_has_a_map_or_is_told_from_one():
     others = {"sonicsurface-tactile", "ultraino-fpga", "ultraino-fpga-chained"}  # SonicSurface's
     in_words = {"autd3", "ultraino-mega64", "ultraino-nano8", "ultraino-nano16"}
-    assert MAPS.keys() | others | in_words | {"ultraino-fpga-128"} == LAYOUT_OF_DIALECT.keys()
+    assert MAPS.keys() | others | in_words | {"ultraino-fpga-128"} == DIALECTS.keys()
     own, centred = (LAYOUTS[name].array() for name in ("sonicsurface", "ultraino-sonicsurface"))
     np.testing.assert_allclose(own.positions_m - centred.positions_m, [[0, -2e-3, 0]] * 256)
 
@@ -165,7 +164,7 @@ def test_every_dialect_has_a_map_or_is_told_from_one():
     ],
 )
 def test_the_channels_that_pages_tell_in_words_are_there(name, channel, place_mm):
-    layout = LAYOUT_OF_DIALECT[name]
+    layout = LAYOUTS[DIALECTS[name].layout]
     place_m = layout.clients_m(layout.array().positions_m)[channel]
     np.testing.assert_allclose(1e3 * place_m, place_mm, atol=1e-6)
 
@@ -173,7 +172,7 @@ def test_the_channels_that_pages_tell_in_words_are_there(name, channel, place_mm
 def test_the_rings_of_a_page_are_those_of_tinylev():
     text = (PAGES / "ultraino.md").read_text("utf-8")
     (table,) = re.findall(r"<!-- rings: ultraino-fpga-128 -->\n(.*?)\n\n", text, re.DOTALL)
-    layout = LAYOUT_OF_DIALECT["ultraino-fpga-128"]
+    layout = LAYOUTS[DIALECTS["ultraino-fpga-128"].layout]
     places_mm = 1e3 * layout.clients_m(layout.array().positions_m)
     for line in table.splitlines()[2:]:
         channels, radius, heights = line.strip("| ").split(" | ")

@@ -1,0 +1,137 @@
+"""Losses that elements of a focus have together: a group out of step, a carrier that is not steady.
+
+The place of a focus is fitted to all elements, so that what is left of each phase is rounding.
+Elements whose numbers have something in common, and which are all off by more than rounding, are
+off by a rule.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
+from haptogram.acoustics.field.reference import propagators
+from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.patterns.fit import PatternPhases, fit_pattern_point
+from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Placed, Vector
+
+from ..groups import groups_of_elements
+from .defect import Defect, Diagnosis
+from .latch import HALVED, UPLOAD, SeenLatch
+
+_ROUNDING: Final = 0.32  # of a step, the root mean square: rounding and cutting off leave 0.29
+_SPREAD: Final = 1.2  # of half a step, within a group: rounding, and the fit of the place
+_SOUNDING: Final = 1e-6
+_LEAST_DB: Final = -0.5
+_MOST: Final = 1000  # latches whose phases are looked at
+
+
+class CommonLosses:
+    """Collects what is left of the phases of foci, and how loud they are.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air.
+    """
+
+    def __init__(self, model: AcousticModel) -> None:
+        self._model = model
+        self._sum: ComplexArray = np.zeros(model.array.count, np.complex128)
+        self._taken: dict[int, int] = {}  # drives: the latch that showed each first
+        self._right = 0  # drives in which nothing is off
+        self._last: tuple[ComplexArray, int, Vector] | None = None
+        self._usual: Placed | None = None
+        self._halved: list[int] = []
+        self._upload: tuple[float, float, float] | None = None  # dB, Pa, and Pa without
+
+    def take(self, latch: SeenLatch, pattern: object) -> None:
+        """Look at the drive of a latch, and its pattern."""
+        if latch.cause == UPLOAD and isinstance(pattern, Placed) and self._usual is not None:
+            self._take_level(pattern.pressure_rms_pa, self._usual.pressure_rms_pa)
+        if not latch.is_of_client or latch.torn or not isinstance(pattern, Placed):
+            return
+        self._usual = pattern
+        if latch.counted.get(HALVED):
+            self._halved.append(latch.number)
+        drive = hash(latch.weights.tobytes())
+        if not isinstance(pattern, OneFocus) or drive in self._taken or len(self._taken) == _MOST:
+            return
+        self._taken[drive] = latch.number
+        step_rad = math.tau / latch.steps
+        if not pattern.outliers and pattern.residual_rms_rad <= _ROUNDING * step_rad:
+            self._right += 1
+            return
+        weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
+        _, active, residual = self._fitted(weights, pattern.position_m, free_speed=True)
+        self._sum[active] += np.exp(1j * (residual - np.median(residual)))
+        self._last = weights, latch.steps, pattern.position_m
+
+    def groups(self) -> tuple[list[Diagnosis], set[int]]:
+        """Return the groups that are out of step, and all their elements."""
+        if self._last is None or 2 * self._right > len(self._taken):
+            return [], set()
+        weights, steps, near_m = self._last
+        lags = np.where(np.abs(self._sum) > 0.0, np.angle(self._sum), np.nan)
+        limit_rad = math.pi / steps  # half a step, by which rounding turns no group
+        lags[np.abs(lags) > math.pi - 2.0 * limit_rad] = np.nan  # the polarity of single elements
+        every, spread_rad = dict(enumerate(lags.tolist())), _SPREAD * limit_rad
+        found, _ = groups_of_elements(every, every, limit_rad, steps, spread_rad=spread_rad)
+        if not found:
+            return [], set()
+        right, members = weights.copy(), set[int]()
+        for group in found:
+            right[list(group.members)] *= np.exp(-1j * group.lag_rad)
+            members.update(group.members)
+        place, pressure = self._focus(weights, near_m)
+        other, full = self._focus(right, near_m)
+        moved_mm = 1e3 * float(np.linalg.norm(place - other))
+        text = "; ".join(group.text for group in found)
+        detail = f"{text}; {moved_mm:.2f} mm, {pressure:.0f} Pa instead of {full:.0f} Pa"
+        return [Diagnosis(Defect.TOGETHER, detail, tuple(self._taken.values()))], members
+
+    def levels(self) -> list[Diagnosis]:
+        """Return what a carrier that is not steady costs."""
+        found = []
+        if self._halved and self._usual is not None:
+            pressure = self._usual.pressure_rms_pa
+            detail = (
+                "pins pulse in every second period; a transducer hears -6.0 dB, "
+                f"{pressure:.0f} Pa instead of {2.0 * pressure:.0f} Pa"
+            )
+            found.append(Diagnosis(Defect.CARRIER, detail, tuple(self._halved)))
+        if self._upload is not None:
+            loss_db, pressure, full = self._upload
+            detail = f"{loss_db:.1f} dB, {pressure:.0f} Pa instead of {full:.0f} Pa"
+            found.append(Diagnosis(Defect.UPLOAD, detail, ()))
+        return found
+
+    def _take_level(self, pressure: float, usual: float) -> None:
+        low, full = sorted((pressure, usual))
+        loss_db = 20.0 * math.log10(low / full) if low > 0.0 else 0.0
+        if loss_db < (_LEAST_DB if self._upload is None else self._upload[0]):
+            self._upload = loss_db, low, full
+
+    def _focus(self, weights: ComplexArray, near_m: Vector) -> tuple[FloatArray, float]:
+        """Return the place of the focus of *weights*, and its pressure."""
+        place, _, _ = self._fitted(weights, near_m, free_speed=False)
+        arrivals = weights * propagators(self._model, place[None])[0]
+        return place, abs(complex(arrivals.sum())) / math.sqrt(2.0)
+
+    def _fitted(
+        self, weights: ComplexArray, near_m: Vector, *, free_speed: bool
+    ) -> tuple[FloatArray, BoolArray, FloatArray]:
+        """Return the place of a focus, the elements that sound, and what their phases are off."""
+        array, radiated = self._model.array, self._model.radiated(weights)
+        active = np.abs(radiated) > _SOUNDING
+        phases = PatternPhases(
+            array.local_m(array.positions_m[active]),
+            np.angle(radiated[active]),
+            self._model.wavenumber,
+        )
+        start = array.local_m(np.array(near_m))
+        fit = fit_pattern_point(phases, start, free_speed=free_speed)
+        return array.world_m(fit.position_m), active, fit.residual_rad
