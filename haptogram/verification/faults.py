@@ -233,7 +233,7 @@ def _single_element_drive_faults(
     model: AcousticModel, difference: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> Iterator[str]:
     """Name elements that are wrong one by one, those with the same error together."""
-    if off.sum() > _NAMED_ELEMENTS:
+    if off.sum() > _NAMED_ELEMENTS and not _is_one_line(model, off):
         lags = dict(enumerate((difference * (np.pi * 2.0 / TURN)).tolist()))
         limit_rad = np.pi * grid.code / TURN
         shifted = np.flatnonzero(off).tolist()
@@ -248,6 +248,14 @@ def _single_element_drive_faults(
         wrong = off & (difference == error)
         what = "inverted" if error == -TURN // 2 else f"off by {grid.text(error)}"
         yield from _drive_faults_by_line(model, wrong, what)
+
+
+def _is_one_line(model: AcousticModel, off: NDArray[np.bool_]) -> bool:
+    """Return True if a column or a row of the grid is off, and nothing else."""
+    if model.array.grid_shape is None:
+        return False
+    grid = off.reshape(model.array.grid_shape)
+    return any(lines.any(axis=1).sum() == 1 == lines.all(axis=1).sum() for lines in (grid, grid.T))
 
 
 def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid) -> list[str]:

@@ -156,7 +156,7 @@ def test_the_short_help_is_a_page(name: str, capsys: pytest.CaptureFixture[str])
     assert lines[-1].startswith(f"haptogram {name} --help ")
 
 
-HEAVY = {"numpy", "scipy", "serial", "haptogram_protocol", "matplotlib", "tqdm"}
+HEAVY = {"numpy", "scipy", "serial", "matplotlib", "tqdm"}
 
 
 @pytest.mark.parametrize("name", ["", *COMMANDS])

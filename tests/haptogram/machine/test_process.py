@@ -106,7 +106,7 @@ def test_the_process_behind_a_pseudo_terminal_is_known_and_how_long_it_waited():
     finally:
         for descriptor in (held[1], *other):
             os.close(descriptor)
-    assert Path(f"/proc/{os.getpid()}/task/{threading.main_thread().native_id}") in threads
+    assert Path(f"/proc/{os.getpid()}/task/{threading.get_native_id()}") in threads
     assert {thread.parts[2] for thread in threads} == {str(os.getpid())}
     assert 0 <= waited_us <= threads_waited_us(threads)
     assert left == processes_behind_terminal("/dev/null") == []
