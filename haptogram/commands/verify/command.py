@@ -56,7 +56,7 @@ class _BrokenByPlanError(HaptogramError):
     """The planned faults let no session come up: nothing could be judged."""
 
 
-_WORTH_COMPILING: Final = 2_000  # frames
+_WORTH_COMPILING: Final = 1_000  # frames
 
 _EXAMPLES: Final = """\
 examples:
@@ -95,7 +95,7 @@ def set_up_verify(parser: Parser, made: ProgramBoards) -> None:
 
 def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     """Check the settings, run the job, and return the exit status."""
-    from haptogram.acoustics.field.engines.compiled import cached_kernels_alone
+    from haptogram.acoustics.field.engines.compiled import kernels_off
     from haptogram.report.formats.html import check_html_page
 
     file, given = arguments.config, given_options(arguments, options_of(VerifyConfig))
@@ -122,7 +122,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     if arguments.view:
         check_html_page(pictures=False)
     with (
-        cached_kernels_alone(wanted=_is_short(config)),
+        kernels_off(wanted=_is_short(config)),
         live_view(wanted=arguments.view) as view,
         outputs.recording(boards.config.result_options()) as writer,
         process_without_garbage_collector(),  # it would look at every frame again and again
@@ -132,7 +132,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
 
 
 def _is_short(config: VerifyConfig) -> bool:
-    """Return True for so few frames that numpy has judged them before the loops are compiled."""
+    """Return True for so few frames that numpy has judged them before the loops are loaded."""
     if config.shape.object not in SHAPES:
         return False
     from haptogram.objects.run_frames import frames_of_run

@@ -18,9 +18,8 @@ from typing import Final
 
 _KERNELS: Final = "haptogram.acoustics.field.engines.kernels"
 _SOURCES: Final = Path(__file__).with_name("kernels")
-#: Environment variable, which processes of this one see, too; "cached": nothing is compiled.
+#: Environment variable, which processes of this one see, too; "off": numpy alone.
 _POLICY: Final = "HAPTOGRAM_KERNELS"
-_LAST: Final = "judged_frames_kernel"  # what a verification compiles last
 #: Where numba caches what lies in folders that it cannot write to.
 _USER_CACHES: Final = (
     Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "numba",
@@ -30,12 +29,12 @@ _TOLD: Final = "compiling the field kernels, once on this machine: half a minute
 
 
 def load_kernels() -> ModuleType | None:
-    """Return the module of compiled loops; None: numba is not installed, or they cost too much.
+    """Return the module of compiled loops; None: numba is not installed, or they are off.
 
     Machine code is cached next to the sources; numba itself takes the user's cache folder where
     that is read-only. Where there is no such folder either, the code goes to the temporary folder.
     """
-    if os.environ.get(_POLICY) == "cached" and not _are_cached(_LAST):
+    if os.environ.get(_POLICY) == "off":
         return None
     if _KERNELS in sys.modules:
         return sys.modules[_KERNELS]
@@ -43,7 +42,7 @@ def load_kernels() -> ModuleType | None:
         import numba
     except ImportError:
         return None
-    if sys.stderr.isatty() and not _are_cached("_kernel"):
+    if sys.stderr.isatty() and not _are_cached():
         sys.stderr.write(_TOLD)
     try:
         return import_module(_KERNELS)
@@ -55,11 +54,11 @@ def load_kernels() -> ModuleType | None:
 
 
 @contextmanager
-def cached_kernels_alone(*, wanted: bool) -> Iterator[None]:
-    """If *wanted*, have nothing compiled meanwhile: what is not cached is done by numpy."""
+def kernels_off(*, wanted: bool) -> Iterator[None]:
+    """If *wanted*, let numpy alone calculate meanwhile, in the processes of this one too."""
     before = os.environ.get(_POLICY)
     if wanted and before is None:
-        os.environ[_POLICY] = "cached"
+        os.environ[_POLICY] = "off"
     try:
         yield
     finally:
@@ -69,8 +68,8 @@ def cached_kernels_alone(*, wanted: bool) -> Iterator[None]:
 
 def why_no_kernels() -> str:
     """Return the reason why :func:`load_kernels` has returned None."""
-    is_cached_alone = os.environ.get(_POLICY) == "cached"
-    return "no loops are compiled for few frames" if is_cached_alone else "numba is not installed"
+    is_off = os.environ.get(_POLICY) == "off"
+    return "few frames need no compiled loops" if is_off else "numba is not installed"
 
 
 def kernel_digest() -> str:
@@ -79,11 +78,11 @@ def kernel_digest() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
-def _are_cached(name: str) -> bool:
-    """Return True if a loop whose name ends so has been compiled on this machine."""
+def _are_cached() -> bool:
+    """Return True if a loop has been compiled on this machine."""
     own = os.environ.get("NUMBA_CACHE_DIR")
     folders = [Path(own)] if own else [_SOURCES, *_USER_CACHES, _temporary_folder()]
-    return any(next(f.rglob(f"*{name}-{kernel_digest()}*.nbi"), None) for f in folders)
+    return any(next(f.rglob(f"*_kernel-{kernel_digest()}*.nbi"), None) for f in folders)
 
 
 def _temporary_folder() -> Path:
