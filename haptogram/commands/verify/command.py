@@ -56,8 +56,6 @@ class _BrokenByPlanError(HaptogramError):
     """The planned faults let no session come up: nothing could be judged."""
 
 
-_WORTH_COMPILING: Final = 1_000  # frames
-
 _EXAMPLES: Final = """\
 examples:
   haptogram verify
@@ -95,7 +93,6 @@ def set_up_verify(parser: Parser, made: ProgramBoards) -> None:
 
 def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     """Check the settings, run the job, and return the exit status."""
-    from haptogram.acoustics.field.engines.compiled import kernels_off
     from haptogram.report.formats.html import check_html_page
 
     file, given = arguments.config, given_options(arguments, options_of(VerifyConfig))
@@ -122,23 +119,12 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     if arguments.view:
         check_html_page(pictures=False)
     with (
-        kernels_off(wanted=_is_short(config)),
         live_view(wanted=arguments.view) as view,
         outputs.recording(boards.config.result_options()) as writer,
         process_without_garbage_collector(),  # it would look at every frame again and again
     ):
         status = _run_verify(arguments, boards, view, outputs, writer)
         return status if outputs.is_recorded(writer) else USAGE
-
-
-def _is_short(config: VerifyConfig) -> bool:
-    """Return True for so few frames that numpy has judged them before the loops are loaded."""
-    if config.shape.object not in SHAPES:
-        return False
-    from haptogram.objects.run_frames import frames_of_run
-
-    shown = frames_of_run(config.shape, config.pace, config.modulation)
-    return shown.count * config.pace.repeat < _WORTH_COMPILING
 
 
 def _run_verify(

@@ -9,8 +9,6 @@ import hashlib
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -18,8 +16,6 @@ from typing import Final
 
 _KERNELS: Final = "haptogram.acoustics.field.engines.kernels"
 _SOURCES: Final = Path(__file__).with_name("kernels")
-#: Environment variable, which processes of this one see, too; "off": numpy alone.
-_POLICY: Final = "HAPTOGRAM_KERNELS"
 #: Where numba caches what lies in folders that it cannot write to.
 _USER_CACHES: Final = (
     Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "numba",
@@ -29,13 +25,11 @@ _TOLD: Final = "compiling the field kernels, once on this machine: half a minute
 
 
 def load_kernels() -> ModuleType | None:
-    """Return the module of compiled loops; None: numba is not installed, or they are off.
+    """Return the module of compiled loops; None: numba is not installed.
 
     Machine code is cached next to the sources; numba itself takes the user's cache folder where
     that is read-only. Where there is no such folder either, the code goes to the temporary folder.
     """
-    if os.environ.get(_POLICY) == "off":
-        return None
     if _KERNELS in sys.modules:
         return sys.modules[_KERNELS]
     try:
@@ -51,25 +45,6 @@ def load_kernels() -> ModuleType | None:
             raise
         vars(numba.config)["CACHE_DIR"] = str(_temporary_kernel_cache())
         return import_module(_KERNELS)
-
-
-@contextmanager
-def kernels_off(*, wanted: bool) -> Iterator[None]:
-    """If *wanted*, let numpy alone calculate meanwhile, in the processes of this one too."""
-    before = os.environ.get(_POLICY)
-    if wanted and before is None:
-        os.environ[_POLICY] = "off"
-    try:
-        yield
-    finally:
-        if before is None:
-            os.environ.pop(_POLICY, None)
-
-
-def why_no_kernels() -> str:
-    """Return the reason why :func:`load_kernels` has returned None."""
-    is_off = os.environ.get(_POLICY) == "off"
-    return "few frames need no compiled loops" if is_off else "numba is not installed"
 
 
 def kernel_digest() -> str:

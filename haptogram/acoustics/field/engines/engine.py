@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Literal, TypeAlias
 
-from haptogram.acoustics.field.engines.compiled import load_kernels, why_no_kernels
+from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.numba_engine import NumbaEngine
 from haptogram.acoustics.field.engines.numpy32_engine import Numpy32Engine
 from haptogram.acoustics.field.engines.single_precision import SingleEngine
@@ -65,5 +65,5 @@ def _fastest_engine(model: AcousticModel) -> tuple[type[NumpyEngine | SingleEngi
     if reason is not None:
         return NumpyEngine, f"field engine: numpy in double precision, since {reason}"
     if fastest is Numpy32Engine:
-        return fastest, f"field engine: numpy in single precision, since {why_no_kernels()}"
+        return fastest, "field engine: numpy in single precision, since numba is not installed"
     return fastest, None

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.field.engines.compiled import load_kernels, why_no_kernels
+from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import CircularPiston
 
@@ -42,7 +42,7 @@ class ParallelPistons:
         """Return why these loops do not serve *model*; None: they do."""
         array, directivity, kernels = model.array, model.transducer.directivity, load_kernels()
         if kernels is None:
-            return why_no_kernels()
+            return "numba is not installed"
         if model.response is not None:
             return "elements with a calibration"
         if array.count < _FEWEST:
