@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 import pytest
 from hypothesis import HealthCheck, settings
 
-pytest_plugins = ["costs", "processes", "time_limit"]
+pytest_plugins = ["costs", "time_limit"]
 
 # Before the first import of numpy: the tests must not compete with themselves for cores.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -47,7 +47,7 @@ def pytest_runtest_teardown():
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses
-def pytest_collection_modifyitems(config, items):
+def pytest_collection_modifyitems(items):
     """Leave to the night all but N of the parameters of a test that is marked `sampled(N)`.
 
     With several processes, begin with the files of slow tests, then with the longest files.
@@ -65,7 +65,7 @@ def pytest_collection_modifyitems(config, items):
         for k, item in enumerate(family):
             if k not in with_commits:
                 item.add_marker("nightly")
-    if config.option.processes < 2:
+    if "PYTEST_XDIST_WORKER" not in os.environ:
         return
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     length = Counter(item.path for item in items)

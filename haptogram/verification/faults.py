@@ -23,6 +23,7 @@ from .mixed_up import TURN, Codes, PhaseGrid, mixed_up_drives, shaped_drive_faul
 UNNAMED: Final = "most phases are not those intended"
 
 _NAMED_ELEMENTS: Final = 8  # more than these are counted, not listed
+_NAMED_COLUMNS: Final = 3
 _FEW: Final = 0.25  # share of the elements that can be wrong one by one
 _MOST_UNITS: Final = 4  # that are each off by a phase of their own
 _CHANCE_BITS: Final = 16  # what all have in common by chance once in 2 to the power of so many
@@ -233,7 +234,7 @@ def _single_element_drive_faults(
     model: AcousticModel, difference: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> Iterator[str]:
     """Name elements that are wrong one by one, those with the same error together."""
-    if off.sum() > _NAMED_ELEMENTS and not _is_one_line(model, off):
+    if off.sum() > _NAMED_ELEMENTS and not _are_lines(model, off):
         lags = dict(enumerate((difference * (np.pi * 2.0 / TURN)).tolist()))
         limit_rad = np.pi * grid.code / TURN
         shifted = np.flatnonzero(off).tolist()
@@ -250,12 +251,18 @@ def _single_element_drive_faults(
         yield from _drive_faults_by_line(model, wrong, what)
 
 
-def _is_one_line(model: AcousticModel, off: NDArray[np.bool_]) -> bool:
-    """Return True if a column or a row of the grid is off, and nothing else."""
+def _are_lines(model: AcousticModel, off: NDArray[np.bool_]) -> bool:
+    """Return True if few columns or one row of the grid are off, and nothing else.
+
+    Rows that repeat are elements with one remainder, which tells more of a board.
+    """
     if model.array.grid_shape is None:
         return False
     grid = off.reshape(model.array.grid_shape)
-    return any(lines.any(axis=1).sum() == 1 == lines.all(axis=1).sum() for lines in (grid, grid.T))
+    return any(
+        lines.any(axis=1).sum() <= most and (lines.any(axis=1) == lines.all(axis=1)).all()
+        for lines, most in ((grid, _NAMED_COLUMNS), (grid.T, 1))
+    )
 
 
 def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid) -> list[str]:

@@ -16,6 +16,7 @@ from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 _MODULI: Final = (2, 4, 8, 16, 32)
 _BLOCKS: Final = (64, 32, 16, 8)
 _FEWEST: Final = 3  # elements that make a group
+_OTHERS: Final = "the others"
 _NUMBERED: Final = re.compile(r"(.*?)[._\[ -]*[0-9]+\]?")
 
 _Classes = dict[str, list[int]]
@@ -77,7 +78,7 @@ def groups_of_elements(
             and (lag := _shared_lag(members, lags_rad, spread_rad)) is not None
         }
         shared = [name for name in lags if left.issuperset(classes[name])]
-        base, zero = "the others", 0.0
+        base, zero = _OTHERS, 0.0
         if 2 * len(shared) > len(classes) and len(lags) == len(classes):
             base = next(iter(lags))  # no class is as most are: all lag behind the first
             zero, shared = lags[base], list(lags)
@@ -87,6 +88,8 @@ def groups_of_elements(
             if name != base and abs(lag) > limit_rad:
                 text = f"{many}: {_lag_text(lag, limit_rad, steps, base)}"
                 found.append(ElementGroup(tuple(classes[name]), lag, text))
+            elif base == _OTHERS:
+                continue  # its members differ from what they should be, but not together
             left -= set(classes[name])
         if not left:
             break
@@ -99,7 +102,7 @@ def _shared_lag(
     """Return the lag that all *members* have; None: they differ."""
     lags = np.array([lags_rad[element] for element in members])
     lags = lags[np.isfinite(lags)]
-    if not len(lags):
+    if len(lags) < _FEWEST:
         return None
     middle = float(np.angle(np.exp(1j * lags).sum()))
     near = np.abs(wrapped_phases(lags - middle)).max() <= spread_rad
@@ -120,7 +123,9 @@ def _classes_of_elements(
         yield _classes(elements, [f"elements n mod {modulus} = {n % modulus}" for n in elements])
     for size in _BLOCKS:
         firsts = [n // size * size for n in elements]
-        yield _classes(elements, [f"elements {n} to {n + size - 1}" for n in firsts])
+        lasts = [min(n + size - 1, max(elements)) for n in firsts]
+        names = [f"elements {n} to {end}" for n, end in zip(firsts, lasts, strict=True)]
+        yield _classes(elements, names)
 
 
 def _classes(elements: Sequence[int], names: Sequence[str]) -> _Classes:
@@ -134,6 +139,8 @@ def _lag_text(lag_rad: float, limit_rad: float, steps: int, base: str) -> str:
     degrees = math.degrees(lag_rad)
     count = round(lag_rad * steps / math.tau)
     step_rad = math.tau / steps
+    if math.pi - abs(lag_rad) <= limit_rad:
+        return "inverted"
     if count and abs(lag_rad - count * step_rad) <= min(2.0 * limit_rad, step_rad / 4.0):
         many = "one step" if abs(count) == 1 else f"{abs(count)} steps"
         return f"{many} of {steps} {'late' if count > 0 else 'early'}, {degrees:+.1f} degrees"

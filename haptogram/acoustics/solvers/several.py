@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from types import ModuleType
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -184,9 +183,9 @@ def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
     """Return the same drive, its propagators compiled, too; None for other arrays and points."""
-    pistons = None if model.calibration is not None else _kept_pistons(model, load_kernels())
-    if pistons is None:
+    if model.calibration is not None or ParallelPistons.why_not(model) is not None:
         return None
+    pistons = _kept_pistons(model)
     count = model.array.count
     re, im = np.empty((2, len(points), count), np.float32)
     x, y = np.empty((2, count), np.float32)
@@ -199,9 +198,8 @@ def _solved_for_pistons(
 
 
 @lru_cache(maxsize=8)
-def _kept_pistons(model: AcousticModel, kernels: ModuleType | None) -> ParallelPistons | None:
-    serves = kernels is not None and ParallelPistons.why_not(model) is None
-    return ParallelPistons.of(model) if serves else None
+def _kept_pistons(model: AcousticModel) -> ParallelPistons:
+    return ParallelPistons.of(model)
 
 
 def weighted_gerchberg_saxton(

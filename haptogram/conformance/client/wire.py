@@ -19,7 +19,7 @@ from haptogram_protocol.cobs import cobs_decode
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
 
-from ..outcome import HeldUpError, check, fail, inconclusive, require
+from ..outcome import CaseEndedError, HeldUpError, check, fail, inconclusive, require
 from .recording import DialogueRecording, TransferDirection
 
 _LOOK_NS: Final = 5_000_000  # longest wait at a wall clock before the host looks at it again
@@ -390,14 +390,13 @@ class RawFrameClient:
         late_us = self.trip_us if self.trip_us > self.limits.lead_us // _TRIPS_IN_LEAD else 0
         return max(self.held_up_us, late_us)
 
-    @property
-    def is_held_up_beyond_reckoning(self) -> bool:
-        """True if host or emulator lacked a processor for longer than cases reckon with.
+    def was_held_up_beyond_reckoning(self) -> bool:
+        """Return True if host or emulator lacked a processor for longer than cases reckon with.
 
         The board answers once more before: one that still waits for a processor has not told so.
         """
         if not self.is_virtual and self.ask_time is not None:
-            with contextlib.suppress(LinkLostError):
+            with contextlib.suppress(LinkLostError, CaseEndedError):
                 self.ask_time()
         return self.held_up_us > self.limits.slack_us
 

@@ -303,7 +303,7 @@ class SuiteRunner:
 
     def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
         clause = self._clauses[case.clause]
-        if ended.behaviour is Behaviour.FAILED and board.wire.is_held_up_beyond_reckoning:
+        if ended.behaviour is Behaviour.FAILED and board.wire.was_held_up_beyond_reckoning():
             ended = HeldUpError(f"for {board.wire.held_up_us / 1000:.0f} ms, and then: {ended}")
         if ended.behaviour is Behaviour.FAILED and self._is_slow:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))

@@ -67,9 +67,12 @@ def upload_loss_text(records: Sequence[Mapping[str, Any]]) -> str | None:
         seen = pulse_observation_of(record, channels)
         full = np.abs(seen.pulses.weights()[channels]).max(initial=0.0)
         levels.append(np.abs(seen.weights).max(initial=0.0) / full if full else 1.0)
-    low = np.array(levels[:-1]) < 1.0 - _LEAST_LOSS
+    usual, sounding = max(levels), [level for level in levels if level > 0.0]
+    least = min(sounding, default=0.0) / (usual or 1.0)
+    if not 0.0 < least < 1.0 - _LEAST_LOSS:
+        return None
+    low = np.array(levels[:-1]) < (1.0 - _LEAST_LOSS) * usual
     share = np.diff(times_us)[low].sum() / max(times_us[-1] - times_us[0], 1)
-    least = min(levels)
     return (
         f"while bytes arrive: {20.0 * np.log10(least):.1f} dB ({least:.2f} of every pressure), for "
         f"{100.0 * share:.0f} % of the time; frames are judged as they are latched"

@@ -51,6 +51,7 @@ _HALF: Final = 0.5
 _EDGE: Final = 2  # frames at the end of the capture, beside which samples may be missing
 _NAMED: Final = 4
 _BREAK_SAMPLES: Final = 2.5  # by which two edges may be off
+_JITTERS: Final = 6.0  # of one pulse beside the next at the median: beyond them, it is no jitter
 _WITH_THE_CLOCK: Final = "capture the clock of the carrier, and longer than the run, to know"
 _BY_DRIVE: Final = (
     "the frames carry no times: each is found by its drive, and a delay does not show"
@@ -434,7 +435,8 @@ class _PinJudge:
         for frame, (start, end) in enumerate(zip(self.shown.starts, self.shown.ends, strict=True)):
             held = weights[(centres > start + 1.0) & (centres < end)]
             usual = np.median(held.real) + 1j * np.median(held.imag) if len(held) else 0.0
-            found[frame] = (np.abs(held - usual) > limit).any()
+            jitter = np.median(np.abs(np.diff(held))) if len(held) > 1 else 0.0
+            found[frame] = (np.abs(held - usual) > limit + _JITTERS * jitter).any()
         return found
 
     @cached_property

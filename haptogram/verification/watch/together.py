@@ -8,6 +8,7 @@ off by a rule.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
@@ -75,14 +76,15 @@ class CommonLosses:
         self._sum[active] += np.exp(1j * (residual - np.median(residual)))
         self._last = weights, latch.steps, pattern.position_m
 
-    def groups(self) -> tuple[list[Diagnosis], set[int]]:
-        """Return the groups that are out of step, and all their elements."""
+    def groups(self, reversed_elements: Collection[int]) -> tuple[list[Diagnosis], set[int]]:
+        """Return the groups that are out of step, and all their elements; without reversed ones."""
         if self._last is None or 2 * self._right > len(self._taken):
             return [], set()
         weights, steps, near_m = self._last
         lags = np.where(np.abs(self._sum) > 0.0, np.angle(self._sum), np.nan)
         limit_rad, spread_rad = _LEAST_LAG * math.tau / steps, _SPREAD * math.tau / steps
         lags[np.abs(lags) > math.pi - math.tau / steps] = np.nan  # the polarity of single elements
+        lags[list(reversed_elements)] = np.nan
         every = dict(enumerate(lags.tolist()))
         found, _ = groups_of_elements(every, every, limit_rad, steps, spread_rad=spread_rad)
         if not found:

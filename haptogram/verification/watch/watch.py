@@ -130,9 +130,10 @@ class Watch:
         mistakes = [] if found is None or (named := found.diagnosis()) is None else [named]
         if self._order is not None:
             mistakes += self._order.diagnoses()
-        groups, members = self._common.groups()
+        reversed_elements = self._finder.reversed_elements
+        groups, members = self._common.groups(reversed_elements)
         if not mistakes:
-            known = self._finder.reversed_elements | members
+            known = reversed_elements | members
             mistakes = groups + self._elements.diagnoses(known)
         mistakes += self._common.levels()
         return WatchResult(

@@ -249,6 +249,24 @@ def test_many_wrong_elements_are_counted_rather_than_listed():
     assert_wrong(intended, Drive(intended.drive.phase_codes, amplitudes), "9 elements dead")
 
 
+def test_lines_are_named_as_lines_and_a_group_hides_no_element():
+    intended = intend(MODEL, (0.013, -0.021, 0.11))
+    found = codes(intended).reshape(16, 16)
+    found[[0, 8]] += 128
+    names = name_drive_faults(MODEL, intended, drive_of(found.ravel()))
+    assert names == ("column 0 inverted", "column 8 inverted")
+    found = codes(intended).ravel()
+    found[3::16][::2] += 1
+    found[3::16][1::2] -= 1
+    found[200] += 50
+    names = name_drive_faults(MODEL, intended, drive_of(found))
+    assert [name.partition(":")[0] for name in names] == [
+        "elements n mod 32 = 3 (8 of 256)",
+        "elements n mod 32 = 19 (8 of 256)",
+        "element 200 (12, 8) off by +50 LSB",
+    ]
+
+
 def test_an_error_that_is_no_whole_step_of_the_wire_is_given_in_turns():
     intended = intend(MODEL, (0.013, -0.021, 0.11), 6)
     found = codes(intended).ravel()

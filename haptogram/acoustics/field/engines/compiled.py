@@ -16,11 +16,8 @@ from typing import Final
 
 _KERNELS: Final = "haptogram.acoustics.field.engines.kernels"
 _SOURCES: Final = Path(__file__).with_name("kernels")
-#: Where numba caches what lies in folders that it cannot write to.
-_USER_CACHES: Final = (
-    Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "numba",
-    Path("~/Library/Caches/numba").expanduser(),
-)
+#: Where numba caches what lies in folders that it cannot write to, on a Mac.
+_MAC_CACHE: Final = "~/Library/Caches/numba"
 _TOLD: Final = "compiling the field kernels, once on this machine: half a minute or more\n"
 
 
@@ -56,7 +53,12 @@ def kernel_digest() -> str:
 def _are_cached() -> bool:
     """Return True if a loop has been compiled on this machine."""
     own = os.environ.get("NUMBA_CACHE_DIR")
-    folders = [Path(own)] if own else [_SOURCES, *_USER_CACHES, _temporary_folder()]
+    caches = os.path.join(os.environ.get("XDG_CACHE_HOME", "~/.cache"), "numba"), _MAC_CACHE
+    folders = (
+        [Path(own)]
+        if own
+        else [_SOURCES, *map(Path, map(os.path.expanduser, caches)), _temporary_folder()]
+    )
     return any(next(f.rglob(f"*_kernel-{kernel_digest()}*.nbi"), None) for f in folders)
 
 
