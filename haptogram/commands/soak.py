@@ -90,7 +90,6 @@ def set_up_soak(
 
 def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
     """Run what is left of the soak, print the account, and return the exit status."""
-    from haptogram.campaigns.soak.campaign import Interrupted
     from haptogram.report.formats.console import document_text
     from haptogram.report.soak.document import soak_document
 
@@ -110,7 +109,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
                     progress=progress,
                     writer=writer,
                 )
-        except Interrupted:
+        except KeyboardInterrupt:
             interrupted = True
     # Before the file: a full disk must not cost the account.
     document = soak_document(campaign)

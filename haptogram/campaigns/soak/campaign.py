@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
-from haptogram.errors import ConfigurationError, HaptogramError
+from haptogram.errors import ConfigurationError
 from haptogram.machine.files import write_json_file
 from haptogram.machine.process import resident_bytes
 from haptogram.settings.text_file import read_json_file
@@ -26,13 +26,10 @@ if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 VERSION: Final = 3
+_HEADER: Final = {"kind": "haptogram soak", "version": VERSION}
 GROWTH_LIMIT_BYTES: Final = 32 << 20  # a byte lost per frame would be 82 MiB a day
 
 _Done: TypeAlias = tuple[SoakTally, int, int]  # with process id and memory
-
-
-class Interrupted(HaptogramError):
-    """The soak was interrupted between two segments; what is done is kept."""
 
 
 @dataclass(slots=True)
@@ -101,12 +98,10 @@ class SoakCampaign:
         if not path.exists():
             return cls(setup)
         state = read_json_file(path, "resume")
-        known = {"kind": "haptogram soak", "version": VERSION}
-        if not isinstance(state, dict) or state | known != state:
+        if not isinstance(state, dict) or state | _HEADER != state:
             raise ConfigurationError(f"{path} is no checkpoint of a soak of version {VERSION}")
         for name, value in setup.as_dict().items():
-            if state["setup"].get(name) != value:
-                before = state["setup"].get(name)
+            if (before := state["setup"].get(name)) != value:
                 raise ConfigurationError(f"{path} is of another soak: {name} {before}, not {value}")
         tally, memory = SoakTally.from_dict(state["tally"]), SoakMemory(state["memory"])
         return cls(setup, state["done"], tally, memory, state["spent_s"])
@@ -114,8 +109,7 @@ class SoakCampaign:
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON can hold it."""
         return {
-            "kind": "haptogram soak",
-            "version": VERSION,
+            **_HEADER,
             "setup": self.setup.as_dict(),
             "segments": self.setup.segments,
             "interval_s": self.setup.interval_s,
@@ -175,33 +169,30 @@ class SoakCampaign:
 
         Raises
         ------
-        Interrupted
-            At a KeyboardInterrupt; the segments under way are lost, those before are kept.
+        KeyboardInterrupt
+            The segments under way are lost, those before are kept.
         """
         self.memory.begin_sitting()
         told = progress if jobs == 1 else None
         run = functools.partial(_run_soak_worker, make_board, self.setup, told, writer is not None)
         mapping: Callable[..., Iterator[_Done]] = map
-        try:
-            with ExitStack() as stack:
-                if jobs > 1:
-                    mapping = stack.enter_context(process_workers(jobs)).executor.map
-                since_s = time.monotonic()
-                for tally, process, resident in mapping(run, range(self.done, self.setup.segments)):
-                    if writer is not None:
-                        for excerpt in tally.excerpts:
-                            excerpt.write(writer, round(self.done_s * 1e9))
-                    merged = self.tally.plus(tally)  # an interrupt finds the one or the other
-                    self.tally, self.done = merged, self.done + 1
-                    self.memory.add(process, resident)
-                    now_s = time.monotonic()
-                    self.spent_s, since_s = self.spent_s + now_s - since_s, now_s
-                    if checkpoint is not None:
-                        self.save(checkpoint)
-                    if progress is not None:
-                        progress(self.done_s)
-        except KeyboardInterrupt as interrupt:
-            raise Interrupted from interrupt
+        with ExitStack() as stack:
+            if jobs > 1:
+                mapping = stack.enter_context(process_workers(jobs)).executor.map
+            since_s = time.monotonic()
+            for tally, process, resident in mapping(run, range(self.done, self.setup.segments)):
+                if writer is not None:
+                    for excerpt in tally.excerpts:
+                        excerpt.write(writer, round(self.done_s * 1e9))
+                merged = self.tally.plus(tally)  # an interrupt finds the one or the other
+                self.tally, self.done = merged, self.done + 1
+                self.memory.add(process, resident)
+                now_s = time.monotonic()
+                self.spent_s, since_s = self.spent_s + now_s - since_s, now_s
+                if checkpoint is not None:
+                    self.save(checkpoint)
+                if progress is not None:
+                    progress(self.done_s)
 
 
 def _run_soak_worker(

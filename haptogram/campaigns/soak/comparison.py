@@ -86,11 +86,9 @@ class SoakComparison:
         if self._excerpts is not None:
             self._excerpts.add(t_ns, True, data)
         self._board.receive(data, t_ns, up_free_ns)
-        ended = False
-        for verdict in self._board.take_verdicts():
-            ended |= self._judge(verdict, t_ns, up_free_ns)
+        ends = [self._judge(one, t_ns, up_free_ns) for one in self._board.take_verdicts()]
         self._compare_latches(t_ns)
-        if ended:
+        if any(ends):
             self.compare(t_ns + self._board.carrier_us * 1000, requested=True)  # HG-6.6/1
         self._model.advance_to(t_ns)
 

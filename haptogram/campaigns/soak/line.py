@@ -11,7 +11,6 @@ drawn for a whole frame, not for a byte, so that the account knows the fault of 
 
 from __future__ import annotations
 
-import math
 import random
 from collections import deque
 from collections.abc import Callable
@@ -52,8 +51,7 @@ def _replaced(wire: bytes, source: random.Random, gone: int, new: int) -> Pieces
 
 
 def _delay_damage(wire: bytes, source: random.Random) -> Pieces:
-    spread = math.log(_MOST_DELAY_NS / _LEAST_DELAY_NS)
-    return [(round(_LEAST_DELAY_NS * math.exp(spread * source.random())), wire)]
+    return [(round(_LEAST_DELAY_NS * (_MOST_DELAY_NS / _LEAST_DELAY_NS) ** source.random()), wire)]
 
 
 def _slice_damage(wire: bytes, source: random.Random) -> Pieces:

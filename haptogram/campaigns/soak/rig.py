@@ -6,7 +6,7 @@ import random
 from typing import Final
 
 from haptogram.driver.line.handshake import open_line_session
-from haptogram.driver.line.link import Link
+from haptogram.driver.line.link import NS_PER_S, Link
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram_protocol import HostConnection
@@ -21,8 +21,7 @@ from .setup import SoakSetup
 from .tally import UNEXPLAINED, SoakTally
 
 _NEVER_NS: Final = 1 << 62
-_MS: Final = 1_000_000
-_NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
 _TIMEOUT_S: Final = 60.0  # the connection gives up long before
 _MOST_VIOLATIONS: Final = 50  # of a segment: then there is no sense in going on
 _DRIVES: Final = 61  # prime, so that it meets every phase of what repeats
@@ -130,7 +129,7 @@ class SoakRig:
         self._now_ns = self._due_us = 0
         self._board, self.source = board, source
         self._excerpts = excerpts
-        self._interval_ns, self._first_interval = setup.interval_s * _NS_PER_S, tally.interval
+        self._interval_ns, self._first_interval = setup.interval_s * NS_PER_S, tally.interval
         self._drives = _soak_drives(board.transducers)
         self._last_request = b""
 
@@ -138,21 +137,16 @@ class SoakRig:
 
     def new_session(self) -> None:
         """Open another session: the host forgets everything but the clock."""
-        nonce = self.source.randint(1, 0xFFFF)
-        while nonce == self._board.session:
-            nonce = self.source.randint(1, 0xFFFF)
+        while (nonce := self.source.randint(1, 0xFFFF)) == self._board.session:
+            pass
         host = SoakHost(nonce, self.up, self.tally)
         self.link = Link(self, host, baudrate=BAUD, timeout_s=_TIMEOUT_S, keep=0)
-        self.link.handler = self._take
         self.pinger = Pinger(self.link, self.clock)
+        self.link.handler = self.pinger.take
         self.down.begin_session()
         self.up.begin_session()
         open_line_session(self.link)
         self.tally.totals["sessions"] += 1
-
-    def _take(self, event: object) -> None:
-        if isinstance(event, events.ReplyReceived):
-            self.pinger.take(event)
 
     def arm(self) -> None:
         """Let the board sound."""
@@ -173,7 +167,7 @@ class SoakRig:
     def idle_until(self, t_ns: int) -> None:
         """Let time pass while nothing is streamed, and listen whether the board is silent."""
         while self._now_ns < t_ns:
-            self.link.run_until(min(t_ns, self._now_ns + _MS))
+            self.link.run_until(min(t_ns, self._now_ns + NS_PER_MS))
             self.listen()
 
     def listen(self) -> None:

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
+from haptogram.driver.line.link import NS_PER_S
 from haptogram.errors import DeviceError, NoAnswerError
 from haptogram.settings.faults.plan import Fault, FaultPlan
 from haptogram_protocol import messages as m
@@ -19,14 +20,12 @@ from haptogram_protocol import messages as m
 from .comparison import Hopeless, MakeBoard
 from .excerpts import SoakExcerpts
 from .line import BAUD
-from .rig import SoakRig
+from .rig import NS_PER_MS, SoakRig
 from .setup import SoakSetup
 from .tally import SoakTally
 
 PERIOD_US: Final = 1000
 _LEAD_US: Final = 40_000
-_MS: Final = 1_000_000
-_S: Final = 1_000_000_000
 _BURST_S: Final = (0.3, 6.0)
 _MOST_CALM_MS: Final = 3000
 _MARGIN_NS: Final = 25_000_000  # by which the first latch after a pause may miss its plan
@@ -71,8 +70,8 @@ def run_soak_segment(
     excerpts = SoakExcerpts(tally) if recorded else None
     tally.interval = start_s / setup.interval_s
     rig = SoakRig(board, setup, source, tally, excerpts)
-    segment = _SoakSegment(rig, plan, round(setup.length_s(number) * _S))
-    segment.watches_memory = not recorded  # whose excerpts come and go: no leak
+    length_ns = round(setup.length_s(number) * NS_PER_S)
+    segment = _SoakSegment(rig, plan, length_ns, watches_memory=not recorded)
     try:
         segment.run(progress and (lambda done_s: progress(start_s + done_s)))
     except (DeviceError, Hopeless, NoAnswerError) as error:
@@ -93,15 +92,16 @@ def _soak_clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ..
     step_us, at_s = source.randint(*_STEP_US), seconds * source.uniform(0.3, 0.6)
     if seconds < _LEAST_FOR_STEP_S or source.random() < 0.5:
         return (drift,)
-    return drift, Fault(_STEP, {"us": float(step_us)}, from_ns=round(round(at_s, 6) * _S))
+    return drift, Fault(_STEP, {"us": float(step_us)}, from_ns=round(round(at_s, 6) * NS_PER_S))
 
 
 class _SoakSegment:
-    watches_memory = True
-
-    def __init__(self, rig: SoakRig, plan: FaultPlan, length_ns: int) -> None:
-        self._rig, self._source, self._length_ns = rig, rig.source, length_ns
-        self._tally = rig.tally
+    def __init__(
+        self, rig: SoakRig, plan: FaultPlan, length_ns: int, *, watches_memory: bool
+    ) -> None:
+        self._rig, self._source, self._tally = rig, rig.source, rig.tally
+        self._length_ns = length_ns
+        self._watches_memory = watches_memory
         self._stepped = any(plan.named(_STEP))
         self._timers_ms = self._ramp_ms = 0
         self._due_us = 0
@@ -120,10 +120,10 @@ class _SoakSegment:
         while True:
             self._burst()
             self._wait_idle()
-            if self.watches_memory:
+            if self._watches_memory:  # excerpts come and go: no leak
                 self._watch_memory()
             if progress is not None:
-                progress(min(rig.now_ns(), self._length_ns) / _S)
+                progress(min(rig.now_ns(), self._length_ns) / NS_PER_S)
             if rig.now_ns() >= self._length_ns:
                 break
             name = self._source.choice(("pauses", *interruptions))
@@ -156,15 +156,15 @@ class _SoakSegment:
     def _burst(self) -> None:
         self._calm(False)
         self._due_us = 0
-        left_ns = max(self._length_ns - self._rig.now_ns(), 100 * _MS)
-        self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * _S)) // _MS)
+        left_ns = max(self._length_ns - self._rig.now_ns(), 100 * NS_PER_MS)
+        self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * NS_PER_S)) // NS_PER_MS)
 
     def _wait_idle(self) -> None:
         """Stream on undisturbed until both ends have told of everything."""
         self._calm(True)
         self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
         for _ in range(_MOST_CALM_MS // 10):
-            self._rig.link.run_until(self._rig.now_ns() + _MS)
+            self._rig.link.run_until(self._rig.now_ns() + NS_PER_MS)
             if self._rig.is_idle:
                 break
             self._stream(10)
@@ -208,7 +208,7 @@ class _SoakSegment:
         self._resume(since_ns)
 
     def _some_time_ns(self) -> int:
-        return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * _MS
+        return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * NS_PER_MS
 
     def _resume(self, since_ns: int) -> None:
         """Arm the board again if a timer has muted it, or will before the first latch.
@@ -216,15 +216,15 @@ class _SoakSegment:
         *since_ns*: when the silence began; the last latch was a lead later.
         """
         quiet_ns = self._rig.now_ns() - since_ns + _MARGIN_NS
-        end_ns = self._timers_ms * _MS
-        if end_ns < quiet_ns < end_ns + self._ramp_ms * _MS + 3 * _MARGIN_NS:
+        end_ns = self._timers_ms * NS_PER_MS
+        if end_ns < quiet_ns < end_ns + self._ramp_ms * NS_PER_MS + 3 * _MARGIN_NS:
             self._rig.silence()  # it fades, or soon will
         self._rig.arm()
 
     def _mute(self) -> None:
         """Ask for silence in the midst of the stream."""
         self._rig.silence()
-        self._rig.idle_until(self._rig.now_ns() + self._source.randint(1, 50) * _MS)
+        self._rig.idle_until(self._rig.now_ns() + self._source.randint(1, 50) * NS_PER_MS)
         self._rig.arm()
 
     # --- the end -------------------------------------------------------------------------------
@@ -242,7 +242,7 @@ class _SoakSegment:
         """Let the last frame be latched, and compare the counters with the account."""
         rig = self._rig
         rig.idle_until(rig.now_ns() + 2 * _LEAD_US * 1000)
-        self._tally.totals["virtual ms"] += self._length_ns // _MS
+        self._tally.totals["virtual ms"] += self._length_ns // NS_PER_MS
         self._tally.totals["clock steps"] += self._stepped
         if self._jumps != self._stepped:
             name = "clock stepped by itself" if self._jumps else "clock step unseen"

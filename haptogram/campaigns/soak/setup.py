@@ -9,8 +9,6 @@ from typing import Any, Final
 from haptogram.settings.option import Settings, option, option_of
 from haptogram.settings.run.frames import LimitConfig
 
-_S_PER_HOUR: Final = 3600
-_S_PER_MINUTE: Final = 60
 _LEAST_INTERVAL_S: Final = 1.0
 _INTERVALS: Final = 400  # as many as a picture shows
 _MOST_RATE: Final = 0.2  # above it, what must come through at times would not
@@ -53,12 +51,12 @@ class SoakSetup(Settings):
     @property
     def seconds(self) -> float:
         """Virtual time in seconds."""
-        return self.hours * _S_PER_HOUR
+        return self.hours * 3600
 
     @property
     def segment_s(self) -> float:
         """Virtual length of a segment in seconds."""
-        return self.segment_minutes * _S_PER_MINUTE
+        return self.segment_minutes * 60
 
     @property
     def segments(self) -> int:

@@ -98,12 +98,16 @@ class SoakTally:
     def plus(self, other: SoakTally) -> SoakTally:
         """Return the account of both."""
         both = SoakTally(examples=(self.examples + other.examples)[:MOST_KEPT])
-        both.course = joined_course(self.course, other.course)
         for one in (self, other):
             both.totals.update(one.totals)
             both.violations.update(one.violations)
             for kind, counts in one.faults.items():
                 both.faults.setdefault(kind, Counter()).update(counts)
+            for number, row in one.course.items():  # two segments may share an interval
+                joined = both.course.setdefault(number, dict.fromkeys(_COUNTED, 0))
+                latest_us = max(joined["latest_us"], row["latest_us"])
+                joined.update({name: joined[name] + row[name] for name in _COUNTED})
+                joined["latest_us"] = latest_us
         return both
 
     def violate(self, name: str, text: str) -> None:
@@ -177,13 +181,3 @@ class SoakTally:
             examples=list(data["examples"]),
             course={one.pop("interval"): one for one in data["course"]},
         )
-
-
-def joined_course(one: SoakCourse, other: SoakCourse) -> SoakCourse:
-    """Return the course of both; an interval that two segments share has the counts of both."""
-    joined = {}
-    for number in sorted(one.keys() | other.keys()):
-        counts = [course[number] for course in (one, other) if number in course]
-        joined[number] = {name: sum(count[name] for count in counts) for name in _COUNTED}
-        joined[number]["latest_us"] = max(count["latest_us"] for count in counts)
-    return joined

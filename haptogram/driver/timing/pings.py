@@ -63,10 +63,12 @@ class Pinger:
         # Behind what the line was busy with, and after its own bytes.
         self._left_ns = self._link.line.free_ns
 
-    def take(self, reply: ReplyReceived) -> None:
+    def take(self, event: object) -> None:
         """Take the answer to a ping; one that was sent twice says nothing about time."""
-        pong = reply.message
-        if not isinstance(pong, Pong) or reply.seq != self._seq or reply.rtt_us is None:
+        if not isinstance(event, ReplyReceived) or not isinstance(event.message, Pong):
+            return
+        reply, pong = event, event.message
+        if reply.seq != self._seq or reply.rtt_us is None:
             return
         received_ns = reply.t_rx_us * 1000
         came_ns = received_ns - line_transmission_ns(_PONG_BYTES, self._link.line.baudrate)
