@@ -214,6 +214,7 @@ class Calibration:
             )
 
     def _where(self, element: int) -> str:
+        """Return the file name and line of an element, for error messages."""
         return f"{self.name}:{self.lines[element]}" if self.lines else self.name
 
     def describe(self, nominal: TransducerArray) -> str:

@@ -204,7 +204,7 @@ class Reconstructor:
         )
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
-        """Return the foci of the first drives, as far as each is beside the last one."""
+        """Return the foci of the leading drives that a fit warm-started at the last focus finds."""
         warm = self._warm
         if warm is None or self._last_focus is None:
             return []
@@ -287,7 +287,7 @@ class Reconstructor:
         return found
 
     def _best_of_rivals(self, found: SingleFocus, radiated: _ReconstructedDrive) -> SingleFocus:
-        """Return the place that explains the phases best, with those that do so equally well.
+        """Return the best-fitting focus, with the equally good alternatives.
 
         Rounding to a step leaves its twelfth in the mean square, with a deviation of
         sqrt(1 / 180 / N): three of them above count as equal, and what fits worse is no rounding.
@@ -333,7 +333,7 @@ class Reconstructor:
     def _locate_quickly(
         self, radiated: _ReconstructedDrive
     ) -> tuple[Reconstruction | None, list[PhaseFit]]:
-        """Try where the compiled search says, then beside the last focus; return the fits, too."""
+        """Try the compiled search, then a fit from the last focus; return the fits tried."""
         start, way = self._quick_search(radiated)
         if start is not None:
             fit = self._fit(radiated, start, radiated.active)
@@ -377,7 +377,7 @@ class Reconstructor:
         return (np.array(fix.position_m) if found else None), "global"
 
     def _search(self, tried: list[PhaseFit], radiated: _ReconstructedDrive) -> Reconstruction:
-        """Try every place of the volume; then let some elements be wrong."""
+        """Search the whole volume; then allow outlier elements."""
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS

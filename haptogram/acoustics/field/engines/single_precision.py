@@ -186,7 +186,7 @@ class SingleEngine(ABC):
     @property
     @abstractmethod
     def _wave_points(self) -> int:
-        """The largest number of points that `_waves` takes."""
+        """The largest number of points per call of `_waves`."""
 
     @abstractmethod
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
@@ -214,6 +214,6 @@ def _effective_drive_count(drives: ComplexArray) -> float:
 
 
 def _real_form_of_drives(drives: ComplexArray) -> SingleArray:
-    """Return the (2F, 2N) real matrix that does to (real, imaginary) what *drives* do."""
+    """Return (2F, 2N) real matrices equivalent to multiplication by the complex *drives*."""
     real, imaginary = drives.real, drives.imag
     return as_single_precision(np.block([[real, -imaginary], [imaginary, real]]))

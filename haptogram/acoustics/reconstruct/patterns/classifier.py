@@ -147,6 +147,7 @@ class PatternClassifier:
         return bool(np.ptp(self._local[:, 2]) < _PLANE_M)
 
     def _radiated(self, weights: ArrayLike) -> ComplexArray:
+        """Return the radiated weights; refuse a wrong number of elements."""
         drive = np.asarray(weights, dtype=np.complex128)
         if drive.shape != (self._model.array.count,):
             raise ConfigurationError(
@@ -162,7 +163,7 @@ class PatternClassifier:
         phases: PatternPhases,
         places: list[FloatArray],
     ) -> Pattern | None:
-        """Return the pattern around one point or several, if the drive makes one."""
+        """Return a single- or multi-focus pattern, if the phases match one."""
         if len(phases.phases_rad) < MIN_ACTIVE:
             return None
         explained = self._near_the_last(phases)
@@ -195,7 +196,7 @@ class PatternClassifier:
         return None
 
     def _half_turn(self, active: BoolArray) -> FloatArray | None:
-        """Return what a trap between two sides adds to a focus; None: there is one side."""
+        """Return phase pi for the opposite side of the array; None if there is one side."""
         if len(self._sides) == 1:
             return None
         far = self._sides[1][active]
@@ -204,7 +205,7 @@ class PatternClassifier:
     def _best_of_standing(
         self, found: Explanation, phases: PatternPhases, active: BoolArray
     ) -> Explanation:
-        """Return the best of a focus and what is like it, half a wavelength along the axis at most.
+        """Return the best fit among neighbouring foci and traps of a standing wave.
 
         Between two sides a focus has neighbours: foci half a wavelength away, and traps, which have
         half a turn between the sides, a quarter away.
@@ -249,7 +250,7 @@ class PatternClassifier:
         return self._proven(phases, found) if found is not None and found.used.all() else None
 
     def _search_for(self, active: BoolArray) -> PatternSearch:
-        """Return the search volume of the side of which most elements radiate."""
+        """Return the search volume of the side with most active elements."""
         number = int(np.argmax([np.count_nonzero(active & side) for side in self._sides]))
         if number not in self._searches:
             self._searches[number] = PatternSearch(self._model, self._sides[number])
@@ -305,7 +306,7 @@ class PatternClassifier:
         return None if found is None else self._proven(phases, found)
 
     def _proven(self, phases: PatternPhases, found: Explanation) -> Explanation | None:
-        """Return the simplest name of what was found; None if chance may look the same."""
+        """Return the simplest pattern that fits significantly better than chance; else None."""
         if not self._is_usable(found):
             return None
         simplest = self._simplest(phases, found)
@@ -380,6 +381,7 @@ class PatternClassifier:
         return total / math.sqrt(2.0), (total / most if most > 0.0 else 0.0)
 
     def _unnamed(self, drive: ComplexArray, active: BoolArray) -> Unnamed:
+        """Return an unnamed pattern with the point of greatest pressure."""
         loudest = self._search_for(active).loudest(drive, 1)[0]
         return Unnamed(_pattern_vector(loudest), self._arrival(drive, loudest)[1])
 
@@ -389,7 +391,7 @@ def _rms_of(found: Explanation) -> float:
 
 
 def _as_trap(found: Explanation | None, halves: FloatArray) -> Explanation | None:
-    """Return a focus of turned phases as what it is without the turn."""
+    """Convert a focus fitted with a half turn between the sides into a trap."""
     if found is None or found.charge or found.normal is not None:
         return None
     return replace(found, added_rad=halves, normal=np.array([0.0, 0.0, 1.0]))

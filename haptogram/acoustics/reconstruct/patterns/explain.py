@@ -214,7 +214,7 @@ def _pattern_by_more_elements(
 def _pattern_residual_of_all(
     phases: PatternPhases, point: PatternPointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residual of every element, and what the pattern adds to a focus."""
+    """Return the residual of every element, and the phase of the pattern relative to a focus."""
     distance = np.linalg.norm(point.position_m - phases.positions_m, axis=1)
     added = (
         charge * pattern_azimuths(phases.positions_m, point.axis_m)

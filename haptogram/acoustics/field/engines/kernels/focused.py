@@ -69,7 +69,7 @@ def _residuals_kernel(
 
 @jit_sums
 def _products_kernel(rays: F8, mean: F8, products: F8) -> None:
-    """Set *products* (3,): of the residuals and the slopes, the mean taken out."""
+    """Compute *products* (3,): the residuals times the centred slopes."""
     x, y, z = 0.0, 0.0, 0.0
     for n in range(rays.shape[1]):
         e = rays[4, n]
