@@ -128,7 +128,7 @@ def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
 
 
 def _is_found(result: CaseResult) -> bool:
-    """Return whether the case failed, and not only the recovery behind it."""
+    """Return whether the case itself failed, not only the recovery after it."""
     return MEANINGS[result.behaviour].exit_status == FAIL
 
 

@@ -87,7 +87,7 @@ def _be_refused_in_client_dialogue(board: BoardClient) -> None:
 
 
 def _time_out_in_client_dialogue(board: BoardClient) -> None:
-    """Let the hold mute the board, so that the board sends STATE_CHANGED."""
+    """Let the hold expire so that the board sends STATE_CHANGED."""
     if not board.has(m.Feature.CONFIG):
         return
     board.configure(hold_ms=20)

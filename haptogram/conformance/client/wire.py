@@ -370,6 +370,7 @@ class RawFrameClient:
             self._transport.finds_mutes = None
 
     def _read(self, deadline_ns: int) -> None:
+        """Read from the transport until the deadline; end the case when its time is over."""
         if self.now_us() > self._deadline_us:
             inconclusive(f"the case was not over after {self.limits.case_us / 1e6:g} s")
         self._come_back()
@@ -432,6 +433,7 @@ class RawFrameClient:
             self._left_us, self._left_cpu_ns = t_us, time.process_time_ns()
 
     def _take(self, data: bytes) -> None:
+        """Split received bytes into frames, and apply the rules to each."""
         now_us = self.now_us()
         self.recording.add(now_us, TransferDirection.BOARD, data)
         self.heard += len(data)
@@ -453,13 +455,14 @@ class RawFrameClient:
             self._flooded()
 
     def _flooded(self) -> NoReturn:
+        """End the case: the line delivers too many bytes."""
         text = f"the line is flooded: {self.heard} bytes in one case"
         if any(piece.header is not None for piece in self.received):
             fail(text)
         inconclusive(f"{text}, and no frame among them: not a board")
 
     def _keep(self, rest: bytes) -> None:
-        """Keep the bytes behind the last delimiter, in bounded memory."""
+        """Buffer the bytes after the last delimiter, up to a limit."""
         if len(self._partial) < _PARTIAL_BYTES:
             self._partial += rest
 

@@ -76,6 +76,7 @@ def _run_out_timer(board: BoardClient, config: m.Config) -> None:
 
 
 def _without_ramp(board: BoardClient, config: m.Config) -> None:
+    """Set the ramp length to zero."""
     board.config = dataclasses.replace(config, ramp_ms=0)
     board.link.ask(m.SetConfig(board.config))
 

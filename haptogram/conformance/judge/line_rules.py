@@ -73,7 +73,7 @@ class LineRules:
                         self._alone = (header.type, header.seq), t_us, len(data)
 
     def _grown(self, piece: ReceivedByClient) -> str:
-        """Return what stands behind the last field, unless a later version added it (HG-11.3)."""
+        """Return extra bytes after the last field, unless a later minor version allows them."""
         if piece.message is None or piece.message.TAIL or self._minor > m.VERSION_MINOR:
             return ""
         size = len(piece.body) - HEADER_BYTES - piece.message.LAYOUT.size
@@ -134,7 +134,7 @@ class LineRules:
         yield "HG-3.7/1", text if header.session not in due else ""
 
     def _unasked(self, piece: ReceivedByClient, header: m.Header) -> str:
-        """Return in words that a response answers no request, or one that is answered."""
+        """Return a text if a response answers no open request."""
         if piece.message is None:
             return ""
         kind = header.type - m.RESPONSE_OFFSET

@@ -179,6 +179,7 @@ def _clause_result_by_pins(
 
 
 def _occasions(texts: Sequence[str], every: int) -> str:
+    """Join the findings into one text: the count, the first few, the number of others."""
     more = f"; and {len(texts) - _NAMED} times more" if len(texts) > _NAMED else ""
     return f"{len(texts)} of {every} times: " + "; ".join(texts[:_NAMED]) + more
 

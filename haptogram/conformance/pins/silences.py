@@ -161,7 +161,7 @@ def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> flo
 
 
 def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
-    """Yield the silences that the board itself tells of."""
+    """Yield the silences that follow from the board's own messages."""
     timer = _TIMER_US * dialogue.record.carrier_hz * 1e-6
     for frame in dialogue.to_host:
         told = frame.message
@@ -182,7 +182,7 @@ def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
 
 
 def _silence_clauses_after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
-    """Yield the silences between an ARM that led out of silence and the first frame behind it."""
+    """Yield the silences between an ARM and the next frame."""
     off = [mute.arrival for mute in dialogue.requests(m.MessageType.MUTE)]
     before = 0.0
     for arm in dialogue.arms:

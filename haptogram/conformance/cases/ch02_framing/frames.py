@@ -252,7 +252,7 @@ def _pauses_ms(board: BoardClient) -> tuple[int, ...]:
 
 
 def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) -> None:
-    """FAILED unless bytes with a pause in them, and the PING behind them, are each counted once."""
+    """FAILED unless a frame sent with a pause inside, and the next PING, are counted once each."""
     name, counter, make = paused
     counts = {counter: 1} | {"requests": 1 + (counter == "requests")}
     text = f"with a pause of {pause_ms} ms {place}" if pause_ms else "without a pause"

@@ -171,7 +171,7 @@ def _hello_in_burst(board: BoardClient) -> bytes:
 
 
 def _switches_on(board: BoardClient) -> Iterator[tuple[str, _Between]]:
-    """Yield what might switch the output on behind a MUTE: its name, and what makes its frames."""
+    """Yield requests that could enable the output after a MUTE: name, frame builder."""
     link = board.link
 
     def arm() -> bytes:
@@ -237,7 +237,7 @@ def _judge_burst_of_mutes(
 
 
 def _is_one_moment(board: BoardClient) -> bool:
-    """Return whether bytes take no time; wait then for a moment at which nothing is latched."""
+    """Return whether line time is zero; then wait until the middle of a carrier period."""
     if not board.clock.is_one_moment(_LONGEST):
         return False
     carrier_us = board.clock.carrier_us

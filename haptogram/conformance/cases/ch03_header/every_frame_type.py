@@ -80,7 +80,7 @@ def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
 
 
 def _damaged_of_every_type(body: bytes) -> bytes:
-    """Return a body with one bit inverted behind its type, and the CRC that it had before."""
+    """Return a frame body with one bit flipped after its type, and the CRC from before."""
     whole = bytearray(malformed_frames.malformed_with_crc(body))
     whole[len(body) - 1] ^= 0x08
     return bytes(whole)

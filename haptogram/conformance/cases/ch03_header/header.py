@@ -315,6 +315,7 @@ def refuses_wrong_lengths(board: BoardClient) -> None:
 
 
 def _near_lengths(kind: type[m.Message]) -> set[int]:
+    """Return the lengths one byte shorter and one byte longer than a message."""
     return {kind.LAYOUT.size - 1, kind.LAYOUT.size + 1} - {-1}
 
 
@@ -373,7 +374,7 @@ def reads_unaligned_values(board: BoardClient) -> None:
 
 
 def _requests_with_values(board: BoardClient) -> Iterator[m.Message]:
-    """Yield a request that the board takes of every type, and kind, with such a byte."""
+    """Yield valid READ_DRIVE, SET_CONFIG and upload requests."""
     yield from (m.ReadDrive(kind, 0, 1) for kind in drive_kinds(board))
     if board.has(m.Feature.CONFIG):
         yield m.SetConfig(board.config)

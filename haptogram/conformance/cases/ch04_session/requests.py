@@ -196,7 +196,7 @@ def _fill_ring(board: BoardClient) -> None:
 def _judge_remembered_reply(
     board: BoardClient, messages: Iterable[m.Message], betweens: dict[str, Between]
 ) -> None:
-    """FAILED unless requests get their replies again behind each of *betweens*."""
+    """FAILED unless repeated requests get the cached reply after each intervening action."""
     for message in messages:
         board.arm()
         first = board.link.ask_at_once(message)
@@ -405,7 +405,7 @@ class NumberUse:
 
 
 def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
-    """Yield requests that are judged alike whatever their number is."""
+    """Yield requests that are accepted or refused regardless of their sequence number."""
     mute, ping, chunk = int(m.Mute.TYPE), int(m.Ping.TYPE), int(m.UploadChunk.TYPE)
     stale: dict[str, Any] = {"session": board.link.session ^ _STALE}
     closed, flagged = {"session": 0}, {"flags": _UNKNOWN_FLAG}
@@ -463,7 +463,7 @@ def every_newest_number_stays(board: BoardClient) -> None:
 
 
 def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
-    """FAILED unless behind a request the numbers up to the newest are used, and the next is not."""
+    """FAILED unless, after a request, numbers up to the newest are refused as used."""
     board.link.ask(m.Arm())
     delayed = board.link.seq
     if not use.is_remembered:

@@ -261,7 +261,7 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
 
 
 def _judge_latched_foci(board: BoardClient, mode: Mode, targets_m: Sequence[_Target]) -> None:
-    """Latch a frame for each focus and read its drive back, then judge them.
+    """Latch one frame per focus, read the drives back, then judge them.
 
     A hold may be shorter than that: where the loops of the search are compiled first, it takes
     seconds.

@@ -435,7 +435,7 @@ def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
 
 
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:
-    """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
+    """Send PLAY together with a frame, then STOP and a frame at the time of a playback latch."""
     playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
     play = playback.play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
     for off_us in board.sample(_ROUNDED_US):

@@ -179,7 +179,7 @@ def _modes_of_trace(board: BoardClient) -> list[m.TraceMode]:
 
 
 def _margins_around_borders_us(board: BoardClient) -> list[int]:
-    """Return the margins at and beside every border: in time, a carrier period, the late window.
+    """Return margins at and next to each limit: on time, one carrier period, the late window.
 
     At a wall clock, where no frame arrives to the microsecond, those at the borders.
     """

@@ -200,7 +200,7 @@ _ARM: Final = next(event for event in _EVENTS if event.name == "ARM")
 
 
 def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held:
-    """Return what a board holds after an event; FAILED if an old number is taken again."""
+    """Return the board's observable state after an event; FAILED if it accepts an old number."""
     since = board.link.mark()
     if last_us:  # dropped for its order: the margins tell of it
         board.link.stream(board.shortest_stream(), last_us)
@@ -216,7 +216,7 @@ def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held
 
 
 def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situation) -> None:
-    """FAILED with the name of the first event that changes what it must leave."""
+    """FAILED with the name of the first event that changes state it must preserve."""
     before: Held | None = None
     last_us = brought_us = 0
     config = board.config
@@ -247,7 +247,7 @@ def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situat
 def _judge_arm_behind_effect(
     board: BoardClient, effect: Effect, before: Held, config: m.Config
 ) -> None:
-    """FAILED if ARM behind an event changes anything but the state: nothing sounds again.
+    """FAILED if ARM after an event changes anything but the output state.
 
     Timers that the event has shortened are as in *config* again: on a slow line the readings take
     longer than they last.
@@ -325,6 +325,7 @@ class Moment:
 
 
 def _output_with_queue(board: BoardClient) -> None:
+    """Latch a frame, then fill the queue."""
     latching.latch_now(board)
     OUTPUT_STATES[QUEUES](board)
     board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
@@ -353,6 +354,7 @@ def _ramp_moment(
     queued: int = 0,
     frames: int | None = None,
 ) -> Moment:
+    """Return a test moment during an amplitude ramp."""
     needs = _FADES if frames is None else _PLAYS | _FADES
     return Moment(name, _RAMPS | config, bring, queued, frames, needs, _RAMP_MS)
 
@@ -432,7 +434,7 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
 
 
 def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -> None:
-    """Judge; once more, twice at most, if the moment was over too soon."""
+    """Judge the end of the output, with up to two retries if the host was late."""
     for _ in range(_TRIES - 1):
         with contextlib.suppress(HeldUpError):
             _judge_end_of_output(board, end, moment)
@@ -456,7 +458,7 @@ def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) 
 
 
 def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> None:
-    """FAILED if something that was under way goes on: a timer, a ramp, the queue, a playback."""
+    """FAILED if a timer, ramp, queue or playback continues after the output went off."""
     before = len(board.link.events(m.StateChanged, since))
     board.arm()
     with board.counting(latched=0):

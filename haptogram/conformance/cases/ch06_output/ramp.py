@@ -172,7 +172,7 @@ def output_ramps_end_playback(board: BoardClient) -> None:
 
 
 def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
-    """Return amplitudes at and beside the ceiling, and the least and greatest, one after another.
+    """Return test amplitudes around the ceiling and the extremes, one per transducer.
 
     An array of fewer transducers has the first of them.
     """
@@ -278,7 +278,7 @@ def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
 def _judge_ramp_with_settings(
     board: BoardClient, ceiling: int, steps: Sequence[Mapping[str, Any]], *, plays: bool
 ) -> None:
-    """Set the configuration again and again during a ramp of the hold, and judge what is left."""
+    """Change the configuration repeatedly during a hold ramp, and judge the result."""
     ramp_ms = _length_of_long_ramp_ms(board)
     before = {"hold_ms": _SHORT_MS, "ramp_ms": ramp_ms, "amplitude_ceiling": ceiling}
     since = board.arm(**before)
@@ -318,7 +318,7 @@ def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
 
 
 def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: int) -> None:
-    """Set another ceiling in a ramp, and judge what is radiated when the ramp is undone."""
+    """Change the ceiling during a ramp, and judge the output after the ramp is cancelled."""
     long = {"hold_ms": 5000, "host_timeout_ms": 10_000, "ramp_ms": _LONG_MS}
     short = {
         "hold": {"hold_ms": _SHORT_MS},
@@ -397,7 +397,7 @@ class TimerPair:
 
 
 def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> None:
-    """Judge pairs of both other timers."""
+    """Judge the ramp for pairs of the hold with each other timer."""
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     others = timer_kinds(board, LEASE, UNATTENDED)
     ramp_ms = min(_LONG_MS, _ramp_time_ms(board, length_ms))
@@ -432,7 +432,7 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
 
 
 def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
-    """Let both timers run; return when the ramp begins, and when something renews one of them."""
+    """Start both timers; return the time of the ramp, and of a renewal."""
     hold_ms = _ramp_time_ms(board, _SHORT_HOLD_MS if pair.is_hold_first else _LONG_HOLD_MS)
     other_ms = _ramp_time_ms(board, _OTHER_MS)
     settings: dict[str, Any] = {"hold_ms": hold_ms, "ramp_ms": pair.ramp_ms}

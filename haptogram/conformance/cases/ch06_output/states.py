@@ -54,6 +54,7 @@ def _output_state(board: BoardClient) -> StateAndReason:
 
 
 def _state_text(found: StateAndReason) -> str:
+    """Return an output state and its reason as text."""
     return f"{found[0].name} ({found[1].name})"
 
 
@@ -227,7 +228,7 @@ def _mute_of_sessions(board: BoardClient, sessions: tuple[int, ...]) -> None:
 
 
 def _judge_rest_behind_mutes(board: BoardClient, since: int, before: m.Counters, name: str) -> None:
-    """FAILED if MUTE, with nothing queued, counts or reports what did not happen."""
+    """FAILED if a MUTE with an empty queue changes other counters or sends events."""
     grown = board.counted_since(before)
     wrong = {key: n for key, n in grown.items() if n and key not in ("frames", "requests")}
     check(not wrong, f"{name} counts {wrong}")
@@ -266,7 +267,7 @@ def _sound_for_output_state(board: BoardClient) -> None:
 
 
 def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
-    """Let one timer run out."""
+    """Let one timer expire so that the board mutes."""
     long = {LEASE.name: 10_000, HOLD.name: 10_000}
     since = board.arm(**long | ({} if timer is UNATTENDED else {timer.name: _SHORT_MS}))
     if timer is UNATTENDED:
@@ -314,7 +315,7 @@ def recover_from_hardware_fault(board: BoardClient) -> None:
 
 
 def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
-    """Let the hardware fail in each state; yield its name, and the piece at which it was ARMED."""
+    """Raise a hardware fault in each state; yield its name and the receive mark of ARM."""
     for name, bring in output_states(board):
         since = board.arm()
         bring(board)

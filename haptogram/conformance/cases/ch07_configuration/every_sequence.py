@@ -131,7 +131,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
 
 
 def _period_to_trace(board: BoardClient) -> int:
-    """Return a period in which a slow line brings the trace of a latch beside the replies."""
+    """Return a playback period long enough to send trace and replies on a slow line."""
     return board.wire.period_us(_TRACED_BYTES, 2000)
 
 
@@ -340,7 +340,7 @@ def _store_mixed_frames(board: BoardClient, form: uploads.UploadForm, wanted: in
 def _judge_frames_of_long_playback(
     board: BoardClient, sequence: int, stored: list[bytes], name: str
 ) -> None:
-    """FAILED unless stored frames that are alike, and only these, are latched alike."""
+    """FAILED unless equal stored frames, and only these, give equal latches."""
     since = _begin_traced_playback(board)
     ended = playback.play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
     check_fields(ended, f"{name}: PLAYBACK_ENDED", loops=1, frames=len(stored))

@@ -46,6 +46,7 @@ def _values_beyond(least: int, most: int, bits: int) -> list[int]:
 
 
 def _settings_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    """Yield SET_CONFIG requests with one value outside its limits, and the expected error."""
     for name, (least, most) in CONFIG_BOUNDS.items():
         for value in _values_beyond(least, most, _WIDTHS[name]):
             if name == "status_period_ms" and value == 0:

@@ -245,7 +245,7 @@ def held_after_refusals(
 
 
 def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
-    """FAILED unless the upload under way can be completed, and both sequences are played."""
+    """FAILED unless the pending upload can be completed, and both sequences play."""
     data = pending_before_refusal(board)
     uploads.send_upload_chunks(board, data)
     taken = board.link.ask(m.UploadCommit(PENDING)).message

@@ -90,7 +90,7 @@ def _numbers(record: Record, base: int) -> Iterator[tuple[int, int, int]]:
 
 
 def _beside(value: int, bits: int) -> set[int]:
-    """Return values near this one, at both ends, and those that a mask turns into it."""
+    """Return nearby values, multiples, and values that differ in one masked bit."""
     near = {value - 1, value + 1, 2 * value - 1, 2 * value, value + value // 2}
     masked = {value | 1 << bit for bit in (range(4, 8) if bits == 8 else (bits // 2, bits - 1))}
     return {0, 1, _NO_VALUE, (1 << bits) - 1, *near, *masked}

@@ -200,6 +200,7 @@ class SceneInputs:
         return found
 
     def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> DialogueAction:
+        """Return a stream frame at a time, each given field set to one of its choices."""
         return self.frame(at, **{name: self._pick(values) for name, values in choices.items()})
 
     # --- requests --------------------------------------------------------------------------------
@@ -259,6 +260,7 @@ class SceneInputs:
         return self.makers.defective(self.makers.messages()[name](), *defects)
 
     def _any_with(self, defect: str) -> DialogueAction:
+        """Return a random request with the given defect."""
         return self.defective(self._pick(list(self.makers.messages())), defect)
 
     def _unknown(self, kind: int) -> DialogueAction:

@@ -55,7 +55,7 @@ class RandomScenes(SceneMaker):
         self._kinds = self._shares()
 
     def _shares(self) -> dict[Callable[[], ActionSlots], float]:
-        """Return how often scenes of each kind are played."""
+        """Return the probability weight of each kind of scene."""
         makers, conditions = self._makers, self._makers.conditions
         moments, memories = MomentScenes(self._inputs), MemoryScenes(self._inputs)
         if makers.configs.with_timers:
@@ -105,6 +105,7 @@ class RandomScenes(SceneMaker):
         return found[:-1]
 
     def _timed_pair(self) -> ActionSlots:
+        """Return two random states with timers in succession, then silence."""
         return [
             *self._pair("states with timers", self.timed),
             *self._silent(self._random.choice(_SILENT)),
@@ -130,7 +131,7 @@ class RandomScenes(SceneMaker):
         return found
 
     def _filled(self) -> ActionSlots:
-        """Return something that sounds or plays, and the same input in each slot behind it.
+        """Return a running output with the same input in each slot, and one different input.
 
         In one of them comes another input.
         """
@@ -150,6 +151,7 @@ class RandomScenes(SceneMaker):
     # --- without ---------------------------------------------------------------------------------
 
     def _quick_pair(self) -> ActionSlots:
+        """Return two random states in succession, sometimes followed by frames."""
         found = self._pair("states", self.quick)
         if self._random.random() < _GOES_ON:
             found += self._inputs.slots("ARM + frames")
@@ -162,7 +164,7 @@ class RandomScenes(SceneMaker):
         return [*self._state(state), self._inputs.told(self._random.choice(groups[group]))]
 
     def _late_until_status(self) -> ActionSlots:
-        """Return a late frame, and silence until a STATUS has told its margin."""
+        """Return a late frame, then silence until a STATUS reports its margin."""
         return self._inputs.slots("ARM + a late frame" + " |" * _STATUS_SLOTS)
 
     def _long(self) -> ActionSlots:
@@ -180,7 +182,7 @@ class RandomScenes(SceneMaker):
         return [[self._inputs.defective(*name)] for name in names]
 
     def _values(self) -> ActionSlots:
-        """Return slots of frames with a field that has any value, and a probe behind each."""
+        """Return slots with random field values in stream frames, each followed by a probe."""
         conditions = self._makers.conditions
         most = _BYTES // (64 + 2 * conditions.identity.transducers)
         number = max(1, min(_VALUE_FRAMES[conditions.exact], most))
