@@ -149,6 +149,7 @@ class ClockEstimate:
         self._take(ClockSample(host_ns, device_ns - host_ns, trip_ns // 2 + _ROUNDING_NS))
 
     def _take(self, sample: ClockSample) -> None:
+        """Add a clock sample; restart the estimate after repeated contradictions."""
         if self._contradicts(sample):
             self.rejected += 1
             self._contradictions += 1
@@ -240,6 +241,7 @@ class ClockEstimate:
 
     @property
     def _chosen(self) -> ClockSample:
+        """Return the best clock sample; raise without any."""
         if self._best is None:
             raise NoAnswerError("the device clock is not known: no ping was answered yet")
         return self._best
