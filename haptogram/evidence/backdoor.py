@@ -169,7 +169,7 @@ def why_observations_incomplete(
 
 
 def _lacked_latches(records: Sequence[Mapping[str, Any]], session: int | None) -> int:
-    """Return how many latches of *session* are missing before the last one that was told."""
+    """Return the number of latch records missing from a session."""
     numbers = [
         record["number"]
         for record in records

@@ -130,6 +130,6 @@ class BoardRecords:
 
     @property
     def _is_closed(self) -> bool:
-        """True if the last record has come, that of the end."""
+        """Return True once the end record has been received."""
         records = self.records
         return bool(records) and records[-1]["kind"] == "end"

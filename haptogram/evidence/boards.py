@@ -287,7 +287,7 @@ class PortBoardUnderTest(BoardUnderTest):
         self._dropped_before = driver.status().counters.trace_dropped
 
     def _best_trace(self, features: Feature) -> TraceMode | None:
-        """Return the mode that tells most of what is sent; None: the board has none."""
+        """Return the most detailed trace mode supported; None if there is none."""
         by_feature = {
             Feature.TRACE: TraceMode.CRC,
             Feature.TRACE_DRIVE: TraceMode.DRIVE,

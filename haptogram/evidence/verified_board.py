@@ -227,7 +227,7 @@ def _verified_lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[st
 
 
 def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield a line if the driver left the output on: the state before the board was told to end."""
+    """Yield a line if the output was still on before power-down."""
     states: list[Mapping[str, Any]] = []
     for record in records:
         if record.get("event") == "power_down":

@@ -152,7 +152,7 @@ class ReplayComparison:
             del waiting[key]
 
     def _forget_replayed_records(self) -> None:
-        """Leave out what no back door told of the recorded board."""
+        """Drop unmatched replayed records, except frames."""
         waiting = self._waiting[REPLAYED]
         for key in [key for key in waiting if _compared_replay_kind(key) != "frames"]:
             del waiting[key]
@@ -217,7 +217,7 @@ def _compared_replay_key(piece: Annotated) -> tuple[Hashable, ...]:
 
 
 def _lasting_replayed_fields(fields: Fields, name: str) -> Fields:
-    """Return the fields that do not depend on the moment, nor on which board answers."""
+    """Return the fields that are independent of time and of the board's identity."""
     if name == MessageType.HELLO_REPLY.name:
         return {key: value for key, value in fields.items() if key in _IDENTITY}
     return {

@@ -178,7 +178,7 @@ def _recorded_lines(
 def _recorded_parts(
     recording: Recording, topics: tuple[str, ...]
 ) -> Iterator[tuple[_Opening, Iterator[RecordingEntry]]]:
-    """Yield every opening with the entries behind it, in one pass; what is not taken is skipped."""
+    """Yield each session opening with its entries, in one pass over the selected topics."""
     last: _Opening | None = None
 
     def opening_of(entry: RecordingEntry) -> _Opening | None:
@@ -307,6 +307,7 @@ class _ReplayLine:
         self.comparison.close(self._board.boot_us + end_ns // 1000)
 
     def _take(self, entry: RecordingEntry) -> None:
+        """Feed a recorded entry to the board or the comparison."""
         if entry.topic == TO_BOARD:
             self._pass_to(entry)
             self.to_board += len(entry.data)
@@ -336,7 +337,7 @@ class _ReplayLine:
         self._now_ns = max(self._now_ns, entry.t_ns - self._start_ns)
 
     def _collect(self) -> bytes:
-        """Take what has come from the board, and return its bytes."""
+        """Read the board's output, compare it and return its bytes."""
         data = self._board.read(self._now_ns)
         self.to_host += len(data)
         for piece in self._replayed.feed(data):
@@ -346,6 +347,7 @@ class _ReplayLine:
         return data
 
     def _add(self, side: str, record: LatchRecord | Mapping[str, Any]) -> None:
+        """Add a latch or an event to the comparison."""
         if isinstance(record, LatchRecord):
             timed = record.sequence > 0 or record.index % (1 << 16) not in self._facts.immediate
             self.comparison.add_latch(side, record, timed=timed)
