@@ -124,6 +124,7 @@ def _classes_of_elements(
 
 
 def _classes(elements: Sequence[int], names: Sequence[str]) -> _Classes:
+    """Group the elements by name."""
     found: _Classes = defaultdict(list)
     for element, name in zip(elements, names, strict=True):
         found[name].append(element)

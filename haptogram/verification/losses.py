@@ -62,6 +62,7 @@ class LossJudge:
         )
 
     def _loss(self, wanted: Intended, due: DueFrame) -> tuple[FrameStatus, str, str]:
+        """Return status, fault and reason of a lost frame."""
         known, drop = self._known, self._known.drops.get(wanted.key)
         latest_us, sent_us = wanted.t_latest_us, wanted.t_sent_us
         if latest_us is not None and wanted.is_held_up:
@@ -143,7 +144,7 @@ def unnamed_losses_reason(
 
 
 def _counted(lost: Sequence[FrameVerdict], counters: Mapping[str, int]) -> str:
-    """Return what the board counted: the drops that were seen, else what its counters say."""
+    """Return the observed drops as text, or else the drop counters of the board."""
     named = Counter(fault for frame in lost for fault in frame.faults)
     found = ", ".join(f"{name} {number}" for name, number in (named or counters).items())
     return found or _NOT_COUNTED

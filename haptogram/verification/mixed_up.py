@@ -111,7 +111,7 @@ def grid_orders(grid: Codes) -> Iterator[tuple[str, Codes]]:
 
 
 def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:
-    """Yield the drive whose elements share one phase by twos."""
+    """Yield drives in which every second element repeats its neighbour's phase."""
     pairs = wanted[: len(wanted) // 2 * 2].reshape(-1, 2)
     for kept, name in ((0, "before"), (1, "behind")):
         copied = wanted.copy()
@@ -152,7 +152,7 @@ def shaped_drive_fault(
 
 
 def _most_apart(codes: NDArray[np.float64]) -> float:
-    """Return the range of codes after the one that all share is taken out."""
+    """Return the range of the codes after removal of their common phase."""
     common = np.angle(np.exp(2j * np.pi * codes / TURN).sum()) * TURN / (2.0 * np.pi)
     return float(np.ptp((codes - common + TURN / 2.0) % TURN))
 

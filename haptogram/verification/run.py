@@ -214,7 +214,7 @@ def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
 def _run_verdict_of_kept(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
-    """Yield *observations* without those that may be of frames before the first of *intended*."""
+    """Yield *observations* without those of frames before the first intended one."""
     wanted = {frame.key for frame in intended}
     streamed = [key.index for key in wanted if key.sequence == STREAM]
     first = min(streamed, default=None)
@@ -261,7 +261,7 @@ class _MissedFrames:
 
 
 def _is_run_frame_unnamed(verdict: FrameVerdict, latch: Observation) -> bool:
-    """Return True if a drive is wrong, or its CRC is, in no way that has a name."""
+    """Return True if a wrong drive or CRC matches no named fault."""
     is_of_crc = latch.drive is None and verdict.status is FrameStatus.CORRUPT
     return is_of_crc or verdict.faults == (UNNAMED,)
 

@@ -91,7 +91,7 @@ class RunVerdict(Judged):
     def odd_frames(self) -> list[FrameVerdict]:
         """Frames that are not on target, or not in time."""
         return [
-            f for f in self.frames if f.status not in NOTHING_WRONG or _untimely_in_run_verdict(f)
+            f for f in self.frames if f.status not in NOTHING_WRONG or _has_timing_error(f)
         ]
 
     def findings(self) -> Iterator[tuple[str, list[FrameVerdict]]]:
@@ -235,7 +235,7 @@ def cut_run_verdict_text(counts: Mapping[str, int]) -> str:
     return "".join(said)
 
 
-def _untimely_in_run_verdict(frame: FrameVerdict) -> bool:
+def _has_timing_error(frame: FrameVerdict) -> bool:
     return frame.late or frame.early or frame.latches > 1
 
 

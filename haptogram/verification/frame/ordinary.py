@@ -133,7 +133,7 @@ class OrdinaryFrames:
     def _verdict(
         self, intended: Intended, latch: Observation, measures: list[float], carrier_us: int
     ) -> FrameVerdict:
-        """Return the verdict on a frame of which all criteria hold."""
+        """Return the verdict of a frame that meets all criteria."""
         bx, by, bz, scatter, drift, phase_rad, coherence, loudness, peak_rad, across, along = (
             measures
         )
@@ -223,6 +223,6 @@ def _focus_of(latch: Observation) -> SingleFocus:
 def _sum_of_places(
     target_m: tuple[float, float, float], found_m: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return where a focus was found, as the target and the way from there add up."""
+    """Return the found focus, rounded like target plus miss."""
     (x, y, z), (u, v, w) = target_m, found_m
     return x + (u - x), y + (v - y), z + (w - z)

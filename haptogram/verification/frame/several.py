@@ -188,7 +188,7 @@ class SeveralFociFrame:
         return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
     def _host(self, ideal: IdealFrameDrive) -> tuple[ToleratedHost | None, str | None]:
-        """Return the host whose drive this is, and what is wrong with the elements without one.
+        """Return the tolerated host that explains this drive, or else the fault of its elements.
 
         A host within the tolerance or, if there is none, one that is beyond it for certain.
         """
@@ -205,7 +205,7 @@ class SeveralFociFrame:
         return None, None
 
     def _judge_of_host(self, ideal: IdealFrameDrive, host: ToleratedHost) -> _Findings:
-        """Return the findings about the drive of a tolerated host: as if that were asked for.
+        """Return the findings, with the drive of a tolerated host as the ideal.
 
         The peaks of several foci may be off by more than their host is: so far a miss does not
         show.
@@ -228,7 +228,7 @@ class SeveralFociFrame:
         return dataclasses.replace(found, limits_m=limits_m, offsets_m=offsets_m)
 
     def _judge_tolerantly(self, ideal: IdealFrameDrive, fault: str | None) -> _Findings:
-        """Return the findings about a drive for these foci in other air, or a little off.
+        """Judge a multi-focus drive with the positions of the foci fitted from its phases.
 
         A solver may come to another drive there, with other phases between the foci.  So the places
         are fitted from the phases that there are, whatever the weights of the foci.
@@ -295,7 +295,7 @@ class SeveralFociFrame:
 def _sizes_of_frame_errors(
     fit: FociFit, limit_rad: float, slack_rad: tuple[float, float]
 ) -> FloatArray:
-    """Return (N,) the phase errors of the active elements over what rounding and tolerance make.
+    """Return (N,) phase errors of active elements, relative to rounding and tolerance.
 
     The slack is that of an element, which all its waves share, and that of each wave.
     """
@@ -368,5 +368,6 @@ def _frame_foci_levels_not_made(levels: IdealFociLevels, intended: Intended) -> 
 
 
 def _frame_foci_mm(values: FloatArray) -> Vector:
+    """Convert metres to millimetres."""
     x, y, z = (float(_MM * value) for value in values)
     return x, y, z

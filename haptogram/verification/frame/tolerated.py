@@ -124,6 +124,7 @@ class ToleratedHost:
 
     @cached_property
     def _asked(self) -> ComplexArray:
+        """Return the drive of a host with this error."""
         return self.hosts.drive(self.off)
 
     @cached_property
@@ -177,7 +178,7 @@ class ToleratedHost:
 
     @property
     def _off_rad(self) -> float:
-        """Phase error of an element that is off by itself: a fit may move what is right."""
+        """Phase error above which a single element counts as wrong."""
         return self.limit_rad + self.hosts.limit_rad
 
     # --- search ----------------------------------------------------------------------------------

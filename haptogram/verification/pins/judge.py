@@ -108,7 +108,7 @@ def verify_captured_pins(
 
 
 def _drives_told_apart(weights: ComplexArray, apart: float) -> int:
-    """Return how many of *weights* (K,) are *apart* from each other: those that suffice at most."""
+    """Return the number of distinguishable *weights* (K,), up to a sufficient number."""
     found = 0
     while len(weights) and found < _FEWEST_AGREEING + 2:
         found += 1
@@ -171,7 +171,7 @@ class _PinJudge:
     # --- frames ----------------------------------------------------------------------------------
 
     def _check_torn(self) -> int:
-        """Find the latches of which some pins are late; return how many there are."""
+        """Find latches that reach some pins late; return their number."""
         steps, usable = self.shown.steps, self.shown.latched
         torn = np.flatnonzero(self.shown.torn)
         us = self._period_us
@@ -257,7 +257,7 @@ class _PinJudge:
         return False
 
     def _misses_periods(self) -> bool:
-        """Find that most pins leave out periods of the carrier: no drive is as it was meant."""
+        """Find pins that pulse in only some carrier periods."""
         pins = [pin for pin in self.record.pins.values() if len(pin.rises)]
         fewer = [pin for pin in pins if pin.every > 1]
         if 2 * len(fewer) <= len(pins):
@@ -271,7 +271,7 @@ class _PinJudge:
         return True
 
     def _tells_more_than_chance(self, judged: Bools) -> bool:
-        """Return True if nothing is wrong, or more drives agree than what any sound would show.
+        """Return True if agreement between pins and frames is unlikely by chance.
 
         Any two pins that sound agree with a run in one phase, and a pin with itself in one drive.
         """
@@ -309,7 +309,7 @@ class _PinJudge:
         return fitting if fitting.sum() >= fewest else None
 
     def _likely_mistakes(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-        """Yield what may be wrong with all pins, and the phases that these have then."""
+        """Yield common mistakes of all pins, each with the phases it would cause."""
         phases = self.run.phases
         yield "every captured pin has the opposite sign of the phase", np.negative(phases)
         numbers = np.arange(phases.shape[1])
@@ -329,7 +329,7 @@ class _PinJudge:
         return bool(shown.seen.any()) and float(shown.right[shown.seen].mean()) >= _NEARLY_ALL
 
     def _name_faults(self, judged: Bools) -> Bools:
-        """Name what is wrong; return the frames that single pins were judged in."""
+        """Name the faults of pins; return a mask of frames in which single pins were judged."""
         drives, right = self.shown.drives, self.shown.right
         count = len(self.run.elements)
         fitting = self._pins_that_fit(judged)
@@ -381,7 +381,7 @@ class _PinJudge:
         return alone
 
     def _name_structures(self, faults: dict[int, PinFault], alone: Bools) -> set[int]:
-        """Name what shifted pins have in common; return the elements that this explains."""
+        """Name faults shared by a chain or group of pins; return the elements explained."""
         self._offsets = ElementOffsets.of(self.record, self.shown.drives, alone)
         kinds = {PinFaultKind.SHIFTED, PinFaultKind.INVERTED}
         shifted = [self.run.elements[p] for p, fault in faults.items() if fault.kind in kinds]
@@ -398,7 +398,7 @@ class _PinJudge:
         return explained if found else set()
 
     def _note_doubtful_frames(self, judged: NDArray[np.intp], mixed: Bools) -> Bools:
-        """Return the (F,) frames whose wrong drive the capture itself may explain.
+        """Return a mask (F,) of wrong frames that missing samples of the capture may explain.
 
         Those are the last ones, the first one of a capture that begins with it, and all of them
         where an element is the reference: samples may be missing beside them. Those that it shows
@@ -439,13 +439,13 @@ class _PinJudge:
 
     @cached_property
     def _turns_rad(self) -> FloatArray | None:
-        """The phase that the pins share against a clock of the carrier; None: there is none."""
+        """Return the phase common to all pins, relative to the carrier clock; None without one."""
         if self.record.reference_element is not None:
             return None
         return shared_turns_of_pins(self.shown)
 
     def _check_turns(self, judged: Bools) -> None:
-        """Find frames in which all pins are turned together against the clock of the carrier.
+        """Find frames in which the phases of all pins are shifted against the carrier clock.
 
         A phase that the whole array has moves no focus. Pins outside the capture may lack it.
         """
@@ -465,6 +465,7 @@ class _PinJudge:
 
     @cached_property
     def _limits(self) -> PinCaptureLimits:
+        """Return the tolerances of the capture."""
         return PinCaptureLimits.of(self.record)
 
     def _check_carrier(self) -> None:
@@ -486,6 +487,7 @@ class _PinJudge:
     # --- the end ---------------------------------------------------------------------------------
 
     def _find(self, check: str, text: str) -> None:
+        """Add a finding to a check."""
         self.findings.setdefault(check, []).append(text)
 
     def _conclude(
@@ -495,6 +497,7 @@ class _PinJudge:
         end: EndOfSound,
         levels: LevelsInTime | None,
     ) -> PinVerdict:
+        """Return the verdict on the captured pins."""
         if self.record.cut:
             self.missing.append(f"the capture was cut off: {self.record.cut}")
         wrong = [line for lines in self.findings.values() for line in lines]
@@ -542,6 +545,7 @@ class _PinJudge:
         )
 
     def _notes(self) -> Iterator[str]:
+        """Yield notes on the limits of the capture."""
         record = self.record
         yield from record.notes
         if record.reference_element is not None:

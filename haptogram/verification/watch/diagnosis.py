@@ -92,6 +92,7 @@ class DefectFinder:
     # --- one latch -------------------------------------------------------------------------------
 
     def _shown(self, latch: SeenLatch, pattern: Pattern) -> Iterator[Defect]:
+        """Yield the drive defects that a latch shows, for example stray channels."""
         if latch.stray:
             self._stray.update(latch.stray)
             yield Defect.STRAY_CHANNELS
@@ -156,6 +157,7 @@ class DefectFinder:
         return frozenset(n for n, seen in self._reversed.items() if seen.is_proven)
 
     def _reversals(self) -> list[Diagnosis]:
+        """Return the diagnosis of elements with reversed polarity."""
         if not (proven := sorted(self.reversed_elements)):
             return []
         names = ", ".join(map(str, proven[:12])) + (", ..." if len(proven) > 12 else "")

@@ -149,7 +149,7 @@ class FrameDefects:
         return is_torn and sizes and About.OTHER_ARRAY not in self._about
 
     def _so_far(self) -> _FoundDefects:
-        """Return what is named of all clients, the one that is there included."""
+        """Return the defects found for all clients up to now."""
         found, of_client = _FoundDefects(), self._of_client
         found.extend(self._judged)
         if About.OTHER_WIRE in self._about or self._is_own is False:

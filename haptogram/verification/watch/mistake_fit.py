@@ -126,7 +126,7 @@ class MistakeFit:
     def _left_over(
         self, frame: int, residual: FloatArray, used: BoolArray, found: MistakeParameters
     ) -> float:
-        """Return the part of a residual that place and speed of the frame explain, in variances."""
+        """Return the normalised residual that position and sound speed cannot explain."""
         slopes = self._slopes(frame, found)[used]
         slopes = slopes - slopes.mean(axis=0)
         size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-12)
@@ -145,6 +145,7 @@ class MistakeFit:
         return bool(sum(chances) <= _CERTAIN)
 
     def _distances(self, shift: FloatArray) -> FloatArray:
+        """Return the distances (frames, elements) for foci moved by *shift*."""
         gaps = (self._places + shift)[:, None, :] - self._positions
         distances: FloatArray = np.linalg.norm(gaps, axis=2)
         return distances
@@ -159,6 +160,7 @@ class MistakeFit:
         return float(np.median(sums))
 
     def _residual(self, share: float, shift: FloatArray) -> FloatArray:
+        """Return the phase residuals for a relative sound speed error and a shift."""
         arrival = self._phases + self._k * (1.0 + share) * self._distances(shift)
         common = np.angle((np.exp(1j * arrival) * self._sounding).sum(axis=1))
         residual: FloatArray = wrapped_phases(arrival - common[:, None])

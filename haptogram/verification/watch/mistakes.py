@@ -118,7 +118,7 @@ class ClientMistakes:
         return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)
 
     def _is_enough(self, parts: tuple[Part, ...]) -> bool:
-        """Return True if as many targets were shown as prove it: a focus may be meant elsewhere."""
+        """Return True if enough distinct targets were seen to prove a mistake."""
         is_focus = sum(aim.found_m is not None for aim in self._aims) > len(self._aims) / 2
         is_simple = not is_focus and len(parts) == 1
         return is_simple or self._case.distinct >= LEAST_TARGETS

@@ -117,6 +117,7 @@ class _CoordinateTurns:
         )
 
     def _orders(self) -> Iterator[tuple[str, FloatArray]]:
+        """Yield the mirrorings and rotations in a plane, with their names."""
         a, b = ("xyz"[axis] for axis in self._plane)
         for text, values in (
             (f"{a} mirrored", ((-1, 0), (0, 1))),
@@ -139,6 +140,7 @@ class _CoordinateTurns:
 
 
 def _scaled(factor: float) -> Callable[[Places], Places]:
+    """Return a function that scales positions."""
     return lambda places: factor * places
 
 

@@ -74,7 +74,7 @@ def _pairs_as_they_come(seen: ComplexArray, meant: ComplexArray) -> _Ints:
 
 
 def _starts_of_frames(frames: _Ints, starts: FloatArray, end: float, count: int) -> FloatArray:
-    """Return the (F,) starts of all frames, from those of some and the *end* of the last one.
+    """Return the (F,) start times of all frames, interpolated from those of some.
 
     Those before the first and behind the last of these follow each other as most do: a capture may
     show a part of a run.
