@@ -90,9 +90,7 @@ class RunVerdict(Judged):
     @property
     def odd_frames(self) -> list[FrameVerdict]:
         """Frames that are not on target, or not in time."""
-        return [
-            f for f in self.frames if f.status not in NOTHING_WRONG or _has_timing_error(f)
-        ]
+        return [f for f in self.frames if f.status not in NOTHING_WRONG or _has_timing_error(f)]
 
     def findings(self) -> Iterator[tuple[str, list[FrameVerdict]]]:
         """Yield a line for each odd frame; of many, one for all with the same thing wrong."""

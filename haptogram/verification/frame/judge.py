@@ -246,7 +246,7 @@ class FrameJudge:
         return drive, ""
 
     def _seen(self, intended: Intended, observation: Observation) -> FrameVerdict:
-        """Return a verdict filled with the observation, not yet judged."""
+        """Return a verdict that holds the observation, not yet judged."""
         lateness_us = (
             0 if intended.t_apply_us is None else observation.t_latch_us - intended.t_apply_us
         )
@@ -267,7 +267,7 @@ class FrameJudge:
         return self._reconstructors[steps]
 
     def _reconstruct(self, frame: SingleFocusFrame) -> Reconstruction | None:
-        """Return the field of a latched drive; None if many equal failures were already computed."""
+        """Return the field of a latched drive; after many failed searches use a quick one."""
         # How well the phases fit a focus depends on the wire's steps, not on the registers.
         known = self._reconstructor(frame.intended.steps)
         weights, slack_rad = frame.latched.weights(), frame.target.tolerated_rad

@@ -257,7 +257,7 @@ class _PinJudge:
         return False
 
     def _misses_periods(self) -> bool:
-        """Find pins that pulse in only some carrier periods."""
+        """Return True if most pins pulse only in every n-th carrier period."""
         pins = [pin for pin in self.record.pins.values() if len(pin.rises)]
         fewer = [pin for pin in pins if pin.every > 1]
         if 2 * len(fewer) <= len(pins):

@@ -264,11 +264,7 @@ def _pin_shows_frame(
 
 
 def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: ComplexArray) -> Bools:
-    """Return a mask (E,) of pins that still show the *old* drive.
-
-    So late a latch shows too little to be judged. It adds the same share of the new drive to all
-    pins, to a period; with less than half of it, they are not nearer to the new drive.
-    """
+    """Return a mask (E,) of pins that show the *old* drive for most of the frame."""
     run = drives.run
     step = run.weights[frame] - old
     size = float((np.abs(step) ** 2).sum())
