@@ -246,7 +246,7 @@ class Serial(serial.SerialBase):
             self._worker.pump()
 
     def _pass_time(self, until_ns: int | None) -> None:
-        """Let time pass to the next event, at most up to *until_ns* of this port's clock."""
+        """Advance time to the next event, at most to *until_ns*."""
         next_ns = self.simulation.next_event_ns()
         if self._is_virtual:
             times = [t_ns for t_ns in (next_ns, until_ns) if t_ns is not None]

@@ -280,7 +280,7 @@ class Simulation:
             self._step(next_ns)
 
     def _run_ahead(self, t_ns: int) -> None:
-        """Let a board that runs ahead do so: nothing else comes up to *t_ns*, but on its way."""
+        """Let a simulated board process run ahead to *t_ns*, unless bytes arrive before."""
         if self.dialect.ahead is not None:
             up_ns = self._up.next_event_ns(_end_of_answer)
             until_ns = t_ns if up_ns is None else min(t_ns, up_ns)
@@ -342,7 +342,7 @@ class Simulation:
         return self._clock.device_us(whole_ns) + (t_ns - whole_ns) / NS_PER_US
 
     def _overrun_host(self, room: int) -> None:
-        """Lose what a host's buffer of *room* bytes does not hold."""
+        """Drop bytes beyond the *room* of the host's receive buffer; count them."""
         self._unread_lost += max(0, len(self._unread) - room)
         del self._unread[room:]
 
@@ -360,5 +360,5 @@ class Simulation:
 
 
 def _end_of_answer(data: bytes, at: int) -> int:
-    """Return the index behind the next frame: a delimiter in front of one ends nothing."""
+    """Return the index after the next frame; skip a leading delimiter."""
     return end_of_frame(data, at + data.startswith(DELIMITER, at))

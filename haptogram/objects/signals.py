@@ -73,7 +73,7 @@ class FeltSignal:
 
     @property
     def _varying_pa(self) -> FloatArray:
-        """Amplitudes without the mean, and without what the rounding of it leaves."""
+        """Return the amplitudes without the mean and without rounding noise."""
         heard = self.amplitude_pa > _ROUNDING * self.amplitude_pa[0]
         heard[0] = False
         return np.where(heard, self.amplitude_pa, 0.0)

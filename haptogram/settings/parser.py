@@ -248,7 +248,7 @@ def _in_short(action: argparse.Action) -> argparse.Action:
 
 
 def _options_among_command_words(words: Sequence[str]) -> Iterator[str]:
-    """Yield the words that argparse takes for options, without their values."""
+    """Yield the option names among command-line words."""
     for word in words:
         if word == "--":
             return

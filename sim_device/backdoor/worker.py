@@ -123,6 +123,7 @@ class ReconstructionWorker:
             self._queue(notice)
 
     def _queue(self, item: object) -> None:
+        """Queue a record; send in batches."""
         self._waiting.append(item)
         if len(self._waiting) >= BATCH and not self.is_refusing:
             self.pump()
@@ -180,6 +181,7 @@ class ReconstructionWorker:
         return self._failure
 
     def _drain(self, deadline_s: float) -> None:
+        """Send queued records until the deadline."""
         with selectors.DefaultSelector() as selector:
             selector.register(self._input, selectors.EVENT_WRITE)
             while self.pending and self._alive and time.monotonic() < deadline_s:
@@ -187,7 +189,7 @@ class ReconstructionWorker:
                 self.pump()
 
     def _lose(self) -> None:
-        """Go on without the worker, which is gone; count what it did not take."""
+        """Discard the dead worker; count its unprocessed records as dropped."""
         self._alive = False
         self.dropped += self.pending
         self._waiting.clear()

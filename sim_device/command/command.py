@@ -75,7 +75,7 @@ def _start_board_log(options: argparse.Namespace) -> None:
 
 
 def _tell_start(options: argparse.Namespace, step: str) -> None:
-    """Tell the program that waits for the board what takes so long."""
+    """Log a start-up step for the waiting parent process."""
     if options.until_eof:
         _LOG.info("starting: %s", step)
 
@@ -202,7 +202,7 @@ def _private_board_path(stack: contextlib.ExitStack, name: str) -> str:
 
 
 def _end_board_worker(worker: ReconstructionWorker) -> str:
-    """Close the back door; return why it ended early, or nothing."""
+    """Stop the worker of the ground-truth channel; return why it ended early, or ""."""
     failure = worker.close()
     if worker.dropped:
         _LOG.warning("the back door lacks %d latches", worker.dropped)

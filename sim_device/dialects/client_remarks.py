@@ -112,6 +112,7 @@ class ClientRemarks:
         self._forget()
 
     def _forget(self) -> None:
+        """Reset all knowledge of the client."""
         self._first_bytes = bytearray()
         self._paused = 0  # bytes of a frame before a pause in its middle
         self._is_own = self._is_other = self._came = False
@@ -204,7 +205,7 @@ class ClientRemarks:
         self._forget()
 
     def _stop(self, unfinished: int, t_us: int) -> None:
-        """Say that a frame stops behind *unfinished* bytes."""
+        """Record that a frame stopped with *unfinished* bytes."""
         self._is_stopped, self._paused = True, 0
         if not self._is_other:
             self.frames_unfinished += 1
@@ -276,7 +277,7 @@ class ClientRemarks:
         return False
 
     def _say_clues(self, t_us: int) -> None:
-        """Say once of each client what its frames have in common with no frame of this board."""
+        """Report once per client which foreign frame formats were seen."""
         strange, self._strange = self._strange, {}
         if self._is_other:
             return
@@ -299,7 +300,7 @@ class ClientRemarks:
             self._remark(about, fact, t_us)
 
     def _proven(self) -> str | None:
-        """Return the kind that frame after frame has alike, and nothing else; None: no kind."""
+        """Return the one kind of clue that all recent frames share, if there is exactly one."""
         if len(self._frames) < _ALIKE or len(set(self._frames)) > 1:
             return None
         size, kinds = self._frames[0]
@@ -314,4 +315,5 @@ class ClientRemarks:
         return all(_FEW * abs(size - whole) > whole for whole in self._sizes)
 
     def _remark(self, about: About, text: str, t_us: int) -> None:
+        """Append a remark about the client."""
         self._notices.append(Remark(t_us, text, about))

@@ -93,7 +93,7 @@ def _wrong_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
 
 
 def _slow_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
-    """Follow the drive as a resonator does: with a time constant.
+    """Apply a first-order lag to the drive of a transducer.
 
     The envelope is the one at the end of the frame, and a frame is taken to last as long as the
     one before it; the first one is taken to be in steady state.

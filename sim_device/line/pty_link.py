@@ -106,7 +106,7 @@ class PtyLink:
             return False
 
     def _refuse_foreign(self) -> None:
-        """Raise if what is there is no link of a board that has ended."""
+        """Raise if the path exists and is not a stale pty link."""
         if not os.path.lexists(self._path):
             return
         target = os.readlink(self._path) if self._path.is_symlink() else ""

@@ -76,6 +76,7 @@ class SocketDoorman:
         return client, address
 
     def _excuse(self, error: OSError) -> None:
+        """Ignore or delay after a temporary accept error; raise otherwise."""
         if error.errno in _NO_CLIENT:
             return
         if error.errno not in _SHORTAGE:

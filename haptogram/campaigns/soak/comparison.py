@@ -153,7 +153,7 @@ class SoakComparison:
         self._compare_silence(t_ns, requested=requested)
 
     def _compare_latches(self, t_ns: int) -> None:
-        """Compare latches with those of the model, as far as both have come to them."""
+        """Compare latches of board and model, up to the shorter list."""
         latches = self._board.take_latches()
         if self._excerpts is not None:
             for latch in latches:

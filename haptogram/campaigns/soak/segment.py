@@ -151,16 +151,18 @@ class _SoakSegment:
         rig.arm()
 
     def _calm(self, calm: bool) -> None:
+        """Switch line faults off or on in both directions."""
         self._rig.down.calm = self._rig.up.calm = calm
 
     def _burst(self) -> None:
+        """Stream frames with line faults for a random time."""
         self._calm(False)
         self._due_us = 0
         left_ns = max(self._length_ns - self._rig.now_ns(), 100 * _MS)
         self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * _S)) // _MS)
 
     def _wait_idle(self) -> None:
-        """Stream on undisturbed until both ends have told of everything."""
+        """Stream without faults until board and model have reported all frames."""
         self._calm(True)
         self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
         for _ in range(_MOST_CALM_MS // 10):
@@ -175,6 +177,7 @@ class _SoakSegment:
         self._rig.listen()
 
     def _stream(self, frames: int) -> None:
+        """Stream *frames* frames, one per period."""
         rig, clock = self._rig, self._rig.clock
         for _ in range(frames):
             first_us = clock.to_device_us(rig.now_ns()) + _LEAD_US
@@ -239,7 +242,7 @@ class _SoakSegment:
             self._blocks = blocks
 
     def _finish(self) -> None:
-        """Let the last frame be latched, and compare the counters with the account."""
+        """Wait for the last latch, then compare the counters."""
         rig = self._rig
         rig.idle_until(rig.now_ns() + 2 * _LEAD_US * 1000)
         self._tally.totals["virtual ms"] += self._length_ns // _MS

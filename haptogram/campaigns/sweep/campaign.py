@@ -73,6 +73,7 @@ class SweepCampaign:
 
     @property
     def _head(self) -> str:
+        """Return the first line of the result file: version and plan."""
         about = {"kind": "haptogram sweep", "version": haptogram.__version__}
         return json.dumps(about | {"sweep": self.plan.document}, default=str)
 
@@ -133,6 +134,7 @@ class SweepCampaign:
     def _keep(
         self, number: int, future: Future[tuple[int, bytes, str]], file: TextIO | None
     ) -> None:
+        """Write the result of a finished point; raise if its worker or the scheduler died."""
         try:
             error = future.exception()
         except CancelledError:

@@ -111,7 +111,7 @@ class ArduinoPlaylist:
             self.pointer += 1
 
     def _cycle(self) -> int:
-        """Return the periods of a whole pass through the list."""
+        """Return the length of the playlist in periods."""
         periods, pattern = self.durations[0] or _COUNTER, 0
         while not self._is_last(pattern):
             pattern += 1

@@ -65,6 +65,7 @@ class PatternMemory:
         return is_short
 
     def _give(self, halves: bytearray, found: list[Operation]) -> None:
+        """Append a decoded pattern to *found*."""
         digits = halves.translate(_HIGH_NIBBLE).decode("ascii")
         slots = bytes.fromhex(digits + "0" * (len(digits) % 2))
         found.append(SetPattern(self._board, self.patterns, slots))
