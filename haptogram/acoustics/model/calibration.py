@@ -196,6 +196,7 @@ class Calibration:
             raise ConfigurationError(f"{self.name}: {error}") from error
 
     def _check(self, array: TransducerArray) -> None:
+        """Raise ConfigurationError unless the calibration has all elements of the array."""
         elements = f"the array has the elements 0 to {array.count - 1}"
         if self.count < array.count:
             raise ConfigurationError(f"{self.name}: element {self.count} is missing; {elements}")

@@ -158,6 +158,7 @@ def _estimate_fields(kind: str, result: Reconstruction) -> dict[str, object]:
 
 
 def _plain_estimate(value: object) -> object:
+    """Convert tuples to lists and non-finite floats to None, for JSON."""
     if isinstance(value, tuple):
         return [_plain_estimate(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -473,6 +473,7 @@ class Reconstructor:
             return math.inf
 
     def _mostly_single(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> NotSingle:
+        """Return a fit as not a single focus, with its outlier elements."""
         self._last_focus = fit.position_m
         residual = fit.residual_rad[radiated.active]
         pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)

@@ -184,6 +184,7 @@ class FocusTracker:
         self._cells = np.ascontiguousarray(cells.T)
 
     def _widening_fit(self, codes: NDArray[np.uint8], start: Point) -> Fix:
+        """Fit a focus to successively more elements."""
         for count in self._counts:
             fix = self._fit(codes, start, count)
             if fix.residual_rms_rad > HOPELESS_RAD:

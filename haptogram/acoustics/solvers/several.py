@@ -200,6 +200,7 @@ def _solved_for_pistons(
 
 @lru_cache(maxsize=8)
 def _kept_pistons(model: AcousticModel, kernels: ModuleType | None) -> ParallelPistons | None:
+    """Return the cached kernel data of parallel pistons, if applicable."""
     serves = kernels is not None and ParallelPistons.why_not(model) is None
     return ParallelPistons.of(model) if serves else None
 

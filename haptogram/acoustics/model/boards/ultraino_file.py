@@ -168,6 +168,7 @@ class _UltrainoReader:
         return element.value
 
     def _call(self, element: _Element) -> Any:
+        """Evaluate an element of Java's XML serialisation."""
         attributes, arguments = element.attributes, element.arguments
         if element.tag in _NUMBERS:
             return _as_ultraino_number("".join(element.text))

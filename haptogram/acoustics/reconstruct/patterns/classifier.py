@@ -294,6 +294,7 @@ class PatternClassifier:
     def _from_start(
         self, phases: PatternPhases, start: Start, search: PatternSearch, active: BoolArray
     ) -> Explanation | None:
+        """Fit a pattern from a start position."""
         place = self._model.array.local_m(start.position_m)
         axis = place[:2] if start.below else search.middle_m
         side, limit_rad = search.side[active], self._limit_rad
@@ -328,6 +329,7 @@ class PatternClassifier:
         return self._has_field(found.fit.position_m)
 
     def _has_field(self, local_m: FloatArray) -> bool:
+        """Return True if the field model is valid at a position."""
         place = self._model.array.world_m(local_m)
         return bool(points_with_field(self._model, place[None])[0])
 

@@ -139,6 +139,7 @@ def _foci_fit_or_none(
     active: BoolArray,
     limit_rad: float,
 ) -> FociFit | None:
+    """Fit several foci; return None if the problem is singular."""
     try:
         return fit_foci(model, waves, places, drive, active, limit_rad)
     except np.linalg.LinAlgError:  # an SVD that does not converge: no fit

@@ -61,6 +61,7 @@ def _in_front_kernel(point: F8, fronts: F8) -> bool:
 
 @jit_checked
 def _is_clear_kernel(point: F8, positions: F8, bounds: F8, limit: float) -> bool:
+    """Return True if a point keeps the minimum distance from all elements."""
     for i in range(3):
         if abs(point[i] - bounds[i]) >= bounds[3 + i]:
             return True

@@ -111,6 +111,7 @@ def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 
 @jit_inline
 def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
+    """Add the buffered waves to the sums."""
     if held:
         m[held:] = ZERO
         add_waves_kernel(t, m, re, im)

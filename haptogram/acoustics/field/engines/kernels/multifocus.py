@@ -93,6 +93,7 @@ def gerchberg_saxton_kernel(
 
 @jit_sums
 def _received_kernel(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
+    """Return real and imaginary pressure at one focus."""
     p, q = ZERO, ZERO
     for n in range(re.size):
         p += re[n] * drive_re[n] - im[n] * drive_im[n]
