@@ -133,6 +133,7 @@ def _is_found(result: CaseResult) -> bool:
 
 
 def _is_broad(result: CaseResult) -> bool:
+    """Return True if many causes can make the case fail."""
     return result.case.removeprefix(result.clause).removeprefix("-") in BROAD
 
 

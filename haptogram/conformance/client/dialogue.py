@@ -81,6 +81,7 @@ def _play_in_client_dialogue(board: BoardClient) -> None:
 
 
 def _be_refused_in_client_dialogue(board: BoardClient) -> None:
+    """Send requests that the board refuses."""
     board.link.ask_raw(_UNKNOWN_REQUEST)
     board.link.ask_raw(m.GetGeometry.TYPE, b"\x00")
     board.link.ask(m.Ping(1), session=board.link.session ^ 0x5555)

@@ -168,6 +168,7 @@ def _stream_numbers(run: Sequence[Annotated]) -> str:
 
 
 def _span_text(numbers: Sequence[int]) -> str:
+    """Format the first and last number as a range."""
     return " to ".join(map(str, dict.fromkeys([numbers[0], numbers[-1]])))
 
 

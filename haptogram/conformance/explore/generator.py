@@ -165,7 +165,7 @@ class DialogueGenerator:
         return told._replace(damage=told.damage or damage)
 
     def _actions(self, first: int, told: ActionSlots) -> list[DialogueAction]:
-        """Number the actions of consecutive slots, starting at *first*."""
+        """Assign slot numbers to the actions of consecutive slots, starting at *first*."""
         return [
             one._replace(
                 slot=number,

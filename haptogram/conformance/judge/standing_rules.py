@@ -201,6 +201,7 @@ class StandingRules:
         return f"{text}; since the STATUS before: frames {steps['frames']}, {parts}; sent: {named}"
 
     def _less_counted(self, now: m.Counters) -> str:
+        """Return a text if a counter has decreased."""
         before, self._since.counters = self._since.counters or now, now
         return "; ".join(
             f"{name} {getattr(before, name)}, then {getattr(now, name)}"

@@ -109,4 +109,5 @@ class LatchMomentClauseJudge:
 
 
 def _side_of_clause(periods: float) -> str:
+    """Return "later" or "earlier" for a signed time."""
     return "later" if periods > 0.0 else "earlier"

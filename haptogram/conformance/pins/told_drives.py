@@ -242,6 +242,7 @@ class DrivesOfPinDialogue:
         return found
 
     def _of_stream(self, session: int, index: int, crc: int | None, at: float) -> ToldDrive | None:
+        """Return the drive sent in a stream frame."""
         sent = self._stream.get((session, index), [])
         exact = [one for one in sent if crc is not None and self._crc(one) == crc]
         if exact:
@@ -263,6 +264,7 @@ class DrivesOfPinDialogue:
         return self._dialogue.next_unread(begin - self._dialogue.record.carrier_hz) < end
 
     def _of_playback(self, key: m.LatchKey, at: float) -> ToldDrive | None:
+        """Return the drive stored for a playback latch."""
         plays = [(f, p) for f, p in self._plays if f.arrival < at and p.sequence == key.sequence]
         stored = [
             one

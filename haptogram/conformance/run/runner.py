@@ -393,6 +393,7 @@ class SuiteRunner:
         return self._connection.baudrate < _MEASURED_SHARE * _LEAST_BAUD
 
     def _on_slow_line(self, found: str) -> str:
+        """Return the text for a line too slow for a verdict."""
         return (
             f"a line of {self._connection.baudrate} Bd is too slow for a verdict, "
             f"{_LEAST_BAUD} Bd are enough: {found}"

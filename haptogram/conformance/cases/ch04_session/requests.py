@@ -441,6 +441,7 @@ def _uses_of_later_numbers(board: BoardClient) -> Iterator[NumberUse]:
 
 
 def _remembered_use(message: m.Message) -> NumberUse:
+    """Return a request whose reply the board caches for repetition."""
     header = {"flags": flags_at_once(message)}
     name = message.TYPE.name
     return NumberUse(name, message.TYPE, message.serialize(), header, True, True)

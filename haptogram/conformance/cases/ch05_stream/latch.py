@@ -200,6 +200,7 @@ def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
 
 
 def _time_behind_burst_us(board: BoardClient) -> int:
+    """Return a time after the arrival of a burst."""
     return board.clock.device_estimate_us() + _AHEAD_US
 
 

@@ -98,10 +98,12 @@ class Effect:
 
 
 def _greet_again(board: BoardClient) -> None:
+    """Send HELLO with the same nonce."""
     board.hello(board.link.session)
 
 
 def _configure_again(board: BoardClient) -> None:
+    """Send SET_CONFIG with the same values."""
     board.link.ask(m.SetConfig(board.config))
 
 
@@ -146,6 +148,7 @@ def _input(clause: str, name: str, message: m.Message, **header: int) -> Effect:
 
 
 def _foreign_mute(board: BoardClient) -> None:
+    """Send MUTE from another session."""
     board.mute(session=board.link.session ^ _FOREIGN)
 
 
@@ -399,6 +402,7 @@ class End:
 
 
 def _mute_output_as_another(board: BoardClient) -> None:
+    """Send MUTE from another session."""
     board.mute(session=board.link.session ^ _OTHER_SESSION)
 
 

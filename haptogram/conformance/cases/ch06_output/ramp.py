@@ -227,6 +227,7 @@ def _latch_before_ramp(board: BoardClient, *, plays: bool) -> bytes:
 
 
 def _below_ceiling(amplitudes: bytes, ceiling: int) -> bytes:
+    """Return the amplitudes limited to the ceiling."""
     return bytes(min(code, ceiling) for code in amplitudes)
 
 

@@ -213,6 +213,7 @@ def _move_all_counters(board: BoardClient) -> None:
 
 
 def _run_out_lease(board: BoardClient) -> None:
+    """Wait until the lease has expired."""
     board.arm(host_timeout_ms=_LEASE_MS)
     board.link.await_event(m.StateChanged, board.link.mark(), (_LEASE_MS + 200) * _MS)
     board.configure()

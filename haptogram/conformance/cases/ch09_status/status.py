@@ -127,6 +127,7 @@ def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
 
 
 def _run_out_hold(board: BoardClient) -> None:
+    """Wait until the hold has expired."""
     since = board.link.mark()
     board.configure(hold_ms=1)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
@@ -241,6 +242,7 @@ def _play_in_time(board: BoardClient, _: m.Message) -> None:
 
 
 def _await_end(board: BoardClient, since: int) -> None:
+    """Wait for the end of the playback."""
     latches = _LOOPS * _FRAMES
     traces_us = board.wire.period_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
     playback.await_playback_end(board, since, latches * playback.period_to_play(board) + traces_us)

@@ -157,4 +157,5 @@ class RandomConfigs(DialogueMaker):
 
 
 def _in_slots_ms(number: int, part: float) -> int:
+    """Convert slots to ms."""
     return round(_SLOT_MS * (number + part))

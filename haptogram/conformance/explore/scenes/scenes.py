@@ -193,4 +193,5 @@ class RandomScenes(SceneMaker):
         return found
 
     def _silent(self, slots: int) -> ActionSlots:
+        """Return slots without any action."""
         return [list[DialogueAction]() for _ in range(slots)]
