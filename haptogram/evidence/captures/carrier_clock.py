@@ -153,6 +153,7 @@ class CarrierClock:
 
 
 def _has_run_of(found: NDArray[np.bool_], length: int) -> bool:
+    """Return True if a mask has *length* consecutive True values."""
     sums = np.concatenate([[0], np.cumsum(found)])
     return len(sums) > length and bool((sums[length:] - sums[:-length] == length).any())
 

@@ -178,6 +178,7 @@ class ReplayComparison:
             self.differences.append(self._first_bytes)
 
     def _add(self, side: str, kind: str, key: tuple[Hashable, ...], entry: _Entry) -> None:
+        """Compare an entry with its counterpart, or queue it until that arrives."""
         if side == RECORDED and kind != "frames":
             self.has_backdoor = True
         place, others = (kind, *key), self._waiting[_OTHER[side]]
@@ -195,6 +196,7 @@ class ReplayComparison:
             self.same[kind] += 1
 
     def _differ(self, kind: str, entry: _Entry, detail: str, *, recorded: bool) -> None:
+        """Count a difference; keep the first ones."""
         self.differing[kind] += 1
         if len(self.differences) < _MOST_KEPT:
             t_us = entry.t_us if recorded else None

@@ -203,6 +203,7 @@ def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
 
 
 def _facts_of_recording(entries: Iterator[RecordingEntry]) -> LineFacts:
+    """Collect facts about the session from its entries."""
     facts = LineFacts()
     annotators = {TO_BOARD: FrameAnnotator(), TO_HOST: FrameAnnotator()}
     for entry in entries:
@@ -223,6 +224,7 @@ def _is_recorded_immediate(header: messages.Header) -> bool:
 
 
 def _note_recorded_reply(facts: LineFacts, t_ns: int, header: messages.Header) -> None:
+    """Update the session facts from a recorded reply."""
     if facts.first_ns is None or facts.device_us is None or facts.offset_ns is None:
         facts.first_ns, facts.device_us = t_ns, header.time_us
         facts.offset_ns = t_ns - header.time_us * 1000
@@ -334,6 +336,7 @@ class _ReplayLine:
                 self._add(RECORDED, record)
 
     def _pass_to(self, entry: RecordingEntry) -> None:
+        """Advance the board to the time of an entry."""
         self._now_ns = max(self._now_ns, entry.t_ns - self._start_ns)
 
     def _collect(self) -> bytes:
