@@ -98,6 +98,7 @@ def _loss_ms(time_us: int) -> str:
 
 
 def _left_in_time(spare_us: int) -> str:
+    """Return a text on the time margin with which a frame left the host."""
     return f"it left the host {_loss_ms(spare_us)} before it had to be at the board"
 
 

@@ -114,6 +114,7 @@ class RunConsequences:
 def _held_stretches(
     frames: Sequence[FrameVerdict], silences: Sequence[int]
 ) -> Iterator[_HeldStretch]:
+    """Yield the intervals in which an old drive was radiated instead of the intended one."""
     due = (frame for frame in frames if frame.status is not FrameStatus.CANCELLED)
     timed = [frame for frame in due if frame.t_apply_us is not None]
     begins = [frame.t_apply_us or 0 for frame in timed]

@@ -216,6 +216,7 @@ def _beam_axes(along: FloatArray) -> FloatArray:
 
 
 def _focus_of(latch: Observation) -> SingleFocus:
+    """Return the reconstructed focus of a latch."""
     assert isinstance(latch.reconstruction, SingleFocus)
     return latch.reconstruction
 

@@ -222,6 +222,7 @@ class FrameTarget:
 
     @property
     def _speed_share(self) -> float:
+        """Return the relative tolerance of the sound speed."""
         return self.tolerance.speed_share(self.model.medium)
 
     @cached_property

@@ -144,6 +144,7 @@ class FrameDefects:
 
     @property
     def _may_be_of_another_array(self) -> bool:
+        """Return True if the frames may have been made for another array."""
         is_torn = Defect.BYTES_LOST in self._of_client.latches
         sizes = About.OTHER_SIZE in self._about and not self._has_whole
         return is_torn and sizes and About.OTHER_ARRAY not in self._about

@@ -206,6 +206,7 @@ def _element_maps(
 
 
 def _boards_out_of_step(count: int, board_channels: int) -> Iterator[Rearrangement]:
+    """Yield a phase offset of half a turn for each board of a chain."""
     boards = count // board_channels if count % board_channels == 0 else 1
     if not 1 < boards <= _MAX_BOARDS:
         return

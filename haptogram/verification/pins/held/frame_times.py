@@ -65,6 +65,7 @@ def frames_at_held_drives(
 
 
 def _pairs_as_they_come(seen: ComplexArray, meant: ComplexArray) -> _Ints:
+    """Pair measured and expected frames in order, aligned at the end."""
     sounding = np.flatnonzero(seen.any(axis=1))
     frames = np.flatnonzero(meant.any(axis=1))
     count = min(len(sounding), len(frames))
