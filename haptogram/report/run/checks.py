@@ -195,4 +195,5 @@ def _first_lines(items: Sequence[_Item], describe_item: Callable[[_Item], str]) 
 
 
 def _key_text(key: FrameKey) -> str:
+    """Format a frame key."""
     return f"session {key.session:#x}, sequence {key.sequence}, loop {key.loop}, index {key.index}"

@@ -121,6 +121,7 @@ class LiveViewerScene:
         return [f"{self.model.array.count} transducers, {len(self._frames)} latches{last}."]
 
     def _newest(self, count: int) -> ViewerScene:
+        """Return a scene of the newest *count* frames."""
         newest = list(islice(reversed(self._frames), max(0, count)))[::-1]
         return ViewerScene.of(
             self.model, newest, counters=self._shown_counters(), client_axes=self._client_axes
