@@ -320,6 +320,7 @@ def _assumed_layout(arguments: argparse.Namespace) -> str:
 
 
 def _shows_no_pattern(result: WatchResult) -> bool:
+    """Return True if any latch has no identified pattern."""
     from haptogram.acoustics.reconstruct.patterns.found import Unnamed
 
     return bool(result.kinds.get(Unnamed.kind, 0))
