@@ -58,6 +58,7 @@ class BoardNoticeLog:
         _LOG.info("%s, at %d us", describe_board_notice(notice), notice.t_us)
 
     def _may_be_left_out(self, notice: events.Notice) -> bool:
+        """Return True for notices that the log may omit."""
         is_fault = isinstance(notice, events.StateChange) and notice.state is OutputState.FAULT
         return isinstance(notice, _FREQUENT) and not is_fault and not self._is_complete
 

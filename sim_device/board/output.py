@@ -194,6 +194,7 @@ class BoardOutput:
             self._new_notices.append(RampEnded(self.now_us, restored=True))
 
     def _time_out(self) -> None:
+        """Mute the output because a timer expired."""
         self.counters.timeouts += 1
         self._enter(OutputInput.RAMP_ENDED, self._timers.first().reason, requested=False)
         self.silence()

@@ -59,6 +59,7 @@ _Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Shown]
 
 
 def _off_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+    """Return zero amplitude."""
     return now.drive.turns[now.place], 0.0
 
 
@@ -83,10 +84,12 @@ def _garbage_fault(now: FaultContext, _: Values, source: random.Random) -> _Show
 
 
 def _ok_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+    """Return the drive of a healthy transducer."""
     return now.healthy.turns[now.place], now.healthy.amplitudes[now.place]
 
 
 def _wrong_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+    """Return the drive of the frame before."""
     if now.before is None:
         return now.drive.turns[now.place], 0.0  # nothing has been there before
     return now.before.turns[now.place], now.before.amplitudes[now.place]

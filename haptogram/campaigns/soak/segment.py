@@ -211,6 +211,7 @@ class _SoakSegment:
         self._resume(since_ns)
 
     def _some_time_ns(self) -> int:
+        """Return a random duration of the order of timers and ramp."""
         return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * _MS
 
     def _resume(self, since_ns: int) -> None:

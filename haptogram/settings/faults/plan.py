@@ -264,6 +264,7 @@ def _fault_end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
 
 
 def _fault_ends_twice(ms: float, until: str) -> str:
+    """Return the error text for a fault with both duration and end."""
     said = f"{_DISCONNECT} ms={fault_number_text(ms)} until={until}"
     return f"{said}: say either how long, or until when"
 

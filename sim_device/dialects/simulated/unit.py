@@ -168,6 +168,7 @@ class SimulatedUnit:
                 return
 
     def _take_down(self, capture: SimulatedCapture, text: bytes, sent: list[SentByte]) -> None:
+        """Write pin changes and sent bytes of the simulator to the capture."""
         capture.changed(text)
         for t_ns, value in sent:
             capture.carried("to_host", t_ns - self._byte_ns, value)

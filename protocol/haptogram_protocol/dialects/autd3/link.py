@@ -100,6 +100,7 @@ class Autd3BoardEnd:
         raise no_dialect_bytes_for(message, _WIRE)
 
     def _read_all(self, received: bytes, found: list[Operation]) -> None:
+        """Decode all complete messages in *received*."""
         at = 0
         self._needed = 1
         while at < len(received) and not self._ended:
