@@ -94,7 +94,7 @@ def _levels_along_axis(
 
 
 def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the normal of the plane or line that the elements lie in; else where they look."""
+    """Return the normal of the plane that contains the elements; else their mean normal."""
     facing = mean_array_normal(normals)
     if facing is None:
         facing = _axis_of_cancelled_normals(normals)
@@ -108,7 +108,7 @@ def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _axis_of_cancelled_normals(normals: FloatArray) -> FloatArray:
-    """Return the line that they look along both ways, else the one they look around; upwards."""
+    """Return an axis for normals that sum to zero, pointing upwards."""
     squares, directions = np.linalg.eigh(normals.T @ normals)
     if squares[2] > _ONE_LINE * squares[1]:
         axis = directions[:, 2]

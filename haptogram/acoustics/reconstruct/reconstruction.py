@@ -395,7 +395,7 @@ class Reconstructor:
         return self._not_single(tried, starts, radiated)
 
     def _all_or_most(self, partial: PhaseFit, radiated: _ReconstructedDrive) -> Reconstruction:
-        """Return the focus of most elements, after a fit of all elements from there."""
+        """Return a focus fitted to all elements, else to most of them."""
         whole = self._fit(radiated, partial.position_m, radiated.active)
         if self._explains(whole, radiated):
             return self._single(whole, radiated, "global")
@@ -416,7 +416,7 @@ class Reconstructor:
         )
 
     def _fit_most(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> PhaseFit | None:
-        """Return a fit that all but some outliers agree on, or None.
+        """Return a fit that tolerates some outlier elements, or None.
 
         The elements that stick out by far are left out, and the fit is done again, until the
         others are within half a step. At least half of them always stay: the limit is above their

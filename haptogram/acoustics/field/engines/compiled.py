@@ -54,7 +54,7 @@ def kernel_digest() -> str:
 
 
 def _are_cached() -> bool:
-    """Return True if a loop has been compiled on this machine."""
+    """Return True if compiled kernels are cached on this machine."""
     own = os.environ.get("NUMBA_CACHE_DIR")
     folders = [Path(own)] if own else [_SOURCES, *_USER_CACHES, _temporary_folder()]
     return any(next(f.rglob(f"*_kernel-{kernel_digest()}*.nbi"), None) for f in folders)
@@ -65,7 +65,7 @@ def _temporary_folder() -> Path:
 
 
 def _temporary_kernel_cache() -> Path:
-    """Return a folder that only this user can write to: what lies in it will be executed."""
+    """Return a cache folder that only this user can write to."""
     folder = _temporary_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
     status = folder.lstat()

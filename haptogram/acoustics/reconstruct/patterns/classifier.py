@@ -182,7 +182,7 @@ class PatternClassifier:
         drive: ComplexArray,
         places: list[FloatArray],
     ) -> Explanation | None:
-        """Return the pattern around one point, as it is or with half a turn between two sides."""
+        """Return a single-focus pattern, with or without a half turn between the sides."""
         search, halves = self._search_for(active), self._half_turn(active)
         turned = drive.copy()
         if halves is not None:
@@ -229,7 +229,7 @@ class PatternClassifier:
         return best[False]
 
     def _near_the_last(self, phases: PatternPhases) -> Explanation | None:
-        """Return a pattern like the last one near its place, if it explains all elements."""
+        """Return a fit warm-started at the last pattern, if it explains all elements."""
         last = self._last
         if last is None:
             return None
@@ -263,7 +263,7 @@ class PatternClassifier:
         search: PatternSearch,
         drive: ComplexArray,
     ) -> Explanation | None:
-        """Return a focus of nearly all elements at one of *places*, or in the middle of a bowl."""
+        """Return a focus of nearly all elements at a candidate position."""
         sounding = np.abs(drive) > _SILENT
         arrivals = np.where(sounding, np.exp(1j * np.angle(drive)), 0.0)
         for place in [*places, *search.foci_of_bowl(arrivals)]:
@@ -278,7 +278,7 @@ class PatternClassifier:
     def _searched_among(
         self, phases: PatternPhases, _: list[FloatArray], search: PatternSearch, drive: ComplexArray
     ) -> Explanation | None:
-        """Return the explanation with the fewest outliers among those of the likeliest starts."""
+        """Return the fit with the fewest outliers among the most likely starts."""
         active = np.abs(drive) > _SILENT
         arrivals = np.where(active, np.exp(1j * np.angle(drive)), 0.0)
         best: Explanation | None = None
@@ -366,7 +366,7 @@ class PatternClassifier:
         return OneFocus(**common)
 
     def _in_world(self, spread: FloatArray) -> Vector:
-        """Return a spread along the array's axes along those of the world."""
+        """Rotate standard deviations from the array's axes to the world's."""
         if np.isfinite(spread).all():
             return _pattern_vector(np.abs(spread @ np.abs(self._model.array.axes)))
         lost = (np.abs(self._model.array.axes[~np.isfinite(spread)]) > 1e-6).any(axis=0)

@@ -84,7 +84,7 @@ def _next_focus_of_pattern(
 def _climb_to_pattern_focus(
     model: AcousticModel, drive: ComplexArray, start_m: FloatArray
 ) -> FloatArray:
-    """Return a point nearby where more of *drive* arrives in phase, by ever smaller steps."""
+    """Return a nearby pressure maximum, by steps of decreasing size."""
     ways = np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
     place, step_m = start_m, _CLIMB_M
     for _ in range(3 * _CLIMBS):

@@ -116,7 +116,7 @@ def block_kernel(
 
 @jit
 def _loss_kernel(absorption: float, near: float, far: float, careful: bool, loss: F4) -> None:
-    """Set the cubic in r that meets exp(-absorption r) at the Chebyshev nodes of [near, far].
+    """Fit a cubic in r to exp(-absorption r) at the Chebyshev nodes of [near, far].
 
     Not *careful*: the quadratic at three nodes.
     """

@@ -229,7 +229,7 @@ def _free_block_kernel(
 
 @jit
 def _split_kernel(places: F8, pairs: F4) -> None:
-    """Set the (6, B) pairs of float32 whose sums are *places*: high parts, then low ones."""
+    """Split *places* into (6, B) float32 pairs: high parts, then low parts."""
     for i in range(3):
         for p in range(places.shape[1]):
             pairs[i, p] = places[i, p]
