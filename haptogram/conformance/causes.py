@@ -159,7 +159,7 @@ def common_finding(failures: Sequence[CaseResult]) -> CommonFinding | None:
 
 
 def _parts(finding: str) -> set[str]:
-    """Return a finding and the parts of it that say something, with the numbers left out."""
+    """Split a finding into its clauses, without numbers."""
     whole = _NUMBERS.sub("#", _CONTEXT.sub("", finding))
     parts = re.split("[,;:] ", whole)
     return {part for part in (whole, *parts) if len(part.split()) >= _LEAST_WORDS}

@@ -416,7 +416,7 @@ class RawFrameClient:
         self._leave(self.now_us())
 
     def _come_back(self) -> None:
-        """Note how long the host neither sent, listened nor computed since its last wait.
+        """Record how long the host was idle since its last wait.
 
         And how long the process of the board waited for a processor meanwhile.
         """
@@ -428,7 +428,7 @@ class RawFrameClient:
         self.note_held_up(self._board_waited_us - before_us)
 
     def _leave(self, t_us: int) -> None:
-        """Note that the host listened, or sent, until now."""
+        """Record the time up to which the host listened or sent."""
         if self.limits.slack_us:
             self._left_us, self._left_cpu_ns = t_us, time.process_time_ns()
 

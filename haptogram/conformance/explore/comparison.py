@@ -220,7 +220,7 @@ class DialogueComparison:
         return self._message(message, due.message)
 
     def _apart_us(self, key: m.LatchKey | None) -> int:
-        """Return how far apart the times of a latch may be: not at all where a host set it."""
+        """Return the tolerance between latch times; zero for scheduled frames."""
         return 0 if key is not None and self.host.is_exact(key) else self.near_us
 
     def _message(self, message: Any, due: Any) -> str:

@@ -148,7 +148,7 @@ class DialogueGenerator:
         return [*(told for told in found if not told.ends_slot), *seen, *last[:1]]
 
     def _rarest(self) -> list[DialogueAction]:
-        """Return the one of a few inputs that has followed the last one least often."""
+        """Return the input that has followed the last one least often."""
         (kind,) = self._random.choices(list(_WEIGHTS), self._weights)
         names = self._random.choices(
             self._inputs.kinds.get(kind, self._inputs.kinds["frame"]), k=_CANDIDATES

@@ -259,18 +259,18 @@ class Lockstep:
         return slot_us + SLOT_US * (1 - (-late_us // SLOT_US))
 
     def _is_idle(self, slot_us: int) -> bool:
-        """Return True if the models do nothing by themselves for long."""
+        """Return True if no model has an event due for long."""
         next_us = self._models.next_us()
         return next_us is None or next_us >= slot_us + _IDLE_US
 
     def _settled_us(self) -> int:
-        """Return the time after which a frame that was to be latched at once is."""
+        """Return the time after which an immediate frame has latched."""
         board = self._board
         ready_us = board.clock.ready_us(_SETTLED_US, board.identity.max_points)
         return min(ready_us, SLOT_US - _END_US)
 
     def _early_us(self, line_us: int) -> int:
-        """Return how long before their time bytes are sent."""
+        """Return how long before the slot its bytes are sent."""
         early_us = self._opening.early_us
         return early_us if self.is_exact else early_us + line_us
 

@@ -117,7 +117,7 @@ class LineRules:
         self._alone = None
 
     def _broken_by_junk(self, piece: ReceivedByClient) -> Broken:
-        """Judge bytes that are no frame; a line that damages bytes is not the board's fault."""
+        """Judge undecodable bytes; a lossy line is not the board's fault."""
         is_text = len(piece.piece) >= _SHORTEST_TEXT and piece.piece.isascii()
         is_text = is_text and piece.piece.decode("ascii").strip().isprintable()
         if self._is_lossless or is_text:
@@ -148,7 +148,7 @@ class LineRules:
         return "this request was answered before" if self._asked[asked] < 0 else ""
 
     def _late_answer(self, piece: ReceivedByClient, header: m.Header) -> Broken:
-        """Judge how soon a request is answered that was alone on the line, in virtual time."""
+        """Judge the response time of a single request, in virtual time."""
         alone, line_us = self._alone, self._line_us
         if not (self._is_lossless and alone and line_us and header.seq == alone[0][1]):
             return

@@ -260,6 +260,7 @@ def judged_refusal(board: BoardClient, refusal: Refusal) -> m.Error:
 
 
 def _play_not_to_be_refused(board: BoardClient) -> m.Play:
+    """Return a PLAY request that the board accepts."""
     return playback.play_request(board, STORED, loops=1, unattended_ms=_ALONE_MS)
 
 

@@ -123,7 +123,7 @@ def _dialogue_before_lost_samples(record: PinRecord) -> PinDialogue:
 
 
 def _note_clauses_without_a_line(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
-    """Note which clauses the one line that was captured does not show, or not as a whole."""
+    """Note the clauses that a capture of one line cannot show."""
     if not dialogue.missing:
         return
     shown = _BY_ONE_LINE[dialogue.missing]

@@ -125,6 +125,7 @@ def _silence_clauses_due(dialogue: PinDialogue) -> Iterator[SilenceDue]:
 def _silence_until_arm(
     dialogue: PinDialogue, cause_at: float, begin: float, clause: str, cause: str
 ) -> SilenceDue:
+    """Return the silence expected from an event until the next ARM."""
     until, doubt = dialogue.next_arm(cause_at), dialogue.next_unread(cause_at)
     return SilenceDue(cause_at, begin, until, clause, cause, doubt)
 
@@ -145,7 +146,7 @@ def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDu
 
 
 def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> float:
-    """Return when the frames that arrived by *until* are computed (HG-5.7), at the latest."""
+    """Return the latest time at which received frames are computed (HG-5.7)."""
     point_us = 0
     ready = until
     for frame, reply in dialogue.said(m.HelloReply):

@@ -217,7 +217,7 @@ def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
 
 
 def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[tuple[float, float]]:
-    """Return between which times the output may change by something else than a latch."""
+    """Return the intervals in which the output may change without a latch."""
     found = [frame.arrival for frame in dialogue.requests(*_OF_OUTPUT)]
     found += dialogue.unread_to_board  # it may have been one of them
     asked: list[tuple[float, float]] = []

@@ -168,7 +168,7 @@ class SuiteRunner:
         yield from (place for place, case in enumerate(cases) if case.judges_all)
 
     def _is_wrap_near(self, case: Case) -> bool:
-        """Return True if the clock passes 2^32 µs soon, and late enough for a case about that."""
+        """Return True if the device clock wraps within the time that a case needs."""
         until_us = self._connection.until_wrap_us
         return case.before_wrap_us <= until_us < case.before_wrap_us + _EARLY_US
 
@@ -321,7 +321,7 @@ class SuiteRunner:
         return _Outcome(ended.behaviour, str(ended))
 
     def _short_timer(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return the timer that the case did not ask for and that ended before the host came back.
+        """Return a timer that expired while the host was delayed.
 
         Empty: none did.  A lease does so only at a wall clock, as every frame renews it.
         """

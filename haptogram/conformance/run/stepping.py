@@ -144,7 +144,7 @@ class SteppedAccess:
 
 
 def _draw_of_steps(data: bytes) -> bool:
-    """Return a bit of *data*, no CRC: that of frames which hold their own CRC hardly changes."""
+    """Return a pseudo-random bit of *data*, not derived from its CRC."""
     return bool(hashlib.blake2b(data, digest_size=1).digest()[0] & 1)
 
 

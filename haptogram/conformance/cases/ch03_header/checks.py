@@ -213,7 +213,7 @@ def every_burst_of_mutes(board: BoardClient) -> None:
 def _judge_burst_of_mutes(
     board: BoardClient, name: str, make: _Between, stages: int, *, others: bool
 ) -> None:
-    """Send the burst from an ARMED, sounding board; FAILED unless it ends MUTED, and arms again.
+    """Send a burst of MUTEs to a sounding board; FAILED unless it mutes and can rearm.
 
     MUTE has no session, or another one, if *others*.
     """

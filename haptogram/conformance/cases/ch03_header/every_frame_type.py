@@ -70,7 +70,7 @@ def crc_of_every_type(board: BoardClient) -> None:
 
 
 def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
-    """Return every type of a host with a payload: as of zeros, valid, and long."""
+    """Return each host message type with zero, valid and oversized payloads."""
     fixed = [(int(kind.TYPE), bytes(kind.LAYOUT.size)) for kind in request_types_of_host()]
     messages = [kind.make() for kind in stream_kinds(board)]
     messages.append(m.UploadChunk(0, board.random.randbytes(_LONG)))
@@ -284,7 +284,7 @@ class _Frame:
 
 
 def _spoil(board: BoardClient, frame: _Frame, defects: Iterable[str]) -> _Frame:
-    """Return a frame with these defects."""
+    """Return a frame with the given defects."""
     draw, stream = board.random, frame.kind in m.STREAM_RANGE
     used = board.link.stream_next - 1 if stream else board.link.seq
     varies = frame.kind == m.UploadChunk.TYPE
@@ -315,7 +315,7 @@ def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Fr
 
 
 def _pairs_of_defects(defects: Iterable[str], *, thorough: bool) -> list[tuple[str, ...]]:
-    """Return every two defects in order, each alone and all together; if quick, neighbours only."""
+    """Return all pairs of defects, singles and all together; neighbours only if quick."""
     every = tuple(defects)
     if not thorough:
         return [*itertools.pairwise(every), every]

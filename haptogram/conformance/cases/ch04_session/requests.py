@@ -183,7 +183,7 @@ def _largest_remembered_request(board: BoardClient) -> Iterator[m.Message]:
 
 
 def _fill_ring(board: BoardClient) -> None:
-    """Latch so often in a second at most that the ring fills a frame, if the board can."""
+    """Fill the trace ring with latches, if the board is fast enough."""
     if not board.has(m.Feature.TRACE_RING | m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES):
         return
     board.arm(trace_mode=m.TraceMode.RING)
@@ -306,7 +306,7 @@ def every_refusal_leaves_the_number(board: BoardClient) -> None:
 
 
 def _requests_with_other_bytes(board: BoardClient, body: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield bodies with the number of *body* that differ from it in one field, all legal."""
+    """Yield valid bodies with the number of *body* that differ in one field."""
     for low in _LOW_FLAGS:
         yield f"flag {low:#x}", body[:1] + bytes([body[1] ^ low]) + body[2:]
     for at in range(4, 8):
@@ -434,7 +434,7 @@ def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
 
 
 def _uses_of_later_numbers(board: BoardClient) -> Iterator[NumberUse]:
-    """Yield every request that is remembered, carried out and refused."""
+    """Yield every request whose number is used up: executed, refused and cached."""
     for message in (*valid_requests_to_send(board, _SEQUENCE), *refused_requests_to_send(board)):
         if not isinstance(message, m.UploadChunk):
             yield _remembered_use(message)

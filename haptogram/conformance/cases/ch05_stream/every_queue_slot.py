@@ -175,7 +175,7 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
 
 
 def _times_of_immediate_frames(board: BoardClient) -> dict[str, int]:
-    """Return times that no board looks at, by their names."""
+    """Return times that an IMMEDIATE frame carries and the board ignores, by name."""
     now_us = board.clock.device_us()
     return {
         "5 s ahead": now_us + _FAR_US,

@@ -269,7 +269,7 @@ def every_ceiling_within_a_ramp(board: BoardClient) -> None:
 
 
 def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
-    """Yield whether a drive is played; at a wall clock streamed ones alone."""
+    """Yield False for streamed and True for played drives; at wall-clock time only streamed."""
     yield False
     if board.has(m.Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
         playback.send_phases_to_store(board, _SEQUENCE, frames=1)
@@ -409,13 +409,13 @@ def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> 
 
 
 def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
-    """Return a length of time, or a longer one on a slow line, or for a slow board."""
+    """Return a duration, extended for a slow line or board."""
     slow_line, slow_board = board.wire.period_us(200), board.clock.ready_us(0)
     return length_ms * max(1, slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
 
 
 def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
-    """FAILED unless the ramp ends when it was due, with the timer that has run out, and once."""
+    """FAILED unless the ramp ends once, on time and with the reason of the expired timer."""
     since = board.link.mark()
     with board.counting(timeouts=1):
         begins_us, both_us = _begin_ramp_of_pair(board, pair)

@@ -101,7 +101,7 @@ def keeps_the_reason_of_the_state(board: BoardClient) -> None:
 
 
 def _judge_requests(board: BoardClient, *, with_reason: bool) -> None:
-    """FAILED unless requests lead where they have to, from each state that requests lead to."""
+    """FAILED unless each request leads from each state to the specified one."""
     for bring, due in _asked_output_states(board):
         for one in _inputs_to_output_states(board):
             if one[1] is not None:

@@ -235,7 +235,7 @@ def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
 
 
 def _played_forms(board: BoardClient) -> list[uploads.UploadForm]:
-    """Return the forms of sequences that the board plays."""
+    """Return the sequence forms that the board can play."""
     board.need_any(m.Feature.SEQUENCE_PHASES | m.Feature.SEQUENCE_POINTS)
     return [form for form in uploads.upload_forms(board, _PLAYED) if form.target]
 
@@ -378,7 +378,7 @@ def many_playback_frames_are_counted(board: BoardClient) -> None:
 
 
 def _check_playback_in_the_ring(board: BoardClient) -> None:
-    """FAILED unless the ring numbers the last latches, and one late frame, beyond 16 bits."""
+    """FAILED unless ring records are numbered beyond 16 bits, with the late frame."""
     last = board.link.stream_next
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()

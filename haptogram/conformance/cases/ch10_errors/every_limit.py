@@ -30,7 +30,7 @@ _Beyond: TypeAlias = tuple[str, m.Message, m.ErrorCode, int | None, dict[str, An
 
 
 def _values_beyond(least: int, most: int, bits: int) -> list[int]:
-    """Return the values of a field that are not within limits, but for a bit or the sign; and 0.
+    """Return out-of-range values that differ from a valid one in a bit or the sign, and 0.
 
     Examples
     --------

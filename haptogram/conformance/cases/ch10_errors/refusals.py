@@ -294,7 +294,7 @@ def every_refusal_leaves_the_timers(board: BoardClient) -> None:
 def _judge_timer_behind_refusals(
     board: BoardClient, refusals: Sequence[Refusal], *, plays: bool
 ) -> None:
-    """FAILED unless the timer of the host, renewed once more, runs out with its own length."""
+    """FAILED unless the lease, renewed before refused requests, expires on time."""
     lease_ms = board.clock.timer_ms(_LEASE_MS, 4 * board.identity.transducers)
     board.hello()
     since = board.arm(host_timeout_ms=2 * lease_ms if plays else lease_ms, hold_ms=10_000)
@@ -320,7 +320,7 @@ def every_refusal_has_its_error_code(board: BoardClient) -> None:
 
 
 def _allowed_readings(board: BoardClient) -> list[m.Message]:
-    """Return every request that only asks."""
+    """Return every read-only request."""
     return [one for one in valid_requests_to_send(board, _ABSENT) if not isinstance(one, _CHANGING)]
 
 

@@ -365,7 +365,7 @@ def _time_of_all_ms(board: BoardClient) -> int:
 
 
 def _hold_late_us(board: BoardClient, names: Sequence[str]) -> int:
-    """Return how late the hold mutes, with requests or dropped frames of a kind meanwhile."""
+    """Return how late the hold mutes while requests or dropped frames arrive."""
     hold_ms = _length_of_hold_ms(board)
     board.hello()
     since = board.arm(hold_ms=hold_ms)

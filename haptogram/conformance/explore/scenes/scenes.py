@@ -97,7 +97,7 @@ class RandomScenes(SceneMaker):
     # --- with timers that end ------------------------------------------------------------------
 
     def _renewals(self) -> ActionSlots:
-        """Return leases of about a slot, each with a frame that renews it or does not."""
+        """Return scenes in which a frame does or does not renew a short lease."""
         found = self._inputs.slots("timers 1 - -")
         for _ in range(_RENEWALS):
             (name,) = self._next("renewals", lambda: ((name,) for name in self._inputs.names))
@@ -112,7 +112,7 @@ class RandomScenes(SceneMaker):
         ]
 
     def _watched(self) -> ActionSlots:
-        """Return one field set in a state with a timer, at times again, and read-backs meanwhile.
+        """Return scenes that set one field in a timed state, and read back after each change.
 
         Neither ends the ramp of a hold.
         """
@@ -158,7 +158,7 @@ class RandomScenes(SceneMaker):
         return found
 
     def _pair(self, kind: str, states: list[str]) -> ActionSlots:
-        """Return a state and one input: each state meets each group of inputs once."""
+        """Return a state followed by one input; each state meets each group of inputs once."""
         groups = self._inputs.groups
         state, group = self._next(kind, lambda: product(states, groups))
         return [*self._state(state), self._inputs.told(self._random.choice(groups[group]))]
@@ -168,7 +168,7 @@ class RandomScenes(SceneMaker):
         return self._inputs.slots("ARM + a late frame" + " |" * _STATUS_SLOTS)
 
     def _long(self) -> ActionSlots:
-        """Return more latches and events than 8 or 10 bits count, or more bytes than 16 bits."""
+        """Return scenes that overflow 8- and 10-bit counters, or a 16-bit byte count."""
         rows = ["traces + a long PLAY", "a ring + a long PLAY"]
         rows += ["traces + a long upload + a short PLAY"] * self._makers.conditions.exact
         (row,) = self._next("long", lambda: ((row,) for row in rows))
@@ -177,7 +177,7 @@ class RandomScenes(SceneMaker):
         return [*slots, *self._silent(_LONG_SLOTS)]
 
     def _defects(self) -> ActionSlots:
-        """Return requests with a defect each."""
+        """Return scenes of malformed requests."""
         names = (self._next("defects", self._inputs.defects) for _ in range(_DEFECTS))
         return [[self._inputs.defective(*name)] for name in names]
 
