@@ -138,7 +138,7 @@ class Link:
         return deadline_ns
 
     def _push(self) -> None:
-        """Offer the port the bytes that wait: the rest of a frame first, then requests."""
+        """Write pending bytes: the rest of a frame first, then requests."""
         data = self._unwritten + self.connection.data_to_send()
         if data:
             self._write_some(data, self.now_ns())

@@ -171,13 +171,13 @@ class ClockEstimate:
         return abs(sample.offset_ns - best.offset_ns) > allowed_ns
 
     def _begin_anew(self, sample: ClockSample) -> None:
-        """Forget everything: the device clock has jumped."""
+        """Restart the estimate after a jump of the device clock."""
         self.jumps += 1
         self.jump_us = (sample.offset_ns - self._offset_ns(sample.host_ns)) // 1000
         self._samples.clear()
 
     def _follow_drift(self) -> None:
-        """Reckon with the drift once it is known better than the clocks' declared limits."""
+        """Use the measured drift once it is more accurate than the declared limits."""
         self._drift = fit_clock_drift(self._samples)
         growth_ppm = self._drift.uncertainty_ppm + _WANDER_PPM
         known = growth_ppm < self._ppm
