@@ -113,7 +113,7 @@ class BoardRecords:
     def _read_until(
         self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
     ) -> None:
-        """Read until *enough*, or until no more records are to be expected."""
+        """Read until *enough* returns True, or until no more records are expected."""
         quiet_since_s = self._now_s()
         while True:
             count = len(self.records)

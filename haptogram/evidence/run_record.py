@@ -305,7 +305,7 @@ def _lease_of_run_us(driver: Driver, config: VerifyConfig) -> int:
 def _neglects_of_run_us(
     driver: Driver, timeouts_us: Iterable[int], lease_us: float
 ) -> tuple[int, ...]:
-    """Return those of the timeouts that a silence of the host explains."""
+    """Return the timeouts that a pause of the host explains."""
     silences = [(begin + lease_us, end + _UNDER_WAY_US) for begin, end in driver.silences_us()]
     return tuple(t for t in timeouts_us if any(low <= t <= high for low, high in silences))
 
