@@ -158,7 +158,7 @@ def _most_apart(codes: NDArray[np.float64]) -> float:
 
 
 def _is_half_plane(difference: Codes, around: NDArray[np.float64]) -> bool:
-    """Return True if the codes differ by half a turn on the two sides of a line."""
+    """Return True if the codes differ by pi on the two sides of a line."""
     turned = (difference - difference[0]) % TURN == TURN // 2
     if not turned.any() or ((difference - difference[0]) % (TURN // 2)).any():
         return False

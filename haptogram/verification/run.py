@@ -173,7 +173,7 @@ def verify_run(
 
 
 def _nothing_held() -> None:
-    """Return None: nothing was latched yet."""
+    """Return None: no drive was latched yet."""
 
 
 def check_run_judgement(
@@ -207,7 +207,7 @@ def _observations_to_verify(entries: Iterable[Observation]) -> Iterator[Observat
 
 
 def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
-    """Return *entries* if they are a record in bounded memory, else an empty one."""
+    """Return *entries* if they are already a bounded record; else a new, empty one."""
     return entries if isinstance(entries, KeptRecords) else KeptRecords()
 
 

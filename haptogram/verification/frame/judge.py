@@ -148,7 +148,7 @@ class FrameJudge:
                     yield self.judge(*pair) if verdict is None else verdict
 
     def _steps_of_missing_field(self, pair: Pair) -> int | None:
-        """Return the phase steps of a frame whose field has to be rebuilt first; None: no need."""
+        """Return the phase steps if the field must be reconstructed; else None."""
         return pair[0].steps if self._ordinary.is_field_missing(*pair) else None
 
     def _with_fields(self, pairs: Iterable[Pair], steps: int) -> list[Pair]:
@@ -288,7 +288,7 @@ def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
 
 
 def _judged_frame_without_identity(intended: Intended) -> Intended:
-    """Return *intended* as all frames are that ask for the same drive."""
+    """Return *intended* with number and times removed, as a cache key."""
     return dataclasses.replace(
         intended, number=0, key=_ANY, t_apply_us=None, t_latest_us=None, t_sent_us=None
     )

@@ -154,7 +154,7 @@ class SeveralFociFrame:
 
     @cached_property
     def _active(self) -> Bools:
-        """(N,) the elements that shall sound and do, and whose phase means something."""
+        """(N,) the elements that are intended to sound, sound, and have a significant phase."""
         active: Bools = self.ideals[0].targets[0].active
         return meaningful_frame_elements(self.intended, self.latched) & active
 

@@ -154,7 +154,7 @@ class SingleFocusFrame:
 
     @property
     def _active(self) -> Bools:
-        """(N,) the elements that shall sound and do."""
+        """(N,) the elements that are intended to sound, and do."""
         sounding: Bools = self.latched.amplitude_codes > 0
         return sounding & self.target.active
 
@@ -185,7 +185,7 @@ class SingleFocusFrame:
         return measures, verdicts | {"S5": s5}
 
     def _is_in_place(self, found: acoustics.Reconstruction) -> bool:
-        """S2."""
+        """Return True if criterion S2 holds: the focus is at its target."""
         if not isinstance(found, acoustics.SingleFocus):
             return False
         offset_m = np.array(found.position_m) - self.target.position_m

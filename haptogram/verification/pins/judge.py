@@ -219,7 +219,7 @@ class _PinJudge:
     # --- pins ------------------------------------------------------------------------------------
 
     def _check_fit(self, judged: Bools) -> bool:
-        """Return True if the pins show this run, be it in another order of the elements."""
+        """Return True if the pins show this run, with elements in any order."""
         drives, right = self.shown.drives, self.shown.right
         if self._misses_periods():
             return False
@@ -297,13 +297,13 @@ class _PinJudge:
         return agreeing >= _FEWEST_AGREEING
 
     def _share_near(self, judged: Bools) -> float:
-        """Return the share of drives that no other run shows: right, or off by a step or two."""
+        """Return the share of drives unique to this run that match within two steps."""
         drives = self.shown.drives
         wider = dataclasses.replace(drives, limit_rad=drives.limit_rad + _NEAR_RAD)
         return float(wider.all_right()[judged].mean())
 
     def _pins_that_fit(self, judged: Bools) -> Bools | None:
-        """Return the (E,) pins that show this run; None: too few to be no chance."""
+        """Return a mask (E,) of pins that show this run; None if too few."""
         fitting: Bools = self.shown.right[judged].mean(axis=0) >= _NEARLY_ALL
         fewest = max(_FEWEST_FITTING, _FITTING_SHARE * len(fitting))
         return fitting if fitting.sum() >= fewest else None

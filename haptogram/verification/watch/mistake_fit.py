@@ -151,7 +151,7 @@ class MistakeFit:
         return distances
 
     def _agreement(self, share: float, shift: FloatArray) -> float:
-        """Return how far the phases of some frames agree, 0 to 1: the median of them."""
+        """Return the median phase coherence of the frames, 0 to 1."""
         few = slice(0, _PROBES)
         distances = self._distances(shift)[few]
         waves = np.exp(1j * (self._phases[few] + self._k * (1.0 + share) * distances))
@@ -170,7 +170,7 @@ class MistakeFit:
         return residual
 
     def _used(self, residual: FloatArray) -> BoolArray:
-        """Return the elements that are in step."""
+        """Return a mask of the elements whose phases agree."""
         deviation = np.where(self._sounding, np.abs(residual), np.nan)
         middle = np.nanmedian(deviation, axis=1) if len(deviation) else np.zeros(0)
         limit = np.maximum(self._steps, 3.0 * middle)

@@ -112,7 +112,7 @@ class ClientMistakes:
         return None
 
     def _is_beyond(self, best: float, rival: float) -> bool:
-        """Return True if a rival is so far off that it is none."""
+        """Return True if a rival explanation is far worse."""
         unlikely = math.sqrt(self._case.unknowns * max(0.0, rival**2 - best**2))
         is_clear = best <= _IS_NOISE and unlikely >= _BETTER
         return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)
@@ -147,7 +147,7 @@ def _sorted(
 
 
 def _key(parts: tuple[Part, ...]) -> tuple[tuple[Defect, str], ...]:
-    """Return the defects, and which they are; figures do not count."""
+    """Return the defects and their kinds as a key, without figures."""
     return tuple((d, "" if d in (Defect.AXES, Defect.SPEED) else text) for d, text in parts)
 
 

@@ -82,7 +82,7 @@ class ExpectedOrder:
         return found
 
     def _offsets(self, pattern: Pattern) -> Iterator[int]:
-        """Yield by how many frames a latch may be another one than the next, by its place."""
+        """Yield the offsets at which a latch may match the expected order."""
         count = len(self._expectation.frames)
         back = [-1] if self._after_torn else []
         for ahead in (*back, *range(1, _MOST_MISSING + 1)):

@@ -153,7 +153,7 @@ def faults_of_pins(drives: PinDrives, places: Sequence[int], judged: Bools) -> d
 
 
 def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault | None:
-    """Return a fault that the drives of this element alone explain; None: none does."""
+    """Return a fault that an element's own drives explain, if any."""
     run = drives.run
     meant = run.weights[:, place]
     seen = drives.weights[frames, place]
