@@ -93,6 +93,7 @@ class LiveViewerScene:
                 raise ConfigurationError(f"not a record of a back door: {error!r}") from error
 
     def _take(self, record: Mapping[str, Any]) -> None:
+        """Process a record of the board by its kind."""
         if record["kind"] == "latch":
             self._latch(observation_of_record(record))
         elif record["kind"] == "pulses":
