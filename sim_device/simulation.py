@@ -288,7 +288,7 @@ class Simulation:
             self._is_next_known = False
 
     def _end_idle_time(self) -> None:
-        """Bring the board from its last event to the present."""
+        """Advance the board from its last event to now."""
         self.dialect.advance_to(self._clock.device_us(self._now_ns))
         self._is_next_known = False
         self._record()
@@ -353,7 +353,7 @@ class Simulation:
         return self.dialect.output_bytes > 0 and not waits
 
     def _feed_line(self) -> None:
-        """Give the line to the host more bytes, once it has sent the last ones."""
+        """Pass more bytes to the line once it is idle."""
         if self._up.free_ns <= self._now_ns and self._can_feed:
             self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self._now_ns)
             self.dialect.line_free_us = self.device_us(self._up.free_ns)

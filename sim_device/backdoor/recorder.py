@@ -96,7 +96,7 @@ class BackdoorEstimator:
 def _remembered(
     known: OrderedDict[Hashable, _Estimate], latch: _Latch, estimate: Callable[[_Latch], _Estimate]
 ) -> _Estimate:
-    """Return the estimate of a drive, made at most once while the drive is remembered."""
+    """Return the cached estimate of a drive."""
     key = _radiated_by_latch_record(latch)
     if key not in known:
         known[key] = estimate(latch)

@@ -205,7 +205,7 @@ class ReconstructionWorker:
         raise HaptogramError("the reconstruction worker has not started")
 
     def _leave_nothing_behind(self) -> None:
-        """Wait for the end of a worker that is not needed: it would make its output later."""
+        """Wait for an unneeded worker to exit, lest it write late."""
         for pipe in (self._input, self._process.stdout):
             _close_worker_pipe(pipe)
         try:

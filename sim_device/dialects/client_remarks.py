@@ -218,7 +218,7 @@ class ClientRemarks:
         return " or ".join(map(str, self._sizes))
 
     def _say_commits(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Say that frames follow each other without the command that shows them."""
+        """Report frames that are not followed by the commit command."""
         if unshown.is_without_commit:
             text = f"frames follow each other without a commit ({unshown.commit}), which shows one"
             self._say_once("commits", About.NO_COMMIT, text, t_us)
@@ -229,13 +229,13 @@ class ClientRemarks:
             self._remark(about, text, t_us)
 
     def _tell_compared(self, t_us: int) -> None:
-        """Say once of each client that its bytes look like no other wire."""
+        """Report once per client that its bytes resemble no other wire format."""
         if self._told_own is None or self._told_own < self._is_own:
             self._told_own = self._is_own
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
     def _compare(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Say once of each client that its bytes look like another wire."""
+        """Report once per client that its bytes resemble another wire format."""
         if self._is_own or self._is_other or not self._first_bytes:
             return
         names = looks_like_dialect(bytes(self._first_bytes))

@@ -106,7 +106,7 @@ class SoakComparison:
         return frames
 
     def _judge(self, verdict: int | str, t_ns: int, up_free_ns: int) -> bool:
-        """Compare a verdict with that of the model; return whether the frame ends the output."""
+        """Compare a verdict with the model's; return whether the frame ends the output."""
         sent = self._line.next_sent(verdict)
         if sent is None:
             return False

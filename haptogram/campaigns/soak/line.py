@@ -46,7 +46,7 @@ def _flip_damage(wire: bytes, source: random.Random) -> Pieces:
 
 
 def _replaced(wire: bytes, source: random.Random, gone: int, new: int) -> Pieces:
-    """Return *wire* with *new* random bytes in place of *gone* ones, somewhere."""
+    """Return *wire* with some bytes replaced by random ones."""
     place = source.randrange(len(wire) - gone + 1)
     return [(0, wire[:place] + source.randbytes(new) + wire[place + gone :])]
 

@@ -192,13 +192,13 @@ class _SoakSegment:
     # --- interruptions -------------------------------------------------------------------------
 
     def _pause(self) -> None:
-        """Say nothing for a while: shorter than the timers, or longer."""
+        """Send nothing for a time shorter or longer than the timers."""
         since_ns = self._rig.now_ns()
         self._rig.idle_until(since_ns + self._some_time_ns())
         self._resume(since_ns)
 
     def _outage(self) -> None:
-        """Lose both directions, and stream on into the void."""
+        """Disconnect both directions while streaming continues."""
         rig = self._rig
         self._due_us = 0
         rig.down.cut = rig.up.cut = True
@@ -215,7 +215,7 @@ class _SoakSegment:
         return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * _MS
 
     def _resume(self, since_ns: int) -> None:
-        """Arm the board again if a timer has muted it, or will before the first latch.
+        """Rearm the board if a timer has muted it, or will before the first latch.
 
         *since_ns*: when the silence began; the last latch was a lead later.
         """
@@ -226,7 +226,7 @@ class _SoakSegment:
         self._rig.arm()
 
     def _mute(self) -> None:
-        """Ask for silence in the midst of the stream."""
+        """Send MUTE in the middle of the stream."""
         self._rig.silence()
         self._rig.idle_until(self._rig.now_ns() + self._source.randint(1, 50) * _MS)
         self._rig.arm()
@@ -234,7 +234,7 @@ class _SoakSegment:
     # --- the end -------------------------------------------------------------------------------
 
     def _watch_memory(self) -> None:
-        """Compare the blocks of memory in use at moments of equal state."""
+        """Compare the memory blocks in use between equal states."""
         blocks = sys.getallocatedblocks()
         self._blocks = self._blocks or blocks
         grown = blocks - self._blocks

@@ -119,7 +119,7 @@ class SweepCampaign:
         file: TextIO | None,
         show: Callable[[], None],
     ) -> None:
-        """Keep every worker busy; points that may end their worker run alone."""
+        """Keep every worker busy; suspect points run alone."""
         while left or self._suspects or running:
             count = 1 if self._suspects else workers.count
             while (self._suspects or left) and len(running) < count:
@@ -148,7 +148,7 @@ class SweepCampaign:
             raise error
 
     def _suspect(self, numbers: list[int], file: TextIO | None) -> None:
-        """Take note of the points that ran when a worker died."""
+        """Mark the points that ran when a worker died."""
         if len(numbers) == 1:
             self._deaths[numbers[0]] += 1
         for number in numbers:

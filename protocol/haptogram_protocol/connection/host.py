@@ -337,7 +337,7 @@ class HostConnection:
         )
 
     def _from_here(self, header: Header, message: Message, waiting: PendingRequest) -> bool:
-        """Return True if a response is for this session: MUTE in any, ERROR in none.  HG-3.7."""
+        """Return True if a response belongs to this session.  HG-3.7."""
         if isinstance(message, HelloReply):
             return message.nonce == self.session
         anywhere = waiting.request in (MessageType.MUTE, MessageType.HELLO)

@@ -68,7 +68,7 @@ class Autd3SilencedUnit(Autd3Unit):
         self._changes = min(changes, default=None)
 
     def _move_to(self, period: int) -> None:
-        """Make the steps of all periods up to *period*."""
+        """Advance the silencer to *period*."""
         at = period if self._moved is None else self._moved + 1
         while at <= period:
             self._aim([device.output(at) for device in self._devices])

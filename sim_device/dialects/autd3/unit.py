@@ -158,7 +158,7 @@ class Autd3Unit(LatchingUnit):
         return None
 
     def _latch(self, outputs: list[Output], period: int, cause: str) -> bool:
-        """Take down *outputs*; return False if the pulses stay as they are."""
+        """Latch *outputs*; return False if the pulses are unchanged."""
         self._outputs = outputs
         pulses = self._pulses_of(tuple(outputs))
         if pulses == self._pulses and cause in ("index", "modulation"):

@@ -213,7 +213,7 @@ class FpgaBoardEnd:
             self.counters["codes_beyond_array"] += beyond
 
     def _end_run(self, found: list[Operation]) -> None:
-        """Give the codes of the run."""
+        """Emit the current run of codes."""
         cursor, rules = self._cursor, self._rules
         codes = bytes(self._run)
         first = (cursor.at - len(codes)) % rules.channels
