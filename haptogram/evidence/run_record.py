@@ -178,7 +178,7 @@ def measure_run(
                 found.report = _display_run(config, driver, frames, progress)
             board.finish(driver)  # after an interrupt as well: the board is there
             growth, lease_us = _growth_of_run(driver, before), _lease_of_run_us(driver, config)
-            found.troubles = _troubles_of_run(
+            found.troubles = _unexpected_run_counters(
                 driver, growth, _OWN_MUTE if found.interrupted else ()
             )
     finally:
@@ -186,7 +186,7 @@ def measure_run(
     found.warnings += _state_changes_of_run(driver, found.report)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if found.cut is not None:
-        found.observations = _run_until_the_cut(found)
+        found.observations = _drop_after_interruption(found)
     if tap is not None:
         tap.tell(board.records())
     found.silences = board.silences(driver)
@@ -310,7 +310,7 @@ def _neglects_of_run_us(
     return tuple(t for t in timeouts_us if any(low <= t <= high for low, high in silences))
 
 
-def _troubles_of_run(
+def _unexpected_run_counters(
     driver: Driver, growth: dict[str, int], expected: Iterable[str]
 ) -> dict[str, dict[str, int]]:
     """Return unexpected error counters of board and host."""
@@ -350,7 +350,7 @@ def _display_run(
     )
 
 
-def _run_until_the_cut(found: RunRecord) -> Sequence[Observation]:
+def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
     """Drop playback latches between the interruption and the MUTE."""
     wanted = {intended.key for intended in found.intended}
     return only_kept_records(

@@ -156,7 +156,7 @@ def _phase_drive_faults(
         named = _mixed_up_drive_fault(model, intended, wanted, found, grid)
         named = named or shaped_drive_fault(model, intended, difference, allowance)
         named = named or _units_out_of_step(model, difference, grid)
-    named = named or _stuck_together(model, found, off, grid)
+    named = named or _shared_phase_fault(model, found, off, grid)
     if not named and few:
         named = list(_single_element_drive_faults(model, difference, off, grid))
     return named or [UNNAMED]
@@ -262,7 +262,7 @@ def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid)
     """Name parts of the array that are each off by one phase, if that explains all errors."""
     values, counts = np.unique(difference, return_counts=True)
     relative = _signed_drive_difference(difference - values[counts.argmax()])
-    relative = _joined_by_rounding(relative, grid.step)
+    relative = _merge_rounding_errors(relative, grid.step)
     errors = [int(error) for error in np.unique(relative) if error]
     bits = len(difference) * np.log2(grid.steps / len(values))
     if (
@@ -278,7 +278,7 @@ def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid)
     ]
 
 
-def _joined_by_rounding(errors: Codes, step: float) -> Codes:
+def _merge_rounding_errors(errors: Codes, step: float) -> Codes:
     """Return *errors* with values one step from the commonest replaced by it.
 
     A phase that is added before the rounding makes two codes of one error.
@@ -300,7 +300,7 @@ def _numbered_run_text(model: AcousticModel, numbers: NDArray[np.intp]) -> str:
     return faulty_elements_text(model, numbers)
 
 
-def _stuck_together(
+def _shared_phase_fault(
     model: AcousticModel, found: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> list[str]:
     """Name wrong elements that share one phase, if that is unlikely by chance."""

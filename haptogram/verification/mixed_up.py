@@ -144,14 +144,14 @@ def shaped_drive_fault(
             return []
         for charge in _CHARGES:
             turned = difference[seen] - charge * around[seen] * TURN / (2.0 * np.pi)
-            if _most_apart(turned) <= 2.0 * limit:
+            if _code_range(turned) <= 2.0 * limit:
                 return [f"vortex of charge {charge:+d} in place of a focus"]
         if _is_half_plane(difference[seen], around[seen]):
             return ["twin in place of a focus: one half of the elements inverted"]
     return []
 
 
-def _most_apart(codes: NDArray[np.float64]) -> float:
+def _code_range(codes: NDArray[np.float64]) -> float:
     """Return the range of the codes after removal of their common phase."""
     common = np.angle(np.exp(2j * np.pi * codes / TURN).sum()) * TURN / (2.0 * np.pi)
     return float(np.ptp((codes - common + TURN / 2.0) % TURN))

@@ -134,7 +134,7 @@ def verify_run(
         uncertainty=uncertainty,
     )
     frames: list[FrameVerdict] = []
-    hold: Callable[[], HeldFocus | None] = _nothing_held
+    hold: Callable[[], HeldFocus | None] = _no_drive_yet
     drives = functools.cache(functools.partial(_frames_by_drive, intended))
     missed = _MissedFrames(intended, seen, losses, unseen, cut)
     quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
@@ -172,7 +172,7 @@ def verify_run(
     )
 
 
-def _nothing_held() -> None:
+def _no_drive_yet() -> None:
     """Return None: no drive was latched yet."""
 
 

@@ -103,7 +103,7 @@ class BackdoorPinCapture:
             drive = self._acts[-1][1]
             self._ramp = None if drive is None else (notice.t_us, notice.end_us, drive, 1.0)
         if isinstance(notice, events.RadiatedAnew) and self._acts and not self._is_silent:
-            self._radiate_anew(notice)
+            self._record_radiated_change(notice)
         is_off = isinstance(notice, events.StateChange) and notice.state is not OutputState.ARMED
         if self._ramp is not None and (is_off or isinstance(notice, events.RampEnded)):
             self._follow_ramp(notice.t_us)
@@ -114,7 +114,7 @@ class BackdoorPinCapture:
         if is_off or (isinstance(notice, events.RampEnded) and not notice.restored):
             self._act(notice.t_us, None)
 
-    def _radiate_anew(self, notice: events.RadiatedAnew) -> None:
+    def _record_radiated_change(self, notice: events.RadiatedAnew) -> None:
         """Record the radiated drive after a change of settings."""
         if self._ramp is not None:
             self._follow_ramp(notice.t_us)

@@ -83,7 +83,7 @@ class ReconstructionWorker:
             self._input.flush()
             self._await_ready()
         except BaseException:
-            self._leave_nothing_behind()
+            self._await_exit()
             raise
         if reconstruct and find_spec("numba") is None:
             _LOG.info("fields are rebuilt without numba, several times slower")
@@ -204,7 +204,7 @@ class ReconstructionWorker:
         self._process.kill()
         raise HaptogramError("the reconstruction worker has not started")
 
-    def _leave_nothing_behind(self) -> None:
+    def _await_exit(self) -> None:
         """Wait for an unneeded worker to exit, lest it write late."""
         for pipe in (self._input, self._process.stdout):
             _close_worker_pipe(pipe)

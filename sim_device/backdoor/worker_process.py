@@ -54,7 +54,7 @@ def run_reconstruction_worker() -> None:
         with contextlib.suppress(OSError):  # from here the board and its host come first
             os.nice(_NICENESS)
         _record_all_at_worker(items, recorder, sink)
-        _linger_at_sink(sink)
+        _drain_sink_of_worker(sink)
     except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost
         text = f"{error}\n".encode()
         _answer_of_worker(1, text)  # for the end of the board, or instead of READY
@@ -92,7 +92,7 @@ def _record_all_at_worker(
     recorder.finish(clean=False)  # the board ended without saying so
 
 
-def _linger_at_sink(sink: RecordSink) -> None:
+def _drain_sink_of_worker(sink: RecordSink) -> None:
     """Serve slow readers until their records are sent or a deadline passes."""
     deadline_s = time.monotonic() + LINGER_S
     while sink.pending and time.monotonic() < deadline_s:

@@ -173,22 +173,22 @@ class ClientRemarks:
         self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
         if len(self._first_bytes) == LOOKED_AT_BYTES:
             self._compare(unshown, t_us)
-            self._say_commits(unshown, t_us)
-            self._say_clues(t_us)
+            self._remark_missing_commits(unshown, t_us)
+            self._remark_foreign_frames(t_us)
 
     def silent(self, unshown: UnshownToClient, t_us: int) -> None:
         """Look at what came before a silence."""
         self._compare(unshown, t_us)
         if unshown.unfinished:
             self._stop(unshown.unfinished, t_us)
-        self._say_commits(unshown, t_us)
+        self._remark_missing_commits(unshown, t_us)
         if unshown.whole == 1 and not unshown.unfinished:
             text = f"a whole frame waits for its commit ({unshown.commit}), which shows it"
             self._say_once("waits", About.CLIENT, text, t_us)
         if not self._is_stopped:
             for kind in filter(_AT_ONCE.__contains__, unshown.kinds):
                 self._strange.setdefault(kind, 0)
-        self._say_clues(t_us)
+        self._remark_foreign_frames(t_us)
 
     def left(self, unshown: UnshownToClient, t_us: int) -> None:
         """Look at all that came before the client left; the next one is judged anew."""
@@ -217,7 +217,7 @@ class ClientRemarks:
     def _sizes_text(self) -> str:
         return " or ".join(map(str, self._sizes))
 
-    def _say_commits(self, unshown: UnshownToClient, t_us: int) -> None:
+    def _remark_missing_commits(self, unshown: UnshownToClient, t_us: int) -> None:
         """Report frames that are not followed by the commit command."""
         if unshown.is_without_commit:
             text = f"frames follow each other without a commit ({unshown.commit}), which shows one"
@@ -276,7 +276,7 @@ class ClientRemarks:
                 return True
         return False
 
-    def _say_clues(self, t_us: int) -> None:
+    def _remark_foreign_frames(self, t_us: int) -> None:
         """Report once per client which foreign frame formats were seen."""
         strange, self._strange = self._strange, {}
         if self._is_other:

@@ -253,7 +253,7 @@ def _gs_pat(
 def _gradient_solver(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Minimise the squared errors of |p| by gradient descent."""
+    """Minimise the squared errors of |p| by L-BFGS on the phases."""
     from scipy.optimize import minimize  # slow to import, and only this solver needs it
 
     goal = _reachable_foci_levels(matrix, wanted) * wanted

@@ -108,7 +108,7 @@ class SweepCampaign:
                     with open_workers() as workers:
                         self._feed(workers, run_words, left, running, file, show)
                 except BrokenExecutor:
-                    self._suspect(list(running.values()), file)
+                    self._mark_suspects(list(running.values()), file)
 
     def _feed(
         self,
@@ -147,7 +147,7 @@ class SweepCampaign:
         else:
             raise error
 
-    def _suspect(self, numbers: list[int], file: TextIO | None) -> None:
+    def _mark_suspects(self, numbers: list[int], file: TextIO | None) -> None:
         """Mark the points that ran when a worker died."""
         if len(numbers) == 1:
             self._deaths[numbers[0]] += 1

@@ -266,7 +266,7 @@ class RawFrameClient:
         LinkLostError
             If the port is gone, or takes no byte during the longest wait for an answer.
         """
-        self._come_back()
+        self._note_idle_time()
         now_us = self.now_us()
         free_us = max(now_us, self._busy_until_us)
         self.ended_whole = data.endswith(DELIMITER)
@@ -373,7 +373,7 @@ class RawFrameClient:
         """Read from the transport until the deadline; end the case when its time is over."""
         if self.now_us() > self._deadline_us:
             inconclusive(f"the case was not over after {self.limits.case_us / 1e6:g} s")
-        self._come_back()
+        self._note_idle_time()
         if self.limits.slack_us:  # in short waits, each of which shows whether it lasted too long
             deadline_ns = min(deadline_ns, self._transport.now_ns() + _LOOK_NS)
         data = self._transport.read_available(deadline_ns)
@@ -415,7 +415,7 @@ class RawFrameClient:
         self._board_waited_us = threads_waited_us(self._board)
         self._leave(self.now_us())
 
-    def _come_back(self) -> None:
+    def _note_idle_time(self) -> None:
         """Record how long the host was idle since its last wait.
 
         And how long the process of the board waited for a processor meanwhile.

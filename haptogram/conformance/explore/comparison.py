@@ -152,14 +152,14 @@ class DialogueComparison:
         for kind in ("responses", "events"):
             one, other = getattr(self.ours, kind), getattr(self.theirs, kind)
             for place, (mine, due) in enumerate(zip(one, other, strict=False)):
-                if text := self._not_due(mine, other[place:]) or self._frame(mine, due):
+                if text := self._unexpected_event(mine, other[place:]) or self._frame(mine, due):
                     return text
             if len(one) < len(other):
                 message = other[len(one)].message
                 return f"{clause_of_due_message(message)}: no {_named_in_dialogue(message)} comes"
         return self._order() if self.near_us < _TIMER_US else ""
 
-    def _not_due(self, mine: FrameInDialogue, left: Sequence[FrameInDialogue]) -> str:
+    def _unexpected_event(self, mine: FrameInDialogue, left: Sequence[FrameInDialogue]) -> str:
         """Return a text if an event arrives in place of the expected frame."""
         due, name = left[0], _named_in_dialogue(mine.message)
         if mine.header.type not in m.EVENT_RANGE or _kind_in_dialogue(mine) == _kind_in_dialogue(

@@ -178,14 +178,14 @@ class StandingRules:
     # --- STATUS ----------------------------------------------------------------------------------
 
     def _judge_status(self, _: ReceivedByClient, message: m.Status | m.StatusReply) -> Broken:
-        yield "HG-3.9/2", self._wrong_sum(message.counters)
+        yield "HG-3.9/2", self._wrong_counter_sum(message.counters)
         due = _REASONS[OutputState(message.state)]
         text = f"{message.state.name} with the reason {message.reason.name}"
         yield "HG-6.2/3", text if message.reason not in due else ""
         yield "HG-9.1/3", "; ".join(_contradictions(message))
-        yield "HG-9.2/1", self._less_counted(message.counters)
+        yield "HG-9.2/1", self._decreased_counters(message.counters)
 
-    def _wrong_sum(self, counters: m.Counters) -> str:
+    def _wrong_counter_sum(self, counters: m.Counters) -> str:
         """Return a text if the frame counter is not the sum of its parts."""
         lacks, sent = _lacking_parts(counters), +self._since.sent
         self._since.sent.clear()
@@ -200,7 +200,7 @@ class StandingRules:
         named = ", ".join(f"{many} {annotated_type_name(kind)}" for kind, many in sent.items())
         return f"{text}; since the STATUS before: frames {steps['frames']}, {parts}; sent: {named}"
 
-    def _less_counted(self, now: m.Counters) -> str:
+    def _decreased_counters(self, now: m.Counters) -> str:
         """Return a text if a counter has decreased."""
         before, self._since.counters = self._since.counters or now, now
         return "; ".join(

@@ -71,12 +71,12 @@ class PinDialogue:
         for frame in self.to_host[first:]:
             if frame.header.seq == asked.header.seq and frame.header.type == kind:
                 return frame
-            if frame.arrival > asked.arrival + self._patience:
+            if frame.arrival > asked.arrival + self._second_periods:
                 break
         return None
 
     @property
-    def _patience(self) -> float:
+    def _second_periods(self) -> float:
         """Return one second in carrier periods."""
         return self.record.carrier_hz  # a second: no host waits longer without asking again
 
@@ -122,7 +122,7 @@ class PinDialogue:
         found = []
         for arm in self.requests(m.MessageType.ARM):
             answer = self.answer(arm, m.MessageType.ARM_REPLY)
-            end = arm.arrival + self._patience if answer is None else answer.begin
+            end = arm.arrival + self._second_periods if answer is None else answer.begin
             found.append((arm.arrival, end))
         return found
 

@@ -312,15 +312,15 @@ class SuiteRunner:
         if ended.behaviour is Behaviour.FAILED and self._is_slow:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
         if ended.behaviour is Behaviour.FAILED:
-            ended = CaseEndedError(ended.behaviour, f"{ended}{self._found_meanwhile(board, ended)}")
-        if ended.behaviour is Behaviour.FAILED and (timer := self._short_timer(board, ended)):
-            ended = self._ended_by_timer(board, timer, ended)
+            ended = CaseEndedError(ended.behaviour, f"{ended}{self._side_effects(board, ended)}")
+        if ended.behaviour is Behaviour.FAILED and (timer := self._expired_timer(board, ended)):
+            ended = self._timer_outcome(board, timer, ended)
         lenient = clause.level is Level.SHOULD and not self._options.strict
         if ended.behaviour is Behaviour.FAILED and lenient:
             return _Outcome(Behaviour.NON_STRICT, str(ended))
         return _Outcome(ended.behaviour, str(ended))
 
-    def _short_timer(self, board: BoardClient, ended: CaseEndedError) -> str:
+    def _expired_timer(self, board: BoardClient, ended: CaseEndedError) -> str:
         """Return a timer that expired while the host was delayed.
 
         Empty: none did.  A lease does so only at a wall clock, as every frame renews it.
@@ -334,7 +334,7 @@ class SuiteRunner:
         timer = next(ends, "")
         return "" if not timer or board.has(m.Feature.CONFIG) else timer
 
-    def _ended_by_timer(
+    def _timer_outcome(
         self, board: BoardClient, timer: str, ended: CaseEndedError
     ) -> CaseEndedError:
         """Return the outcome of a case that takes longer than a hold or lease allows."""
@@ -346,7 +346,7 @@ class SuiteRunner:
             return CaseEndedError(Behaviour.NOT_OBSERVED, f"this line takes {text}")
         return HeldUpError(f"for {text}")
 
-    def _found_meanwhile(self, board: BoardClient, ended: CaseEndedError) -> str:
+    def _side_effects(self, board: BoardClient, ended: CaseEndedError) -> str:
         """Return a text on state changes and drops that the finding does not mention."""
         events = [event for _, event in board.link.events(m.StateChanged, 0)]
         told = {event.reason.name: f"{event.state.name}, {event.reason.name}" for event in events}

@@ -155,7 +155,7 @@ class ClockEstimate:
             self._contradictions += 1
             if self._contradictions < _PATIENCE:
                 return
-            self._begin_anew(sample)
+            self._restart(sample)
         self._contradictions = 0
         self._samples.append(sample)
         self._follow_drift()
@@ -170,7 +170,7 @@ class ClockEstimate:
         allowed_ns = best.margin_ns + sample.margin_ns + age_ns * self._ppm / 1e6
         return abs(sample.offset_ns - best.offset_ns) > allowed_ns
 
-    def _begin_anew(self, sample: ClockSample) -> None:
+    def _restart(self, sample: ClockSample) -> None:
         """Restart the estimate after a jump of the device clock."""
         self.jumps += 1
         self.jump_us = (sample.offset_ns - self._offset_ns(sample.host_ns)) // 1000

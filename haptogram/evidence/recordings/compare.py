@@ -151,7 +151,7 @@ class ReplayComparison:
         for key in [key for key in waiting if _compared_replay_kind(key) == "frames"]:
             del waiting[key]
 
-    def _forget_replayed_records(self) -> None:
+    def _drop_unmatched_records(self) -> None:
         """Drop unmatched replayed records, except frames."""
         waiting = self._waiting[REPLAYED]
         for key in [key for key in waiting if _compared_replay_kind(key) != "frames"]:
@@ -164,7 +164,7 @@ class ReplayComparison:
         may be unwritten in the recording, and the output of the recorded one went off by its end.
         """
         if not self.has_backdoor:
-            self._forget_replayed_records()
+            self._drop_unmatched_records()
         for side, why in ((RECORDED, "missing in the replay"), (REPLAYED, "not in the recording")):
             for key, entries in self._waiting[side].items():
                 kind = _compared_replay_kind(key)

@@ -119,7 +119,7 @@ class SeveralFociFrame:
             if host is not None:
                 found, error_rad = self._judge_of_host(ideal, host), host.error_rad
             else:
-                found = self._judge_tolerantly(ideal, fault)
+                found = self._judge_with_tolerance(ideal, fault)
                 faults = faults or ((fault,) if fault else ())
         status = frame_status_of(found.verdicts, faults, focused=False)
         unseen = [*found.unseen, *_frame_foci_levels_not_made(levels, self.intended)]
@@ -227,7 +227,7 @@ class SeveralFociFrame:
             found = dataclasses.replace(found, verdicts=found.verdicts | {"S2": False})
         return dataclasses.replace(found, limits_m=limits_m, offsets_m=offsets_m)
 
-    def _judge_tolerantly(self, ideal: IdealFrameDrive, fault: str | None) -> _Findings:
+    def _judge_with_tolerance(self, ideal: IdealFrameDrive, fault: str | None) -> _Findings:
         """Judge a multi-focus drive with the positions of the foci fitted from its phases.
 
         A solver may come to another drive there, with other phases between the foci.  So the places

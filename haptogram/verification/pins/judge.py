@@ -221,7 +221,7 @@ class _PinJudge:
     def _check_fit(self, judged: Bools) -> bool:
         """Return True if the pins show this run, with elements in any order."""
         drives, right = self.shown.drives, self.shown.right
-        if self._misses_periods():
+        if self._has_divided_carrier():
             return False
         if not judged.any():
             self.missing.append("no frame of the run is in the capture as a whole")
@@ -229,13 +229,13 @@ class _PinJudge:
         if self.record.cut and judged.sum() <= _EDGE and not right[judged].all():
             self.missing.append("too few frames are left beside missing samples to tell a fault")
             return False
-        if not self._tells_more_than_chance(judged):
+        if not self._is_beyond_chance(judged):
             self.missing.append(
                 "the capture does not show this run for certain: too few of its drives differ; "
                 "capture more pins, or more frames"
             )
             return False
-        if self._share_near(judged) >= FIT_SHARE or self._pins_that_fit(judged) is not None:
+        if self._near_match_share(judged) >= FIT_SHARE or self._pins_that_fit(judged) is not None:
             return True
         wrong = np.flatnonzero(~right[judged].all(axis=0)).tolist()
         kinds = [fault.kind for fault in faults_of_pins(drives, wrong, judged).values()]
@@ -246,7 +246,7 @@ class _PinJudge:
         if len(named) >= FIT_SHARE * len(self.run.elements) and len(named) > 1:
             return True
         for text, phases in self._likely_mistakes():
-            if self._shows_instead(phases):
+            if self._shows_other_phases(phases):
                 self._find("phases", text)
                 return False
         share = 100.0 * float(right[judged].mean())
@@ -256,7 +256,7 @@ class _PinJudge:
         )
         return False
 
-    def _misses_periods(self) -> bool:
+    def _has_divided_carrier(self) -> bool:
         """Return True if most pins pulse only in every n-th carrier period."""
         pins = [pin for pin in self.record.pins.values() if len(pin.rises)]
         fewer = [pin for pin in pins if pin.every > 1]
@@ -270,7 +270,7 @@ class _PinJudge:
         )
         return True
 
-    def _tells_more_than_chance(self, judged: Bools) -> bool:
+    def _is_beyond_chance(self, judged: Bools) -> bool:
         """Return True if agreement between pins and frames is unlikely by chance.
 
         Any two pins that sound agree with a run in one phase, and a pin with itself in one drive.
@@ -296,7 +296,7 @@ class _PinJudge:
             agreeing += _drives_told_apart(codes, 2.0 * limit) - 1
         return agreeing >= _FEWEST_AGREEING
 
-    def _share_near(self, judged: Bools) -> float:
+    def _near_match_share(self, judged: Bools) -> float:
         """Return the share of drives unique to this run that match within two steps."""
         drives = self.shown.drives
         wider = dataclasses.replace(drives, limit_rad=drives.limit_rad + _NEAR_RAD)
@@ -322,7 +322,7 @@ class _PinJudge:
                     phases[:, order],
                 )
 
-    def _shows_instead(self, phases: NDArray[np.uint8]) -> bool:
+    def _shows_other_phases(self, phases: NDArray[np.uint8]) -> bool:
         """Return True if the pins show this run with other *phases*."""
         turned = dataclasses.replace(self.run, phases=phases)
         shown = frames_shown_by_pins(self.record, turned, self.offset)

@@ -112,7 +112,7 @@ class MistakeFit:
         if right.mean() < _FRAMES or not self._is_beyond_chance(used, rms, right):
             return math.inf
         frames = np.flatnonzero(right).tolist()
-        squares = [self._left_over(t, residual[t], used[t], found) for t in frames]
+        squares = [self._unexplained_variance(t, residual[t], used[t], found) for t in frames]
         worst = math.sqrt(max(squares)) / _WORST
         return max(math.sqrt(math.fsum(squares) / len(squares)), worst)
 
@@ -123,7 +123,7 @@ class MistakeFit:
         is_focus = math.isfinite(self.misfit(none))
         return np.where(self._sounding, residual, np.nan)[0] if is_focus else None
 
-    def _left_over(
+    def _unexplained_variance(
         self, frame: int, residual: FloatArray, used: BoolArray, found: MistakeParameters
     ) -> float:
         """Return the normalised residual that position and sound speed cannot explain."""

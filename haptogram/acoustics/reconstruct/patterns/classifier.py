@@ -166,7 +166,7 @@ class PatternClassifier:
         """Return a single- or multi-focus pattern, if the phases match one."""
         if len(phases.phases_rad) < MIN_ACTIVE:
             return None
-        explained = self._near_the_last(phases)
+        explained = self._fit_from_last(phases)
         if explained is None:
             explained = self._found(phases, active, drive, places)
         if explained is not None:
@@ -228,7 +228,7 @@ class PatternClassifier:
             return _as_trap(best[True], halves) or found
         return best[False]
 
-    def _near_the_last(self, phases: PatternPhases) -> Explanation | None:
+    def _fit_from_last(self, phases: PatternPhases) -> Explanation | None:
         """Return a fit warm-started at the last pattern, if it explains all elements."""
         last = self._last
         if last is None:

@@ -359,7 +359,7 @@ def _no_upload_in_session(board: BoardClient) -> None:
         board.link.refused(m.UploadCommit(_UPLOADED), m.ErrorCode.BAD_STATE)
 
 
-def _numbers_of_session_anew(board: BoardClient) -> None:
+def _check_numbers_restart(board: BoardClient) -> None:
     """FAILED unless sequence numbers and the trace divider restart with a new session."""
     can_trace = board.has(m.Feature.CONFIG)
     modes = trace_modes(board, m.TraceMode.DRIVE, m.TraceMode.CRC)[:1] if can_trace else []
@@ -380,7 +380,7 @@ _OWNED: Final = (
     _no_latch_in_session,
     _no_ring_in_session,
     _no_upload_in_session,
-    _numbers_of_session_anew,
+    _check_numbers_restart,
 )
 
 

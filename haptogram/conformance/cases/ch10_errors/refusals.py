@@ -204,7 +204,7 @@ def every_refusal_changes_nothing(board: BoardClient) -> None:
     for situation in refusal_situations(board):
         _judge_refusals_in_situation(board, situation)
         if board.has(m.Feature.SEQUENCE_PHASES):
-            _goes_on_after_refusal(board, situation.name)
+            _check_upload_resumes(board, situation.name)
 
 
 def _judge_refusals_in_situation(board: BoardClient, situation: Situation) -> None:
@@ -244,7 +244,7 @@ def held_after_refusals(
     return judged_held_state(board, since)
 
 
-def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
+def _check_upload_resumes(board: BoardClient, name: str) -> None:
     """FAILED unless the pending upload can be completed, and both sequences play."""
     data = pending_before_refusal(board)
     uploads.send_upload_chunks(board, data)

@@ -106,7 +106,7 @@ class FpgaBoardEnd:
             if here > at:
                 self._take_codes(data[at:here], found)
             if self._run:
-                self._end_run(found)
+                self._emit_run(found)
             operation = commands[data[here]]
             self._count_command(operation)
             self._cursor.command(operation)
@@ -198,7 +198,7 @@ class FpgaBoardEnd:
             at += len(part)
             cursor.advance_to(at)
             if len(part) == room:
-                self._end_run(found)
+                self._emit_run(found)
 
     def _count_codes(self, codes: bytes, at: int) -> None:
         """Count misplaced or out-of-range *codes*."""
@@ -212,7 +212,7 @@ class FpgaBoardEnd:
             frames.beyond += beyond
             self.counters["codes_beyond_array"] += beyond
 
-    def _end_run(self, found: list[Operation]) -> None:
+    def _emit_run(self, found: list[Operation]) -> None:
         """Emit the current run of codes."""
         cursor, rules = self._cursor, self._rules
         codes = bytes(self._run)
