@@ -150,7 +150,7 @@ _NAMES: Final = {
 
 
 def _estimate_fields(kind: str, result: Reconstruction) -> dict[str, object]:
-    """Return the fields by name; `asdict`, which copies all that is in them, takes 0.1 ms."""
+    """Return the fields by name, like `asdict` without its copies."""
     return {
         "kind": kind,
         **{name: _plain_estimate(getattr(result, name)) for name in _NAMES[type(result)]},

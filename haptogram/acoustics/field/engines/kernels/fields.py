@@ -121,7 +121,7 @@ def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 def _lattice_rows_kernel(
     places: F8, gy: F8, careful: bool, rows: F4, depth: F8, height: F4
 ) -> None:  # fmt: skip
-    """Set the squares of y - gy and of z."""
+    """Compute (y - gy)^2 for each row, and z^2."""
     depth[:] = 0.0
     for j in range(gy.size):
         _squares_kernel(places[1], gy[j], depth, careful, rows[0, j], rows[1, j])
