@@ -373,7 +373,7 @@ class Lockstep:
         return found[::-1]
 
     def _await_frames(self, due: list[FrameInDialogue], end_us: int) -> None:
-        """Wait for the frames that are due; in virtual time no longer than the slot lasts."""
+        """Wait for the expected frames; in virtual time at most one slot."""
         wire = self._board.wire
         number = _number_of_lockstep_frames(frame.message for frame in due) - len(self._early)
         answers = _number_of_answers(due) - _number_of_answers(self._early)

@@ -342,7 +342,7 @@ class StandingRules:
             yield "HG-7.2/7", text
 
     def _wrong_steps(self, times: Iterable[int]) -> str:
-        """Return in words which two latches are in one carrier period; empty if there are none."""
+        """Return a text on two latches within one carrier period, or ""."""
         identity = self._since.identity
         if identity is None or not identity.carrier_hz:
             return ""
@@ -369,7 +369,7 @@ def _crcs_of_latches(message: m.Message, transducers: int) -> Iterator[tuple[m.L
 
 
 def _lacking_parts(counters: m.Counters) -> int:
-    """Return how many frames more are counted than their parts make."""
+    """Return how far the frame counter exceeds the sum of its parts."""
     parts = sum(int(getattr(counters, name)) for name in PARTS_OF_FRAMES)
     return (counters.frames - parts + _WRAP // 2) % _WRAP - _WRAP // 2
 

@@ -267,7 +267,7 @@ def _judge_orders(
 def _judge_shorter_burst(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """Judge half of the orders at a time: the line is slow, or the horizon near."""
+    """Split the orders in half for a slow line or a short horizon, and judge each half."""
     require(len(orders) != 1, "no three frames reach this board within its horizon")
     half = len(orders) // 2
     _judge_orders(board, orders[:half], turn, mode)

@@ -192,7 +192,7 @@ def every_mute_in_every_output_state(board: BoardClient) -> None:
 def _judge_input_to_output_state(
     board: BoardClient, due: StateAndReason, one: _Input, *, with_reason: bool = True
 ) -> None:
-    """FAILED unless the board is in the state *due*, and an input leads where it has to."""
+    """FAILED unless the board is in state *due*, and an input causes the specified transition."""
     name, event, happen = one
     parts = 2 if with_reason else 1
     before = _output_state(board)
@@ -249,7 +249,7 @@ def _asked_output_states(board: BoardClient) -> Iterator[_Origin]:
 
 
 def _origins_of_output_states(board: BoardClient) -> Iterator[_Origin]:
-    """Yield all that leads to a state, timers too."""
+    """Yield everything that leads to an output state, timers included."""
     yield from _asked_output_states(board)
     for timer in timer_kinds(board, HOLD, LEASE, UNATTENDED):
         yield partial(_mute_by_timer, board, timer), (OutputState.MUTED, timer.reason)
@@ -375,7 +375,7 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
 
 
 def _judge_inputs_in_fault(board: BoardClient, *, with_reason: bool) -> None:
-    """FAILED unless in FAULT inputs lead where they have to, and DISARM leads out."""
+    """FAILED unless inputs cause the specified transitions in FAULT, and DISARM leaves it."""
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     fault = OutputState.FAULT, MuteReason.FAULT
     again: _Input = "a second fault", None, partial(fail_hardware, board)

@@ -328,7 +328,7 @@ def _begin_traced_playback(board: BoardClient) -> int:
 
 
 def _store_mixed_frames(board: BoardClient, form: uploads.UploadForm, wanted: int) -> list[bytes]:
-    """Store a sequence of *wanted* frames, or as many as find room, of a few shapes; return it."""
+    """Store a sequence of up to *wanted* frames with a few distinct patterns; return it."""
     wanted = min(wanted, form.most_frames(board))
     frames = uploads.frames_with_room(board, form.kind, form.target, wanted, form.frame_bytes)
     shapes = [_random_frame(board, form) for _ in range(_SHAPES_MIXED)]

@@ -249,7 +249,7 @@ def _await_end(board: BoardClient, since: int) -> None:
 
 
 def _paths_of_latches(board: BoardClient) -> Iterator[_Path]:
-    """Yield every path to a latch that the board has."""
+    """Yield every way in which the board can latch a frame."""
     yield _Path("a frame latched at once", latching.latch_now)
     yield _Path("a frame latched in time", latching.latch_in_time)
     if board.has(m.Feature.CONFIG):
