@@ -209,7 +209,7 @@ def _compared_replay_kind(key: Hashable) -> str:
 
 
 def _compared_replay_key(piece: Annotated) -> tuple[Hashable, ...]:
-    """Return the key of a frame whose number depends on how many STATUS came before."""
+    """Return a comparison key for a frame, independent of the number of STATUS frames before it."""
     header, fields = piece.header, piece.fields
     assert header is not None  # of an undamaged frame
     if header.type not in EVENT_RANGE:
