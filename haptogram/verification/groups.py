@@ -96,7 +96,7 @@ def groups_of_elements(
 def _shared_lag(
     members: Sequence[int], lags_rad: Mapping[int, float], spread_rad: float
 ) -> float | None:
-    """Return the lag that all *members* have; None: they differ."""
+    """Return the lag common to all *members*, or None."""
     lags = np.array([lags_rad[element] for element in members])
     lags = lags[np.isfinite(lags)]
     if not len(lags):

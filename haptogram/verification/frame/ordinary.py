@@ -187,7 +187,7 @@ def _why_not_ordinary(intended: Intended, latch: Observation, full: bytes) -> st
 
 
 def _why_not_as_sent(intended: Intended, latch: Observation, full: bytes) -> str | None:
-    """Return why a latch does not show one focus of *full* amplitude as it was sent; or None."""
+    """Return why a latch differs from the single full-amplitude focus sent; None if equal."""
     wanted = intended.drive
     drive = wanted if latch.shows_by_crc(intended) else latch.drive
     if len(intended.foci) != 1:
@@ -205,7 +205,7 @@ def _why_not_as_sent(intended: Intended, latch: Observation, full: bytes) -> str
 
 
 def _beam_axes(along: FloatArray) -> FloatArray:
-    """Return (F, 4, 3) two directions across each of (F, 3), itself, and zeros."""
+    """Return (F, 4, 3): two transverse axes of each direction, the direction, and zeros."""
     axes, rows = np.zeros((len(along), 4, 3)), np.arange(len(along))
     furthest_off = np.abs(along).argmin(axis=1)
     first = -along[rows, furthest_off][:, None] * along
