@@ -251,7 +251,7 @@ class Heartbeat:
 
 
 def _heartbeat_timeout_s(wait_ns: int | None) -> float | None:
-    """Return the longest sleep; 0 if waking up would take longer than the wait."""
+    """Return the longest sleep; 0 if waking up would take longer."""
     if wait_ns is None:
         return None
     wait_ns = min(wait_ns, _LONGEST_NS)

@@ -94,7 +94,7 @@ def result_of_command(words: Sequence[str]) -> tuple[int, bytes, str]:
 
 
 def _run_command(words: Sequence[str], heard: list[int]) -> int:
-    """Run a command and return its exit status; the signals that came are added to *heard*."""
+    """Run a command and return its exit status; record received signals in *heard*."""
     parser = _parser_of_commands(words)
     try:
         arguments = parser.parse_args(words)

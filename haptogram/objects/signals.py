@@ -120,7 +120,7 @@ def felt_signal_at(
 def _settled_felt_signal(
     engine: FieldEngine, frames: FocusFrames, point_m: FloatArray
 ) -> ComplexArray:
-    """Return the pressure (F,) at a point of every frame, once its transducers have settled."""
+    """Return the pressure (F,) at a point in each frame's steady state."""
     foci, which = np.unique(frames.points_m, axis=0, return_inverse=True)
     parts = [
         engine.pressure(

@@ -267,7 +267,7 @@ class ClientRemarks:
             self._tell_compared(t_us)
 
     def _are_finer_frames(self) -> bool:
-        """Return True for frames of the right size, some of whose codes are bytes of commands."""
+        """Return True for frames of right size and finer phases, some equal to command bytes."""
         data = bytes(self._first_bytes)
         for size in self._sizes:
             frames = [data[at : at + size] for at in range(0, len(data) - size + 1, size)]

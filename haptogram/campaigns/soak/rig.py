@@ -151,6 +151,7 @@ class SoakRig:
         self.tally.totals["sessions"] += 1
 
     def _take(self, event: object) -> None:
+        """Pass PING replies to the clock estimate."""
         if isinstance(event, events.ReplyReceived):
             self.pinger.take(event)
 

@@ -103,6 +103,7 @@ class ArduinoPlaylist:
         return pattern + 1 == len(self.durations) or not self.durations[pattern + 1]
 
     def _complete(self) -> None:
+        """Advance to the next pattern; return to the first one after the last."""
         self._passed = 0
         if self._is_last(self._pattern):
             self._pattern = self.pointer = 0
