@@ -37,6 +37,7 @@ def main(
 
 
 def _answer_signals(handler: Handlers | Callable[..., object]) -> None:
+    """Install a handler for termination signals; keep SIGHUP ignored if it was."""
     for number in _ENDINGS:
         # SIGHUP stays ignored below nohup; SIGINT ends a board that a script started beside it.
         if number != _signal.SIGHUP or _signal.getsignal(number) is not _signal.SIG_IGN:

@@ -135,7 +135,7 @@ class _Emitters:
 
 
 def _blueprint_emitters(config: BoardConfig, emulation: Emulation, options: Settings) -> _Emitters:
-    """Return the emitters of the dialect, or those that *config* names."""
+    """Return the transducers that *config* names, or those of the dialect."""
     text = config.array
     if text == DEFAULT_ARRAY:
         array = emulation.layout(options).array()

@@ -49,7 +49,7 @@ class BoardNoticeLog:
 
     def notice(self, notice: events.Notice) -> None:
         """Log a change of the output."""
-        if self._may_be_left_out(notice) and not self._has_room(notice.t_us):
+        if self._is_optional(notice) and not self._has_room(notice.t_us):
             self._left_out += 1
             return
         if self._left_out:
@@ -57,7 +57,8 @@ class BoardNoticeLog:
             self._left_out = 0
         _LOG.info("%s, at %d us", describe_board_notice(notice), notice.t_us)
 
-    def _may_be_left_out(self, notice: events.Notice) -> bool:
+    def _is_optional(self, notice: events.Notice) -> bool:
+        """Return True for notices that the log may omit."""
         is_fault = isinstance(notice, events.StateChange) and notice.state is OutputState.FAULT
         return isinstance(notice, _FREQUENT) and not is_fault and not self._is_complete
 

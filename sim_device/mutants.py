@@ -221,6 +221,7 @@ class ClockSteps(BoardClock):
         return super().reached_ns(min(device_us, self.boot_us + place))
 
     def _with_jumps(self, steady_us: int) -> int:
+        """Add the clock steps to a steady time."""
         jumps = max(0, steady_us - self.boot_us) // _JUMP_EVERY_US
         return steady_us + jumps * _JUMP_US
 

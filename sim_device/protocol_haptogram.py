@@ -125,7 +125,7 @@ class Serial(serial.SerialBase):
             _SHARED[self.shared_as] = self
 
     def _join(self, name: str) -> None:
-        """Become a port to the board of another one."""
+        """Attach this port to the board of another port."""
         owner = _SHARED.get(name)
         if owner is None or not owner.is_open:
             raise ConfigurationError(
@@ -246,7 +246,7 @@ class Serial(serial.SerialBase):
             self._worker.pump()
 
     def _pass_time(self, until_ns: int | None) -> None:
-        """Let time pass to the next event, at most up to *until_ns* of this port's clock."""
+        """Advance time to the next event, at most to *until_ns*."""
         next_ns = self.simulation.next_event_ns()
         if self._is_virtual:
             times = [t_ns for t_ns in (next_ns, until_ns) if t_ns is not None]

@@ -280,7 +280,7 @@ class Simulation:
             self._step(next_ns)
 
     def _run_ahead(self, t_ns: int) -> None:
-        """Let a board that runs ahead do so: nothing else comes up to *t_ns*, but on its way."""
+        """Let a simulated board process run ahead to *t_ns*, unless bytes arrive before."""
         if self.dialect.ahead is not None:
             up_ns = self._up.next_event_ns(_end_of_answer)
             until_ns = t_ns if up_ns is None else min(t_ns, up_ns)
@@ -288,7 +288,7 @@ class Simulation:
             self._is_next_known = False
 
     def _end_idle_time(self) -> None:
-        """Bring the board from its last event to the present."""
+        """Advance the board from its last event to now."""
         self.dialect.advance_to(self._clock.device_us(self._now_ns))
         self._is_next_known = False
         self._record()
@@ -342,7 +342,7 @@ class Simulation:
         return self._clock.device_us(whole_ns) + (t_ns - whole_ns) / NS_PER_US
 
     def _overrun_host(self, room: int) -> None:
-        """Lose what a host's buffer of *room* bytes does not hold."""
+        """Drop bytes beyond the *room* of the host's receive buffer; count them."""
         self._unread_lost += max(0, len(self._unread) - room)
         del self._unread[room:]
 
@@ -353,12 +353,12 @@ class Simulation:
         return self.dialect.output_bytes > 0 and not waits
 
     def _feed_line(self) -> None:
-        """Give the line to the host more bytes, once it has sent the last ones."""
+        """Pass more bytes to the line once it is idle."""
         if self._up.free_ns <= self._now_ns and self._can_feed:
             self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self._now_ns)
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
 
 
 def _end_of_answer(data: bytes, at: int) -> int:
-    """Return the index behind the next frame: a delimiter in front of one ends nothing."""
+    """Return the index after the next frame; skip a leading delimiter."""
     return end_of_frame(data, at + data.startswith(DELIMITER, at))

@@ -144,6 +144,7 @@ class Heartbeat:
             os.close(self._wake_write)
 
     def _turn(self) -> None:
+        """Run one iteration of the event loop."""
         simulation, port, now_ns = self._simulation, self._port, self._elapsed_ns()
         # Late for what it meant to wake for: for so long the host's bytes may lie here already.
         # Time spent idle is not counted, or a frame after a pause would take no time on the line.
@@ -171,7 +172,7 @@ class Heartbeat:
             self._counts.update(simulation.dialect.counters, now_ns)
 
     def _advance_to(self, now_ns: int) -> None:
-        """Let the board come to *now_ns*; most of what a slow simulator takes is no time for it."""
+        """Advance the board to *now_ns*; discount most of the time a simulator takes to compute."""
         simulation, begin_ns = self._simulation, time.monotonic_ns()
         given_ns = round((now_ns - simulation.now_ns) * self._slow_down)
         simulation.advance_to(now_ns)
@@ -194,17 +195,14 @@ class Heartbeat:
             )
 
     def _answer(self, now_ns: int) -> None:
-        """Give the port what has come from the board."""
+        """Write the board's bytes to the port."""
         data = self._simulation.host_read()
         self._port.write(data)
         if data and self._tap is not None:
             self._tap.to_host(now_ns, data)
 
     def _hand_over(self, now_ns: int) -> None:
-        """Let the worker have its records: every so often, as each time wakes it up.
-
-        One that is behind gets more as soon as it takes more: that is what :meth:`_wait` wakes for.
-        """
+        """Send pending records to the worker process at most once per period."""
         worker = self._worker
         if worker is None or not worker.pending:
             return
@@ -213,7 +211,7 @@ class Heartbeat:
             self._hand_over_ns = now_ns + _HAND_OVER_NS
 
     def _wait(self) -> None:
-        """Sleep until bytes come, the other side takes bytes, or something is due."""
+        """Sleep until bytes arrive, the port is writable or an event is due."""
         reading = self._port.reading() if self._simulation.host_room else []
         writing = self._port.writing()
         hand_over_ns = None
@@ -247,13 +245,13 @@ class Heartbeat:
         return None if due_ns is None else round((due_ns - self._start_ns) / self._slow_down)
 
     def _elapsed_ns(self) -> int:
-        """Return the time since power-up, in the whole microseconds on which bytes are taken."""
+        """Return the time since power-up, rounded to whole microseconds."""
         elapsed_ns = time.monotonic_ns() - self._start_ns
         return whole_board_us(round(elapsed_ns / self._slow_down))
 
 
 def _heartbeat_timeout_s(wait_ns: int | None) -> float | None:
-    """Return the longest sleep; 0 if waking up would take longer than the wait."""
+    """Return the longest sleep; 0 if waking up would take longer."""
     if wait_ns is None:
         return None
     wait_ns = min(wait_ns, _LONGEST_NS)

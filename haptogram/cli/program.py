@@ -94,7 +94,7 @@ def result_of_command(words: Sequence[str]) -> tuple[int, bytes, str]:
 
 
 def _run_command(words: Sequence[str], heard: list[int]) -> int:
-    """Run a command and return its exit status; the signals that came are added to *heard*."""
+    """Run a command and return its exit status; record received signals in *heard*."""
     parser = _parser_of_commands(words)
     try:
         arguments = parser.parse_args(words)
@@ -124,7 +124,7 @@ def _interrupted_command(parser: Parser) -> int:
 
 @contextlib.contextmanager
 def _command_ended_by_signals(heard: list[int]) -> Iterator[None]:
-    """Let SIGTERM and SIGHUP (a CI out of time, a closed terminal) clean up as Ctrl-C does.
+    """Handle SIGTERM and SIGHUP like Ctrl-C; record them in *heard*.
 
     One that is ignored from the start (nohup, a job in the background) stays so; those that came
     are in *heard*.

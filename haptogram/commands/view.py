@@ -186,7 +186,7 @@ def _serve_view(
 def _follow_view(
     server: ViewServer, scene: LiveViewerScene, stream: BackdoorReader, starter: _ViewStarter | None
 ) -> None:
-    """Hand on what has come; a board that has ended can still be looked at."""
+    """Pass new records to the view server; do nothing once the board has ended."""
     if scene.ended:
         return
     records = stream.read()

@@ -128,11 +128,12 @@ def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
 
 
 def _is_found(result: CaseResult) -> bool:
-    """Return whether the case failed, and not only the recovery behind it."""
+    """Return whether the case itself failed, not only the recovery after it."""
     return MEANINGS[result.behaviour].exit_status == FAIL
 
 
 def _is_broad(result: CaseResult) -> bool:
+    """Return True if many causes can make the case fail."""
     return result.case.removeprefix(result.clause).removeprefix("-") in BROAD
 
 
@@ -158,7 +159,7 @@ def common_finding(failures: Sequence[CaseResult]) -> CommonFinding | None:
 
 
 def _parts(finding: str) -> set[str]:
-    """Return a finding and the parts of it that say something, with the numbers left out."""
+    """Split a finding into its clauses, without numbers."""
     whole = _NUMBERS.sub("#", _CONTEXT.sub("", finding))
     parts = re.split("[,;:] ", whole)
     return {part for part in (whole, *parts) if len(part.split()) >= _LEAST_WORDS}

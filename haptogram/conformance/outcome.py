@@ -209,7 +209,7 @@ def _is_drive(value: object) -> bool:
 
 
 def _is_short(value: object) -> bool:
-    """Return whether a sequence is told whole: a few plain values."""
+    """Return whether a sequence is short enough to be printed in full."""
     if not isinstance(value, Sequence) or isinstance(value, str | bytes) or len(value) > _WHOLE:
         return False
     return all(isinstance(part, int | str | enum.Enum) for part in value)

@@ -52,6 +52,7 @@ class Arming:
         return self._link.request(messages.Disarm(), messages.DisarmReply).state
 
     def _mute(self) -> OutputState:
+        """Send MUTE; return the output state of the reply."""
         return self._link.mute(messages.MuteReply, self._link.timeout_ns).state
 
     def rearm_if_timed_out(self, first_us: int) -> None:
@@ -86,7 +87,7 @@ class Arming:
         return min(known.hold_ms, known.host_timeout_ms) * 1_000_000 // _REFRESHES
 
     def _fresh_status(self) -> messages.StatusReply:
-        """Return the status, asked again if this host was held up before it read the answer."""
+        """Return the status; ask again if the host was delayed before it read the reply."""
         for _ in range(_REFRESHES):
             asked_ns = self._link.now_ns()
             status = self._link.request(messages.GetStatus(), messages.StatusReply)
@@ -95,7 +96,7 @@ class Arming:
         return status
 
     def _hold_ends_before(self, first_us: int, status: messages.StatusReply) -> bool:
-        """Return True if the hold of the present drive may end before the first frame latches.
+        """Return True if the current hold may expire before the first frame latches.
 
         The first frame may come later than planned: by half of *first_us*, or by some
         milliseconds if it is sent at once.

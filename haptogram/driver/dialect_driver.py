@@ -237,6 +237,7 @@ class DialectDriver(ClosedByWith):
         self._refuse(name, self.dialect)
 
     def _refuse(self, name: str, dialect: str | Dialect) -> NoReturn:
+        """Raise NotOnThisWireError for an operation that the dialect lacks."""
         wire = dialect.name if isinstance(dialect, Dialect) else dialect
         raise NotOnThisWireError(f"{name}: {wire} has no bytes for it")
 
@@ -356,7 +357,7 @@ class DialectDriver(ClosedByWith):
         return DialectFrameBuilder(self.model, self._display, self._channels)
 
     def _show(self, frame: DialectFrame) -> Intended:
-        """Send a frame with foci, and take down what is to be latched and what the bytes are."""
+        """Send a frame with foci; record the intended drive and the observed bytes."""
         intended = frame.intended(self.intended.total)
         self.intended.append(intended)
         seen = self._send(frame)
@@ -373,6 +374,7 @@ class DialectDriver(ClosedByWith):
         return intended
 
     def _send(self, frame: DialectFrame) -> list[int | None] | None:
+        """Send a frame; first the off-frame if the board may have lost its state."""
         silent_ns = self._line.now_ns() - self._shown_ns
         if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:
             self._line.send(self._display.off())

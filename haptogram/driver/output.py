@@ -123,7 +123,7 @@ class HostOutput:
         )
 
     def _make_ready(self, frames: list[Frame], first_us: int) -> None:
-        """End a playback that goes on, tell the speed of sound of *frames*, see to the arming."""
+        """Stop a running playback, set the sound speed of *frames*, rearm if needed."""
         self._player.stop()
         self._configuration.agree_on_sound_speed(frames)
         self._arming.rearm_if_timed_out(first_us)

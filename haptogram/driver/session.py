@@ -172,7 +172,7 @@ class DriverSession:
         return unwrap(event.header.time_us, self.clock.to_device_us(event.t_rx_us * 1000), 32)
 
     def _take(self, event: EventReceived | ReplyReceived | FrameDropped) -> None:
-        """Take a message for which no request waits."""
+        """Process a message that no request awaits."""
         if isinstance(event, ReplyReceived):
             self.pinger.take(event)
         elif isinstance(event, EventReceived):

@@ -246,6 +246,7 @@ class Streamer:
         )
 
     def _encoded(self, frames: list[Frame], schedule: Schedule, t0_us: int) -> Iterator[_Encoded]:
+        """Yield each frame with its number, due time and wire bytes."""
         for number, frame in enumerate(frames):
             due_us = t0_us + schedule.offset_us(number)
             index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=due_us)
@@ -259,6 +260,7 @@ class Streamer:
         latest_us: int | None = None,
         sent_us: int | None = None,
     ) -> Intended:
+        """Record the intended drive of a sent frame."""
         key, number = FrameKey.of_stream(self._identity.nonce, index), self._intended.total
         intended = frame.intended(number, key, due_us, t_latest_us=latest_us, t_sent_us=sent_us)
         self._intended.append(intended)

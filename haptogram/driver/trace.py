@@ -109,6 +109,7 @@ class DriverTraceReader:
         return replies
 
     def _joined(self, replies: list[messages.DriveReply], now_ns: int) -> Observation:
+        """Join READ_DRIVE replies into one observation."""
         halves = [(r.data[: len(r.data) // 2], r.data[len(r.data) // 2 :]) for r in replies]
         data = b"".join(phases for phases, _ in halves) + b"".join(levels for _, levels in halves)
         drive = self._drive(data)
@@ -134,6 +135,7 @@ class DriverTraceReader:
         return FrameKey(self._session, key.sequence, key.loop, key.index)
 
     def _unwrap(self, wire_us: int, near_ns: int) -> int:
+        """Extend a 32-bit device time by the current clock."""
         return messages.unwrap(wire_us, self._clock.to_device_us(near_ns), 32)
 
     def _drive(self, data: bytes) -> Drive:

@@ -122,7 +122,7 @@ def upload_correction(link: Link, identity: messages.HelloReply, codes: bytes) -
 
 
 def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:
-    """Send every chunk; behind a lost one, go back to what the board has."""
+    """Send every chunk; after a loss, resume at the board's offset."""
     received = 0
     while received < len(data):
         before, received = received, _send_chunks_from(link, data, size, received)
@@ -131,7 +131,7 @@ def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:
 
 
 def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
-    """Send chunks until one is refused behind a lost one; return the bytes that are there.
+    """Send chunks until one is refused after a loss; return the bytes the board holds.
 
     The link repeats the lost one.
     """
@@ -156,7 +156,7 @@ def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
 
 
 def _may_send_chunk(link: Link, size: int) -> bool:
-    """Return True if window and line have room; a MUTE must not wait behind many chunks."""
+    """Return True if window and line have room; queued chunks must not delay a MUTE."""
     unsent = link.line.unsent_bytes(link.now_ns())
     return link.connection.chunks_free > 0 and unsent <= size
 

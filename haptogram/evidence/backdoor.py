@@ -169,7 +169,7 @@ def why_observations_incomplete(
 
 
 def _lacked_latches(records: Sequence[Mapping[str, Any]], session: int | None) -> int:
-    """Return how many latches of *session* are missing before the last one that was told."""
+    """Return the number of latch records missing from a session."""
     numbers = [
         record["number"]
         for record in records
@@ -277,7 +277,7 @@ def observed_reconstruction_of(fields: Mapping[str, Any] | None) -> Reconstructi
 
 
 def _observed_value(value: Any) -> Any:
-    """Return a JSON value as the reconstruction holds it: tuples, and infinity for null."""
+    """Convert a JSON value back: lists to tuples, null to infinity."""
     if isinstance(value, list):
         return tuple(_observed_value(item) for item in value)
     return math.inf if value is None else value

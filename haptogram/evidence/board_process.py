@@ -101,7 +101,7 @@ class BoardProcess:
             time.sleep(_POLL_S)
 
     def _progress(self) -> tuple[int, int]:
-        """Return what grows as the process works: its log and, on Linux, its processor time."""
+        """Return log size and processor time, which grow while the process works."""
         try:
             children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
             ticks = sum(_processor_ticks(pid) for pid in (str(self.pid), *children))
@@ -110,7 +110,7 @@ class BoardProcess:
         return len(self.log()), ticks
 
     def _step(self) -> str:
-        """Return what the process is at, by the last line of its log."""
+        """Return the current start-up step from the last line of the log."""
         *_, last = ["", *self.log().splitlines()]
         return last.rpartition(_STARTING)[2] or _INTERPRETER
 

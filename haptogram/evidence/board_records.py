@@ -113,7 +113,7 @@ class BoardRecords:
     def _read_until(
         self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
     ) -> None:
-        """Read until *enough*, or until no more records are to be expected."""
+        """Read until *enough* returns True, or until no more records are expected."""
         quiet_since_s = self._now_s()
         while True:
             count = len(self.records)
@@ -130,6 +130,6 @@ class BoardRecords:
 
     @property
     def _is_closed(self) -> bool:
-        """True if the last record has come, that of the end."""
+        """Return True once the end record has been received."""
         records = self.records
         return bool(records) and records[-1]["kind"] == "end"

@@ -287,7 +287,7 @@ class PortBoardUnderTest(BoardUnderTest):
         self._dropped_before = driver.status().counters.trace_dropped
 
     def _best_trace(self, features: Feature) -> TraceMode | None:
-        """Return the mode that tells most of what is sent; None: the board has none."""
+        """Return the most detailed trace mode supported; None if there is none."""
         by_feature = {
             Feature.TRACE: TraceMode.CRC,
             Feature.TRACE_DRIVE: TraceMode.DRIVE,
@@ -299,7 +299,7 @@ class PortBoardUnderTest(BoardUnderTest):
 
     @staticmethod
     def _gaps_of(mode: TraceMode, divider: int) -> str | None:
-        """Return the gaps of a trace in *mode* in words; None: it has none."""
+        """Return the gaps in the trace as text, if any."""
         if mode is TraceMode.OFF:
             return "the board has no trace in force, and its last drive only was read back"
         if mode is TraceMode.DRIVE and divider > 1:
@@ -310,7 +310,7 @@ class PortBoardUnderTest(BoardUnderTest):
         return None
 
     def _divider(self, identity: HelloReply) -> int:
-        """Return k so that every k-th drive in full leaves half of the line free."""
+        """Return the trace divider that leaves half of the line free."""
         if self._baudrate is None:
             return 1
         size = frame_bytes_on_line(TraceDrive.LAYOUT.size + 2 * identity.transducers)

@@ -126,7 +126,7 @@ def measure_run_of_dialect(
 
 @contextlib.contextmanager
 def _cut_of_dialect_run(found: RunRecord, driver: DialectDriver, total: int) -> Iterator[None]:
-    """Let an interrupt, a broken link or a refusal end what is done here, and not its results."""
+    """Convert an interrupt, a broken link or a refusal into the end of the run."""
     try:
         yield
     except KeyboardInterrupt:

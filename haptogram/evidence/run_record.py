@@ -178,7 +178,7 @@ def measure_run(
                 found.report = _display_run(config, driver, frames, progress)
             board.finish(driver)  # after an interrupt as well: the board is there
             growth, lease_us = _growth_of_run(driver, before), _lease_of_run_us(driver, config)
-            found.troubles = _troubles_of_run(
+            found.troubles = _unexpected_run_counters(
                 driver, growth, _OWN_MUTE if found.interrupted else ()
             )
     finally:
@@ -186,7 +186,7 @@ def measure_run(
     found.warnings += _state_changes_of_run(driver, found.report)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if found.cut is not None:
-        found.observations = _run_until_the_cut(found)
+        found.observations = _drop_after_interruption(found)
     if tap is not None:
         tap.tell(board.records())
     found.silences = board.silences(driver)
@@ -247,7 +247,7 @@ def note_calibration_of_run(
 
 @contextlib.contextmanager
 def _interrupted_run(found: RunRecord, driver: Driver, total: int) -> Iterator[None]:
-    """Let an interrupt end what is done here, and nothing more; the board is mute at once."""
+    """Convert an interrupt into the end of the run; the board is muted at once."""
     try:
         yield
     except KeyboardInterrupt:
@@ -272,7 +272,7 @@ def _earliest_mute_of_run_us(driver: Driver) -> int:
 def _cut_of_run(
     found: RunRecord, driver: Driver, board: BoardUnderTest, total: int, *, faulty: bool
 ) -> Iterator[None]:
-    """Let a broken link, or an interrupt at any time, end what is done here.
+    """Convert a broken link or an interrupt into the end of the run.
 
     A board that the host has lost still latches what it was sent.
     """
@@ -296,7 +296,7 @@ def _growth_of_run(driver: Driver, before: Counters) -> dict[str, int]:
 
 
 def _lease_of_run_us(driver: Driver, config: VerifyConfig) -> int:
-    """Return how long the board goes on without a word of the host, less the error of the clock."""
+    """Return how long the board continues without host traffic, less the clock error."""
     is_played = config.drive.mode == "sequence"
     lease_ms = DEFAULT_UNATTENDED_MS if is_played else driver.config().host_timeout_ms
     return 1000 * lease_ms - math.ceil(driver.clock.uncertainty_us)
@@ -305,15 +305,15 @@ def _lease_of_run_us(driver: Driver, config: VerifyConfig) -> int:
 def _neglects_of_run_us(
     driver: Driver, timeouts_us: Iterable[int], lease_us: float
 ) -> tuple[int, ...]:
-    """Return those of the timeouts that a silence of the host explains."""
+    """Return the timeouts that a pause of the host explains."""
     silences = [(begin + lease_us, end + _UNDER_WAY_US) for begin, end in driver.silences_us()]
     return tuple(t for t in timeouts_us if any(low <= t <= high for low, high in silences))
 
 
-def _troubles_of_run(
+def _unexpected_run_counters(
     driver: Driver, growth: dict[str, int], expected: Iterable[str]
 ) -> dict[str, dict[str, int]]:
-    """Return what both sides of the line counted that should not have been."""
+    """Return unexpected error counters of board and host."""
     fine = GROWING_COUNTERS.union(expected)
     sides = {"board": growth, "host": driver.link_counters}
     bad = {
@@ -350,8 +350,8 @@ def _display_run(
     )
 
 
-def _run_until_the_cut(found: RunRecord) -> Sequence[Observation]:
-    """Leave out what a sequence played on by itself between the cut and the MUTE."""
+def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
+    """Drop playback latches between the interruption and the MUTE."""
     wanted = {intended.key for intended in found.intended}
     return only_kept_records(
         found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted
@@ -359,7 +359,7 @@ def _run_until_the_cut(found: RunRecord) -> Sequence[Observation]:
 
 
 def _state_changes_of_run(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:
-    """Tell when the board changed its output by itself: it explains frames that were lost.
+    """Return texts on state changes that the board made on its own.
 
     Not of the time before the first frame: while many are prepared the lease may run out, and the
     driver arms the board again.

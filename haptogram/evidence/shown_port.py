@@ -102,7 +102,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
         return why_observations_incomplete(self._records, driver.session, last)
 
     def _read(self) -> bool:
-        """Take the records that have come; return False, a moment later, if none has."""
+        """Read new records; return False after a short sleep if there are none."""
         if found := self._reader.read():
             self._records += found
             return True

@@ -170,7 +170,7 @@ class VerifiedBoard(ClosedByWith):
                 yield f"  {_VIRTUAL_TIME}"
 
     def _records(self) -> list[dict[str, Any]]:
-        """Wait until the board is quiet, end it, and return its records."""
+        """Wait until the board is idle, stop it and return its records."""
         waited_s = quiet_s = 0.0
         count = len(self._board.records())
         while waited_s < min(_LONGEST_S, quiet_s + _QUIET_S):
@@ -182,7 +182,7 @@ class VerifiedBoard(ClosedByWith):
         return self._board.records()
 
     def _watched(self, records: Sequence[Mapping[str, Any]]) -> tuple[WatchResult, int]:
-        """Return the verdict on all latches, and how many radiated something."""
+        """Return the verdict on all latches, and the number of sounding ones."""
         board = WatchedBoard(records[0])
         frames_m = [board.ours_m(frame) for frame in self._frames_m]
         expected = Expectation(board.model, frames_m, tolerance=self._tolerance)
@@ -227,7 +227,7 @@ def _verified_lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[st
 
 
 def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield a line if the driver left the output on: the state before the board was told to end."""
+    """Yield a line if the output was still on before power-down."""
     states: list[Mapping[str, Any]] = []
     for record in records:
         if record.get("event") == "power_down":

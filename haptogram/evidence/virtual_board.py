@@ -403,7 +403,7 @@ class VirtualBoard(ClosedByWith):
 
 
 def _check_session_of_virtual_board(intended: Sequence[Intended]) -> None:
-    """Refuse frames that are none, or of several sessions: a board shows one session at a time."""
+    """Refuse an empty list of frames, or frames of several sessions."""
     check_intended(intended)
     sessions = sorted({entry.key.session for entry in intended})
     if len(sessions) > 1:

@@ -182,7 +182,7 @@ def check_files_writable(outputs: Mapping[str, Path], *, in_place: bool = False)
 
 
 def _check_folder_takes_files(path: Path, target: Path) -> None:
-    """Raise unless a file can be made beside *target*, which *path* leads to, and take its name."""
+    """Raise unless a file can be created in the folder of *target*."""
     folder = next(parent for parent in target.parents if parent.exists())
     _refuse_folder_in_root(path, folder)
     if not folder.is_dir():
@@ -225,7 +225,7 @@ def _make_folder_of_output(path: Path, target: Path) -> None:
 
 
 def _refuse_folder_in_root(path: Path, found: Path) -> None:
-    """Raise if *path*, of which *found* is there, would make a folder beside those of the system.
+    """Raise if *path* would create a folder in the root of the file system.
 
     A relative path does, where the root is the current folder.
     """

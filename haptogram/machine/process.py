@@ -132,7 +132,7 @@ def _fix_process_priority(stack: contextlib.ExitStack) -> Iterator[str]:
 
 
 def _lock_process_memory(stack: contextlib.ExitStack) -> Iterator[str]:
-    """Keep every page in memory: a page fault from the disk takes milliseconds.
+    """Lock all pages in memory against page faults; yield the reason if impossible.
 
     Yield why it cannot be; *stack* undoes it.
     """

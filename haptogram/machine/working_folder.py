@@ -63,7 +63,7 @@ class WorkingFolder:
             os.close(lock)
 
     def _own(self, folder: Path) -> int | None:
-        """Return the lock of *folder*; None: another process has it, or removed the folder."""
+        """Return the lock of *folder*; None if another process owns or removed it."""
         fcntl = self._fcntl
         with contextlib.suppress(OSError):
             lock = os.open(folder / _OWNER, os.O_RDWR | os.O_CREAT, 0o600)

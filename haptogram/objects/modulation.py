@@ -132,6 +132,7 @@ class Modulation:
         return modulate_place(frames, frequency_hz=frequency_hz, shift_m=self.shift_m)
 
     def _along(self, path_m: ArrayLike, rate_hz: float) -> FocusFrames:
+        """Return frames that move the focus along a path (spatio-temporal modulation)."""
         if self.dwell_s is not None:
             raise ConfigurationError(
                 f"a dwell of {self.dwell_s * 1e3:g} ms: stm moves on with every frame"

@@ -73,7 +73,7 @@ class FeltSignal:
 
     @property
     def _varying_pa(self) -> FloatArray:
-        """Amplitudes without the mean, and without what the rounding of it leaves."""
+        """Return the amplitudes without the mean and without rounding noise."""
         heard = self.amplitude_pa > _ROUNDING * self.amplitude_pa[0]
         heard[0] = False
         return np.where(heard, self.amplitude_pa, 0.0)
@@ -120,7 +120,7 @@ def felt_signal_at(
 def _settled_felt_signal(
     engine: FieldEngine, frames: FocusFrames, point_m: FloatArray
 ) -> ComplexArray:
-    """Return the pressure (F,) at a point of every frame, once its transducers have settled."""
+    """Return the pressure (F,) at a point in each frame's steady state."""
     foci, which = np.unique(frames.points_m, axis=0, return_inverse=True)
     parts = [
         engine.pressure(

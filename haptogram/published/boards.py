@@ -26,6 +26,7 @@ _STRENGTH_PA_M: Final = 3.10
 
 
 def _row_centre_mm(model: AcousticModel) -> float:
+    """Return the distance |y| of the array's centre from the origin, in mm."""
     return 1e3 * abs(float(model.array.centre_m[1]))
 
 

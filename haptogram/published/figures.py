@@ -133,6 +133,7 @@ def _pressure_rms_pa(model: AcousticModel, focus_m: Point) -> float:
 def _mean(
     of_focus: Callable[[AcousticModel, Point], float], points: Callable[[], FloatArray]
 ) -> Callable[[AcousticModel], float]:
+    """Return a function that averages a figure over target points."""
     return lambda model: float(
         np.mean([of_focus(model, (x, y, z)) for x, y, z in points().tolist()])
     )

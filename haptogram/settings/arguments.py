@@ -62,7 +62,7 @@ def check_whole(name: str, value: Any, low: int, high: int, unit: str = "") -> i
 
 
 def _argument_with_type(value: Any) -> str:
-    """Return *value* as :func:`shown_argument` does, but 8.0, not 8, where the type is wrong."""
+    """Format *value* as :func:`shown_argument` does; floats keep their ".0" in type errors."""
     return repr(float(value)) if isinstance(value, float) else shown_argument(value)
 
 

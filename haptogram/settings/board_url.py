@@ -93,6 +93,7 @@ def _port_config_of_url(parts: SplitResult, default: BoardConfig | None) -> Port
 
 
 def _of_dialect(name: str, text: str) -> str:
+    """Return a dialect option as URL query text."""
     return urlencode({"dialect_option": f"{name}={text}"}, safe="=")
 
 

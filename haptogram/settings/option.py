@@ -163,6 +163,7 @@ class Option:
         return _SIGNS.get(self.unit, "")
 
     def _fits(self, item: Any) -> bool:
+        """Return True if a value is valid."""
         try:
             self._checked_item(item)
         except ConfigurationError:

@@ -233,6 +233,7 @@ class Parser(argparse.ArgumentParser):
         return not word.startswith("--") and word[:2] in self.option_actions
 
     def _given(self, words: Sequence[str]) -> Iterator[str]:
+        """Yield the names of the options on the command line."""
         actions = self.option_actions
         return (
             actions[word].dest for word in _options_among_command_words(words) if word in actions
@@ -248,7 +249,7 @@ def _in_short(action: argparse.Action) -> argparse.Action:
 
 
 def _options_among_command_words(words: Sequence[str]) -> Iterator[str]:
-    """Yield the words that argparse takes for options, without their values."""
+    """Yield the option names among command-line words."""
     for word in words:
         if word == "--":
             return

@@ -80,7 +80,7 @@ def read_json_file(path: Path, option: str) -> Any:
 
 
 def _check_depth(document: dict[str, Any] | list[Any], left: int = _DEEPEST) -> None:
-    """Raise RecursionError for a document that is deeper than what shows or compares it can go."""
+    """Raise RecursionError for a document nested too deeply."""
     if not left:
         raise RecursionError
     for item in document.values() if isinstance(document, dict) else document:

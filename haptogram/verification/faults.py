@@ -157,7 +157,7 @@ def _phase_drive_faults(
         named = _mixed_up_drive_fault(model, intended, wanted, found, grid)
         named = named or shaped_drive_fault(model, intended, difference, allowance)
         named = named or _units_out_of_step(model, difference, grid)
-    named = named or _stuck_together(model, found, off, grid)
+    named = named or _shared_phase_fault(model, found, off, grid)
     if not named and few:
         named = list(_single_element_drive_faults(model, difference, off, grid))
     return named or [UNNAMED]
@@ -166,7 +166,7 @@ def _phase_drive_faults(
 def _mixed_up_drive_fault(
     model: AcousticModel, intended: Intended, wanted: Codes, found: Codes, grid: PhaseGrid
 ) -> list[str]:
-    """Name the mistake in the order, the sign or the packing that would make this drive."""
+    """Name the wrong order, sign or packing of elements that explains a drive."""
     # A board that mixes up the elements may round the halves its own way: then a step is allowed.
     for allowance in (0, -(-grid.registers // grid.steps) * grid.code):
         for name, candidate in mixed_up_drives(model, intended, wanted):
@@ -192,7 +192,7 @@ def _is_same_faulty_drive(found: Codes, candidate: Codes, allowance: int) -> boo
 def _rounded_down_drive_fault(
     model: AcousticModel, intended: Intended, grid: PhaseGrid
 ) -> Codes | None:
-    """Return the codes of a focus without rounding; None if there are several foci."""
+    """Return the codes of a focus rounded down instead of to nearest; None for several foci."""
     if len(intended.foci) != 1:
         return None
     (focus,) = intended.foci
@@ -203,7 +203,7 @@ def _rounded_down_drive_fault(
 
 
 def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | None:
-    """Return by how many places the elements were shifted, the shortest way round; None: not so."""
+    """Return by how many places the elements were rolled, with the smaller sign; None if not."""
     count = len(wanted)
     start = np.arange(1, count)
     # Three elements tell almost every shift apart; only what passes is compared as a whole.
@@ -269,7 +269,7 @@ def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid)
     """Name parts of the array that are each off by one phase, if that explains all errors."""
     values, counts = np.unique(difference, return_counts=True)
     relative = _signed_drive_difference(difference - values[counts.argmax()])
-    relative = _joined_by_rounding(relative, grid.step)
+    relative = _merge_rounding_errors(relative, grid.step)
     errors = [int(error) for error in np.unique(relative) if error]
     bits = len(difference) * np.log2(grid.steps / len(values))
     if (
@@ -285,8 +285,8 @@ def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid)
     ]
 
 
-def _joined_by_rounding(errors: Codes, step: float) -> Codes:
-    """Return *errors* with the commonest in place of those a step beside it, but for the small.
+def _merge_rounding_errors(errors: Codes, step: float) -> Codes:
+    """Return *errors* with values one step from the commonest replaced by it.
 
     A phase that is added before the rounding makes two codes of one error.
     """
@@ -307,10 +307,10 @@ def _numbered_run_text(model: AcousticModel, numbers: NDArray[np.intp]) -> str:
     return faulty_elements_text(model, numbers)
 
 
-def _stuck_together(
+def _shared_phase_fault(
     model: AcousticModel, found: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> list[str]:
-    """Name wrong elements that all have one phase, if so many would hardly have it by chance."""
+    """Name wrong elements that share one phase, if that is unlikely by chance."""
     numbers = np.flatnonzero(off)
     bits = (len(numbers) - 1) * np.log2(grid.steps)
     if bits < _CHANCE_BITS or (found[numbers] != found[numbers[0]]).any():

@@ -99,7 +99,7 @@ def groups_of_elements(
 def _shared_lag(
     members: Sequence[int], lags_rad: Mapping[int, float], spread_rad: float
 ) -> float | None:
-    """Return the lag that all *members* have; None: they differ."""
+    """Return the lag common to all *members*, or None."""
     lags = np.array([lags_rad[element] for element in members])
     lags = lags[np.isfinite(lags)]
     if len(lags) < _FEWEST:
@@ -129,6 +129,7 @@ def _classes_of_elements(
 
 
 def _classes(elements: Sequence[int], names: Sequence[str]) -> _Classes:
+    """Group the elements by name."""
     found: _Classes = defaultdict(list)
     for element, name in zip(elements, names, strict=True):
         found[name].append(element)

@@ -62,6 +62,7 @@ class LossJudge:
         )
 
     def _loss(self, wanted: Intended, due: DueFrame) -> tuple[FrameStatus, str, str]:
+        """Return status, fault and reason of a lost frame."""
         known, drop = self._known, self._known.drops.get(wanted.key)
         latest_us, sent_us = wanted.t_latest_us, wanted.t_sent_us
         if latest_us is not None and wanted.is_held_up:
@@ -97,6 +98,7 @@ def _loss_ms(time_us: int) -> str:
 
 
 def _left_in_time(spare_us: int) -> str:
+    """Return a text on the time margin with which a frame left the host."""
     return f"it left the host {_loss_ms(spare_us)} before it had to be at the board"
 
 
@@ -143,7 +145,7 @@ def unnamed_losses_reason(
 
 
 def _counted(lost: Sequence[FrameVerdict], counters: Mapping[str, int]) -> str:
-    """Return what the board counted: the drops that were seen, else what its counters say."""
+    """Return the observed drops as text, or else the drop counters of the board."""
     named = Counter(fault for frame in lost for fault in frame.faults)
     found = ", ".join(f"{name} {number}" for name, number in (named or counters).items())
     return found or _NOT_COUNTED

@@ -111,7 +111,7 @@ def grid_orders(grid: Codes) -> Iterator[tuple[str, Codes]]:
 
 
 def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:
-    """Yield the drive whose elements share one phase by twos."""
+    """Yield drives in which every second element repeats its neighbour's phase."""
     pairs = wanted[: len(wanted) // 2 * 2].reshape(-1, 2)
     for kept, name in ((0, "before"), (1, "behind")):
         copied = wanted.copy()
@@ -144,21 +144,21 @@ def shaped_drive_fault(
             return []
         for charge in _CHARGES:
             turned = difference[seen] - charge * around[seen] * TURN / (2.0 * np.pi)
-            if _most_apart(turned) <= 2.0 * limit:
+            if _code_range(turned) <= 2.0 * limit:
                 return [f"vortex of charge {charge:+d} in place of a focus"]
         if _is_half_plane(difference[seen], around[seen]):
             return ["twin in place of a focus: one half of the elements inverted"]
     return []
 
 
-def _most_apart(codes: NDArray[np.float64]) -> float:
-    """Return the range of codes after the one that all share is taken out."""
+def _code_range(codes: NDArray[np.float64]) -> float:
+    """Return the range of the codes after removal of their common phase."""
     common = np.angle(np.exp(2j * np.pi * codes / TURN).sum()) * TURN / (2.0 * np.pi)
     return float(np.ptp((codes - common + TURN / 2.0) % TURN))
 
 
 def _is_half_plane(difference: Codes, around: NDArray[np.float64]) -> bool:
-    """Return True if the codes differ by half a turn on the two sides of a line."""
+    """Return True if the codes differ by pi on the two sides of a line."""
     turned = (difference - difference[0]) % TURN == TURN // 2
     if not turned.any() or ((difference - difference[0]) % (TURN // 2)).any():
         return False

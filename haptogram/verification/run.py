@@ -134,7 +134,7 @@ def verify_run(
         uncertainty=uncertainty,
     )
     frames: list[FrameVerdict] = []
-    hold: Callable[[], HeldFocus | None] = _nothing_held
+    hold: Callable[[], HeldFocus | None] = _no_drive_yet
     drives = functools.cache(functools.partial(_frames_by_drive, intended))
     missed = _MissedFrames(intended, seen, losses, unseen, cut)
     quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
@@ -172,8 +172,8 @@ def verify_run(
     )
 
 
-def _nothing_held() -> None:
-    """Return None: nothing was latched yet."""
+def _no_drive_yet() -> None:
+    """Return None: no drive was latched yet."""
 
 
 def check_run_judgement(
@@ -207,14 +207,14 @@ def _observations_to_verify(entries: Iterable[Observation]) -> Iterator[Observat
 
 
 def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
-    """Return *entries* if they are a record in bounded memory, else an empty one."""
+    """Return *entries* if they are already a bounded record; else a new, empty one."""
     return entries if isinstance(entries, KeptRecords) else KeptRecords()
 
 
 def _run_verdict_of_kept(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
-    """Yield *observations* without those that may be of frames before the first of *intended*."""
+    """Yield *observations* without those of frames before the first intended one."""
     wanted = {frame.key for frame in intended}
     streamed = [key.index for key in wanted if key.sequence == STREAM]
     first = min(streamed, default=None)
@@ -261,7 +261,7 @@ class _MissedFrames:
 
 
 def _is_run_frame_unnamed(verdict: FrameVerdict, latch: Observation) -> bool:
-    """Return True if a drive is wrong, or its CRC is, in no way that has a name."""
+    """Return True if a wrong drive or CRC matches no named fault."""
     is_of_crc = latch.drive is None and verdict.status is FrameStatus.CORRUPT
     return is_of_crc or verdict.faults == (UNNAMED,)
 

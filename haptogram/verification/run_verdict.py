@@ -90,9 +90,7 @@ class RunVerdict(Judged):
     @property
     def odd_frames(self) -> list[FrameVerdict]:
         """Frames that are not on target, or not in time."""
-        return [
-            f for f in self.frames if f.status not in NOTHING_WRONG or _untimely_in_run_verdict(f)
-        ]
+        return [f for f in self.frames if f.status not in NOTHING_WRONG or _has_timing_error(f)]
 
     def findings(self) -> Iterator[tuple[str, list[FrameVerdict]]]:
         """Yield a line for each odd frame; of many, one for all with the same thing wrong."""
@@ -235,7 +233,7 @@ def cut_run_verdict_text(counts: Mapping[str, int]) -> str:
     return "".join(said)
 
 
-def _untimely_in_run_verdict(frame: FrameVerdict) -> bool:
+def _has_timing_error(frame: FrameVerdict) -> bool:
     return frame.late or frame.early or frame.latches > 1
 
 

@@ -33,6 +33,7 @@ from haptogram.settings.tolerance import (
 
 
 def _check_uncertain_air(temperature_c: float, humidity_percent: float) -> None:
+    """Refuse tolerances of temperature or humidity outside their limits."""
     check_number("temperature_c", temperature_c, 0.0, MOST_OFF_C)
     check_number("humidity_percent", humidity_percent, 0.0, MOST_OFF_HUMIDITY_PERCENT)
 

@@ -86,7 +86,7 @@ def _joined_unnumbered(
 def _next_unnumbered_pair(
     frames: Sequence[Intended], latches: Sequence[UnnumberedLatch], missing: int
 ) -> tuple[int, int]:
-    """Return how many frames and latches come before the first pair that is the same drive.
+    """Return how many frames and latches to skip up to the next pair with equal drives.
 
     As many of both, if there is such a pair. Else more frames if latches are *missing* in all, more
     latches if there are too many: an object that repeats fits in several ways. None of either
@@ -157,6 +157,6 @@ def _signed_lags_of_unnumbered(lags: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _unnumbered_without_lag(drive: Drive, lag: int) -> Drive:
-    """Return *drive* with *lag* taken off each phase code; silent elements have code 0."""
+    """Return *drive* with *lag* subtracted from each phase code; silent elements keep code 0."""
     codes = (drive.phase_codes.astype(np.int64) - lag) % _TURN
     return Drive(np.where(drive.amplitude_codes > 0, codes, 0), drive.amplitude_codes)

@@ -52,6 +52,7 @@ def cobs_encode(data: bytes) -> bytes:
 
 
 def _cobs_byte_by_byte(data: bytes) -> bytes:
+    """Encode with a plain loop."""
     pieces = data.split(_ZERO)
     out = b"".join([_CODES[len(p)] + p if len(p) < BLOCK else _cobs_blocks(p) for p in pieces])
     # A full block at the very end implies no zero, so no code byte follows it.
@@ -66,6 +67,7 @@ def _cobs_blocks(piece: bytes) -> bytes:
 
 
 def _cobs_all_at_once(data: bytes) -> bytes:
+    """Encode with long-integer arithmetic."""
     out = []
     rest = data + _ZERO  # the phantom zero that ends the last piece
     start, end = 0, len(rest)

@@ -103,7 +103,7 @@ class BackdoorPinCapture:
             drive = self._acts[-1][1]
             self._ramp = None if drive is None else (notice.t_us, notice.end_us, drive, 1.0)
         if isinstance(notice, events.RadiatedAnew) and self._acts and not self._is_silent:
-            self._radiate_anew(notice)
+            self._record_radiated_change(notice)
         is_off = isinstance(notice, events.StateChange) and notice.state is not OutputState.ARMED
         if self._ramp is not None and (is_off or isinstance(notice, events.RampEnded)):
             self._follow_ramp(notice.t_us)
@@ -114,8 +114,8 @@ class BackdoorPinCapture:
         if is_off or (isinstance(notice, events.RampEnded) and not notice.restored):
             self._act(notice.t_us, None)
 
-    def _radiate_anew(self, notice: events.RadiatedAnew) -> None:
-        """Keep what is radiated under other settings; faults of the plan show from a latch on."""
+    def _record_radiated_change(self, notice: events.RadiatedAnew) -> None:
+        """Record the radiated drive after a change of settings."""
         if self._ramp is not None:
             self._follow_ramp(notice.t_us)
             begin_us, end_us, *_ = self._ramp
@@ -156,6 +156,7 @@ class BackdoorPinCapture:
         is_latch: bool = True,
         carrier: CarrierState = CarrierState.STEADY,
     ) -> None:
+        """Queue a change of the pins at *t_us*, if within the capture."""
         if weights is None and self._is_silent:
             return
         if not self._is_within(t_us):
@@ -286,7 +287,7 @@ class BackdoorPinCapture:
     def _late_pins(
         self, before: PinWaveformPulses, after: PinWaveformPulses, behind: FloatArray
     ) -> Iterator[tuple[float, PinWaveformPulses]]:
-        """Yield how long the pins are mixed of old and new drive, and that mixture.
+        """Yield intervals in which late pins still show the old drive, with the mixed waveform.
 
         Each pin is so many microseconds *behind* the board.
         """

@@ -96,7 +96,7 @@ class BackdoorEstimator:
 def _remembered(
     known: OrderedDict[Hashable, _Estimate], latch: _Latch, estimate: Callable[[_Latch], _Estimate]
 ) -> _Estimate:
-    """Return the estimate of a drive, made at most once while the drive is remembered."""
+    """Return the cached estimate of a drive."""
     key = _radiated_by_latch_record(latch)
     if key not in known:
         known[key] = estimate(latch)
@@ -184,7 +184,7 @@ class InlineReconstructionWorker:
         """Take down a latch."""
         self._latched += 1
         if self._told is not None and isinstance(latch, events.Latch):
-            self._owe(latch)
+            self._defer_reconstruction(latch)
             return
         estimator = self._estimator  # once: a signal may take it away at any time
         estimate = estimator.estimate(latch) if estimator else None
@@ -198,7 +198,8 @@ class InlineReconstructionWorker:
         else:
             self._write(records.backdoor_latch_record(latch, estimate))
 
-    def _owe(self, latch: events.Latch) -> None:
+    def _defer_reconstruction(self, latch: events.Latch) -> None:
+        """Write the record of a latch; reconstruct its field later, in batches."""
         record = records.backdoor_latch_record(latch, None)
         self._write(record)
         self._owed.append((latch, record))

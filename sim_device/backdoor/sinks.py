@@ -156,7 +156,7 @@ class SocketSink:
 
 
 def _send_backdoor_records(client: int, unsent: bytearray) -> bool:
-    """Send from *unsent* what *client* takes; return whether it is still there."""
+    """Send buffered records to a client; return False if it has disconnected."""
     try:
         while unsent:
             del unsent[: os.write(client, unsent)]

@@ -83,7 +83,7 @@ class ReconstructionWorker:
             self._input.flush()
             self._await_ready()
         except BaseException:
-            self._leave_nothing_behind()
+            self._await_exit()
             raise
         if reconstruct and find_spec("numba") is None:
             _LOG.info("fields are rebuilt without numba, several times slower")
@@ -123,6 +123,7 @@ class ReconstructionWorker:
             self._queue(notice)
 
     def _queue(self, item: object) -> None:
+        """Queue a record; send in batches."""
         self._waiting.append(item)
         if len(self._waiting) >= BATCH and not self.is_refusing:
             self.pump()
@@ -180,6 +181,7 @@ class ReconstructionWorker:
         return self._failure
 
     def _drain(self, deadline_s: float) -> None:
+        """Send queued records until the deadline."""
         with selectors.DefaultSelector() as selector:
             selector.register(self._input, selectors.EVENT_WRITE)
             while self.pending and self._alive and time.monotonic() < deadline_s:
@@ -187,7 +189,7 @@ class ReconstructionWorker:
                 self.pump()
 
     def _lose(self) -> None:
-        """Go on without the worker, which is gone; count what it did not take."""
+        """Discard the dead worker; count its unprocessed records as dropped."""
         self._alive = False
         self.dropped += self.pending
         self._waiting.clear()
@@ -202,8 +204,8 @@ class ReconstructionWorker:
         self._process.kill()
         raise HaptogramError("the reconstruction worker has not started")
 
-    def _leave_nothing_behind(self) -> None:
-        """Wait for the end of a worker that is not needed: it would make its output later."""
+    def _await_exit(self) -> None:
+        """Wait for an unneeded worker to exit, lest it write late."""
         for pipe in (self._input, self._process.stdout):
             _close_worker_pipe(pipe)
         try:

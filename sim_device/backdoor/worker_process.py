@@ -54,7 +54,7 @@ def run_reconstruction_worker() -> None:
         with contextlib.suppress(OSError):  # from here the board and its host come first
             os.nice(_NICENESS)
         _record_all_at_worker(items, recorder, sink)
-        _linger_at_sink(sink)
+        _drain_sink_of_worker(sink)
     except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost
         text = f"{error}\n".encode()
         _answer_of_worker(1, text)  # for the end of the board, or instead of READY
@@ -65,14 +65,14 @@ def run_reconstruction_worker() -> None:
 
 
 def _is_board_of_worker_there() -> bool:
-    """Wait a moment; return False once the board has closed its end of the input, or has died."""
+    """Wait briefly; return False once the board has closed the pipe."""
     input_end = select.poll()
     input_end.register(0, 0)
     return not input_end.poll(_LOOK_MS)
 
 
 def _answer_of_worker(to: int, text: bytes) -> None:
-    """Tell the board *text*; a board that was ended in the meantime has closed the pipe."""
+    """Send *text* to the board; ignore a closed pipe."""
     with contextlib.suppress(BrokenPipeError):
         os.write(to, text)
 
@@ -92,8 +92,8 @@ def _record_all_at_worker(
     recorder.finish(clean=False)  # the board ended without saying so
 
 
-def _linger_at_sink(sink: RecordSink) -> None:
-    """Let slow readers take the last records."""
+def _drain_sink_of_worker(sink: RecordSink) -> None:
+    """Serve slow readers until their records are sent or a deadline passes."""
     deadline_s = time.monotonic() + LINGER_S
     while sink.pending and time.monotonic() < deadline_s:
         time.sleep(_IDLE_S)

@@ -182,7 +182,7 @@ class Board:
             raise ValueError(f"board is at {self.output.now_us} µs, cannot go back to {t_us} µs")
 
     def _next_due(self) -> Due | None:
-        """Return the next action; at one time, latches come before timers."""
+        """Return the next due action; latches precede timers at equal times."""
         due = self.output.next_timer()
         if self._playback is not None:
             due_us = self.output.boundary_us(self._playback.due_us)
@@ -246,7 +246,7 @@ class Board:
         return Drop.LATE if -margin_us > self.output.config.late_window_us else None
 
     def _ready_us(self, content: Content) -> int:
-        """Return when a frame that comes now can be latched: HG-5.8."""
+        """Return the earliest latch time of a frame that arrives now (HG-5.8)."""
         points = 0 if isinstance(content, Drive) else len(content)
         begins_us = max(self.output.now_us, self._computed_us)
         computed_us = begins_us + points * self.settings.point_time_us

@@ -135,7 +135,7 @@ class BoardOutput:
         self._note_radiated()
 
     def _note_radiated(self) -> None:
-        """Note that a drive that sounds is radiated in another way from now on."""
+        """Emit an event that the radiated drive has changed."""
         if not self._sounding or self.latched is None:
             return
         drive, ramp = self.latched.drive, self._timers.ramp
@@ -152,6 +152,7 @@ class BoardOutput:
             self._end_ramp_if_restored()
 
     def _enter(self, event: OutputInput, reason: MuteReason, *, requested: bool = True) -> None:
+        """Change the output state; refuse an invalid transition."""
         try:
             state = next_output_state(self.state, event)
         except LocalProtocolError as error:
@@ -193,6 +194,7 @@ class BoardOutput:
             self._new_notices.append(RampEnded(self.now_us, restored=True))
 
     def _time_out(self) -> None:
+        """Mute the output because a timer expired."""
         self.counters.timeouts += 1
         self._enter(OutputInput.RAMP_ENDED, self._timers.first().reason, requested=False)
         self.silence()

@@ -143,6 +143,7 @@ class BoardUploads:
         return Upload(pending.begin, bytes(pending.data), self._frame_size(pending.begin))
 
     def _expect(self) -> _BoardUpload:
+        """Return the pending upload."""
         assert self._pending is not None  # the board refuses it without a `target`
         return self._pending
 

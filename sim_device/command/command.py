@@ -74,14 +74,14 @@ def _start_board_log(options: argparse.Namespace) -> None:
     )
 
 
-def _tell_start(options: argparse.Namespace, step: str) -> None:
-    """Tell the program that waits for the board what takes so long."""
+def _log_start_step(options: argparse.Namespace, step: str) -> None:
+    """Log a start-up step for the waiting parent process."""
     if options.until_eof:
         _LOG.info("starting: %s", step)
 
 
 def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
-    _tell_start(options, "importing numpy, scipy and the board")
+    _log_start_step(options, "importing numpy, scipy and the board")
     # Here, and not above: --help and a refusal need no numpy.
     from haptogram.machine.view_process import ViewProcess
 
@@ -90,7 +90,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
     from ..simulation import Simulation
     from ..wallclock import Heartbeat
 
-    _tell_start(options, "making the board")
+    _log_start_step(options, "making the board")
     check_board_outputs(options)
     config = board_config_of(options)
     if options.as_device and any(fault.name == "line.disconnect" for fault in config.faults):
@@ -113,7 +113,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
         try:
             if options.view and options.backdoor is None:
                 options.backdoor = SOCKET + _private_board_path(signals, "backdoor")
-            _tell_start(options, "starting the process that rebuilds fields")
+            _log_start_step(options, "starting the process that rebuilds fields")
             worker = _start_board_worker(options, settings)
             recorders: list[SimulationRecorder] = [BoardNoticeLog(is_complete=options.verbose)]
             recorders += [worker] if worker else []
@@ -202,7 +202,7 @@ def _private_board_path(stack: contextlib.ExitStack, name: str) -> str:
 
 
 def _end_board_worker(worker: ReconstructionWorker) -> str:
-    """Close the back door; return why it ended early, or nothing."""
+    """Stop the worker of the ground-truth channel; return why it ended early, or ""."""
     failure = worker.close()
     if worker.dropped:
         _LOG.warning("the back door lacks %d latches", worker.dropped)

@@ -112,6 +112,7 @@ class ClientRemarks:
         self._forget()
 
     def _forget(self) -> None:
+        """Reset all knowledge of the client."""
         self._first_bytes = bytearray()
         self._paused = 0  # bytes of a frame before a pause in its middle
         self._is_own = self._is_other = self._came = False
@@ -172,22 +173,22 @@ class ClientRemarks:
         self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
         if len(self._first_bytes) == LOOKED_AT_BYTES:
             self._compare(unshown, t_us)
-            self._say_commits(unshown, t_us)
-            self._say_clues(t_us)
+            self._remark_missing_commits(unshown, t_us)
+            self._remark_foreign_frames(t_us)
 
     def silent(self, unshown: UnshownToClient, t_us: int) -> None:
         """Look at what came before a silence."""
         self._compare(unshown, t_us)
         if unshown.unfinished:
             self._stop(unshown.unfinished, t_us)
-        self._say_commits(unshown, t_us)
+        self._remark_missing_commits(unshown, t_us)
         if unshown.whole == 1 and not unshown.unfinished:
             text = f"a whole frame waits for its commit ({unshown.commit}), which shows it"
             self._say_once("waits", About.CLIENT, text, t_us)
         if not self._is_stopped:
             for kind in filter(_AT_ONCE.__contains__, unshown.kinds):
                 self._strange.setdefault(kind, 0)
-        self._say_clues(t_us)
+        self._remark_foreign_frames(t_us)
 
     def left(self, unshown: UnshownToClient, t_us: int) -> None:
         """Look at all that came before the client left; the next one is judged anew."""
@@ -204,7 +205,7 @@ class ClientRemarks:
         self._forget()
 
     def _stop(self, unfinished: int, t_us: int) -> None:
-        """Say that a frame stops behind *unfinished* bytes."""
+        """Record that a frame stopped with *unfinished* bytes."""
         self._is_stopped, self._paused = True, 0
         if not self._is_other:
             self.frames_unfinished += 1
@@ -216,8 +217,8 @@ class ClientRemarks:
     def _sizes_text(self) -> str:
         return " or ".join(map(str, self._sizes))
 
-    def _say_commits(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Say that frames follow each other without the command that shows them."""
+    def _remark_missing_commits(self, unshown: UnshownToClient, t_us: int) -> None:
+        """Report frames that are not followed by the commit command."""
         if unshown.is_without_commit:
             text = f"frames follow each other without a commit ({unshown.commit}), which shows one"
             self._say_once("commits", About.NO_COMMIT, text, t_us)
@@ -228,13 +229,13 @@ class ClientRemarks:
             self._remark(about, text, t_us)
 
     def _tell_compared(self, t_us: int) -> None:
-        """Say once of each client that its bytes look like no other wire."""
+        """Report once per client that its bytes resemble no other wire format."""
         if self._told_own is None or self._told_own < self._is_own:
             self._told_own = self._is_own
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
     def _compare(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Say once of each client that its bytes look like another wire."""
+        """Report once per client that its bytes resemble another wire format."""
         if self._is_own or self._is_other or not self._first_bytes:
             return
         names = looks_like_dialect(bytes(self._first_bytes))
@@ -266,7 +267,7 @@ class ClientRemarks:
             self._tell_compared(t_us)
 
     def _are_finer_frames(self) -> bool:
-        """Return True for frames of the right size, some of whose codes are bytes of commands."""
+        """Return True for frames of right size and finer phases, some equal to command bytes."""
         data = bytes(self._first_bytes)
         for size in self._sizes:
             frames = [data[at : at + size] for at in range(0, len(data) - size + 1, size)]
@@ -275,8 +276,8 @@ class ClientRemarks:
                 return True
         return False
 
-    def _say_clues(self, t_us: int) -> None:
-        """Say once of each client what its frames have in common with no frame of this board."""
+    def _remark_foreign_frames(self, t_us: int) -> None:
+        """Report once per client which foreign frame formats were seen."""
         strange, self._strange = self._strange, {}
         if self._is_other:
             return
@@ -299,7 +300,7 @@ class ClientRemarks:
             self._remark(about, fact, t_us)
 
     def _proven(self) -> str | None:
-        """Return the kind that frame after frame has alike, and nothing else; None: no kind."""
+        """Return the one kind of clue that all recent frames share, if there is exactly one."""
         if len(self._frames) < _ALIKE or len(set(self._frames)) > 1:
             return None
         size, kinds = self._frames[0]
@@ -314,4 +315,5 @@ class ClientRemarks:
         return all(_FEW * abs(size - whole) > whole for whole in self._sizes)
 
     def _remark(self, about: About, text: str, t_us: int) -> None:
+        """Append a remark about the client."""
         self._notices.append(Remark(t_us, text, about))

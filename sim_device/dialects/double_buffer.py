@@ -108,7 +108,7 @@ class DoubleBuffer(LatchingUnit):
         return []
 
     def _begin(self, _: operations.Begin, __: int) -> None:
-        """Give all channels of the next frame the full amplitude, until they get another one."""
+        """Reset the next frame to full amplitude on all channels."""
         self._next_widths[:] = self._registers.width
 
     def _set_phases(self, operation: operations.SetPhases, _: int) -> None:

@@ -85,7 +85,7 @@ class VirtualForeignDialect:
         self._collect()
 
     def _connect(self) -> None:
-        """Make the end of the line, which knows nothing of the bytes before."""
+        """Create the decoder for a new connection, without bytes from before."""
         self._end = self._new_end()
         # Asked once: whether an object fits a protocol costs as much as a frame.
         self._commits = self._end if isinstance(self._end, Commits) else None
@@ -202,7 +202,7 @@ class VirtualForeignDialect:
             self._output += data[:room]
 
     def _unshown(self) -> UnshownToClient:
-        """Return what came since the last latch and has shown nothing."""
+        """Return the counts and pending bytes since the last latch."""
         kinds, end = self._counted_since_latch().keys(), self._commits
         if end is None:
             return UnshownToClient(self._end.pending, kinds=kinds)
@@ -217,6 +217,7 @@ class VirtualForeignDialect:
         }
 
     def _collect(self) -> None:
+        """Collect new latches of the unit, with their counters."""
         for latch in self._unit.take_latches():
             counted = self._counted_since_latch()
             self._counted = self._end.counters + self._unit.counters

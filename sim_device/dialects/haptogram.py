@@ -312,6 +312,7 @@ class VirtualHaptogramDialect:
                 self._link.send_event(event, now_us=notice.t_us)
 
     def _trace(self, latch: Latch) -> None:
+        """Send a trace event for a latch, if tracing is on."""
         message = self._trace_message(latch)
         if message is not None:
             flags = messages.Flag.LATE if latch.late else 0
@@ -352,7 +353,7 @@ def _refuse_by_dialect_unless(holds: bool, text: str, reason: str = "bad_value")
 
 
 def _event_of_notice(notice: Notice) -> messages.Message | None:
-    """Return what the host is told of *notice*: nothing that it asked for itself."""
+    """Return the event message for *notice*; None for changes that the host requested."""
     if isinstance(notice, StateChange) and not notice.requested:
         return messages.StateChanged(state=notice.state, reason=notice.reason)
     if isinstance(notice, PlaybackEnd):

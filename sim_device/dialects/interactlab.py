@@ -129,7 +129,7 @@ class InteractlabUnit(LatchingUnit):
         self._wakes_us = self._clears_us - 1
 
     def _start(self, now_us: int) -> None:
-        """Show the off-frame; what waits is read right behind it."""
+        """Latch the off-frame, then schedule the first read of the FIFO."""
         self._starts_us = None
         self._next = PulseLatch(
             self._boundary(now_us + _READ_US), PulseDrive.off(CHANNELS, STEPS), "off-frame"
@@ -137,6 +137,7 @@ class InteractlabUnit(LatchingUnit):
         self._looks_us = now_us + _READ_US
 
     def _look(self, now_us: int) -> None:
+        """Read the FIFO if it holds a frame."""
         self._looks_us = None
         if self._fifo:
             self._read(now_us)

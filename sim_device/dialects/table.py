@@ -69,7 +69,7 @@ def read_emulation_options(emulation: Emulation, texts: tuple[str, ...]) -> Sett
 
 @cache
 def _emulation_plugins() -> dict[str, Emulation]:
-    """Return the dialects of other packages; one that does not load is named, and left out."""
+    """Return the dialects of installed plugins; log and skip those that fail to load."""
     found = {}
     for point in entry_points(group=GROUP):
         try:

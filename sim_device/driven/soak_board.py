@@ -117,7 +117,7 @@ class VirtualSoakBoard:
         return self._dialect.take_latches()
 
     def _note(self, event: BoardEvent) -> None:
-        """Keep the board's verdict on the frame of *event*."""
+        """Record the board's verdict on a frame."""
         if isinstance(event, StreamReceived):
             self._verdicts.append(event.index)
         else:

@@ -91,7 +91,7 @@ class VirtualSteppedBoard:
 
 
 def _settings_of_stepped_board(limits: dict[str, Any]) -> BoardSettings:
-    """Return the board of *limits*."""
+    """Return the settings of a board with these *limits*."""
     nx, ny, pitch_um = (limits.pop(name) for name in ("grid_nx", "grid_ny", "pitch_um"))
     limits["features"] = Feature(limits.pop("features"))
     model = AcousticModel.default(nx, ny, pitch_m=pitch_um * 1e-6)

@@ -118,10 +118,12 @@ def _baud_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> A
 
 
 def _no_line_fault(chunks: list[FaultChunk], _: Values, __: random.Random) -> Acted:
+    """Drop all chunks (line disconnected)."""
     return [], len(chunks)
 
 
 def _gone_fault(_: list[FaultChunk], __: Values, ___: random.Random) -> Acted:
+    """Drop all bytes, uncounted."""
     return [], 0  # it fires once, when the port goes: see FaultInjector.has_left
 
 
@@ -150,6 +152,7 @@ def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> 
 
 
 def _held_by_fault(grid_ns: int, chunks: list[FaultChunk]) -> Acted:
+    """Delay chunks to a time grid."""
     if grid_ns == 0:
         return chunks, 0
     held = [dataclasses.replace(c, t_ns=-(-c.t_ns // grid_ns) * grid_ns) for c in chunks]

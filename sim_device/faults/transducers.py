@@ -59,6 +59,7 @@ _Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Shown]
 
 
 def _off_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+    """Return zero amplitude."""
     return now.drive.turns[now.place], 0.0
 
 
@@ -83,17 +84,19 @@ def _garbage_fault(now: FaultContext, _: Values, source: random.Random) -> _Show
 
 
 def _ok_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+    """Return the drive of a healthy transducer."""
     return now.healthy.turns[now.place], now.healthy.amplitudes[now.place]
 
 
 def _wrong_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
+    """Return the drive of the frame before."""
     if now.before is None:
         return now.drive.turns[now.place], 0.0  # nothing has been there before
     return now.before.turns[now.place], now.before.amplitudes[now.place]
 
 
 def _slow_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
-    """Follow the drive as a resonator does: with a time constant.
+    """Apply a first-order lag to the drive of a transducer.
 
     The envelope is the one at the end of the frame, and a frame is taken to last as long as the
     one before it; the first one is taken to be in steady state.

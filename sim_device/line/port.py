@@ -97,5 +97,5 @@ class BoardPort:
             os.close(self._fd)
 
     def _lost(self, error: OSError) -> bytes:
-        """Decide what *error* means; here: the port is gone."""
+        """Raise PortLostError; subclasses may treat an error as end of connection."""
         raise PortLostError(f"{self.description}: {plain_reason(error)}") from error

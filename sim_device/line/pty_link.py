@@ -67,6 +67,7 @@ class PtyLink:
             raise self._impossible(error) from error
 
     def _take_lock(self) -> int:
+        """Open and lock the lock file of the link."""
         fcntl = posix_module("fcntl", "a pty port", INSTEAD_OF_PTY)
         while True:
             try:
@@ -86,6 +87,7 @@ class PtyLink:
             os.close(lock)  # its owner removed it between our two calls: try again
 
     def _sign_lock(self, lock: int) -> None:
+        """Write the process id into the lock file."""
         try:
             os.truncate(lock, 0)
             os.write(lock, f"{os.getpid()}\n".encode())
@@ -106,7 +108,7 @@ class PtyLink:
             return False
 
     def _refuse_foreign(self) -> None:
-        """Raise if what is there is no link of a board that has ended."""
+        """Raise if the path exists and is not a stale pty link."""
         if not os.path.lexists(self._path):
             return
         target = os.readlink(self._path) if self._path.is_symlink() else ""

@@ -39,7 +39,7 @@ class SerialPort(BoardPort):
 
 
 def _tell_end_of_port_from_silence(fd: int) -> None:
-    """Let a read without data fail, not return nothing, which a pulled cable does as well."""
+    """Set VMIN so that an empty read means a closed port."""
     termios = posix_module("termios", "a serial port of the virtual board", INSTEAD_OF_PTY)
     settings = termios.tcgetattr(fd)
     settings[6][termios.VMIN] = 1

@@ -67,7 +67,7 @@ class SocketDoorman:
         try:
             client, address = self._server.accept()
         except OSError as error:
-            self._excuse(error)
+            self._handle_accept_error(error)
             return None
         if self._is_short:
             _LOG.warning("%s: clients are taken in again", self._name)
@@ -75,7 +75,8 @@ class SocketDoorman:
         client.setblocking(False)
         return client, address
 
-    def _excuse(self, error: OSError) -> None:
+    def _handle_accept_error(self, error: OSError) -> None:
+        """Ignore or delay after a temporary accept error; raise otherwise."""
         if error.errno in _NO_CLIENT:
             return
         if error.errno not in _SHORTAGE:

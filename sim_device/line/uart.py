@@ -144,6 +144,7 @@ class Uart:
         return burst.start_ns - (-count * sent_ns // (len(burst.data) * self._per_bytes))
 
     def _arrived(self, burst: _Burst, t_ns: int) -> int:
+        """Return the number of bytes of a burst that have arrived by *t_ns*."""
         if t_ns < burst.start_ns:
             return 0
         if not self._byte_ns:

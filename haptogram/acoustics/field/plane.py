@@ -215,7 +215,7 @@ def _plane_field_lattice(array: TransducerArray) -> Lattice:
 
 
 def _plane_field_element(model: AcousticModel, normal: FloatArray) -> AcousticModel:
-    """Return the model of one element at the origin, that faces as all do.
+    """Return the model of a single element at the origin with the array's orientation.
 
     It is not turned upright: a directivity may have directions of its own.
     """

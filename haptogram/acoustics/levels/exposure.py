@@ -184,7 +184,7 @@ def _exposure_directions(model: AcousticModel) -> int:
 
 
 def _exposed_directions_ahead(directions: FloatArray, facing: FloatArray) -> FloatArray:
-    """Return unit vectors of *directions*; those that point back are turned into the plane."""
+    """Return unit vectors; directions behind the array are projected into its plane."""
     back = np.minimum(directions @ facing, 0.0)
     level = directions - back[:, None] * facing
     unit: FloatArray = level / np.linalg.norm(level, axis=1)[:, None]

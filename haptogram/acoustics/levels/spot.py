@@ -159,7 +159,7 @@ def _spot_crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:
 
 
 def _first_spot_minimum(steps: FloatArray, level: FloatArray) -> float:
-    """Return the place of the first minimum of |p|^2, which is a parabola near a null."""
+    """Return the position of the first minimum of |p|^2, by a parabola."""
     rising = np.flatnonzero(np.diff(level) > 0.0)
     if not len(rising) or rising[0] == 0:
         return math.nan

@@ -196,6 +196,7 @@ class Calibration:
             raise ConfigurationError(f"{self.name}: {error}") from error
 
     def _check(self, array: TransducerArray) -> None:
+        """Raise ConfigurationError unless the calibration has all elements of the array."""
         elements = f"the array has the elements 0 to {array.count - 1}"
         if self.count < array.count:
             raise ConfigurationError(f"{self.name}: element {self.count} is missing; {elements}")
@@ -214,6 +215,7 @@ class Calibration:
             )
 
     def _where(self, element: int) -> str:
+        """Return the file name and line of an element, for error messages."""
         return f"{self.name}:{self.lines[element]}" if self.lines else self.name
 
     def describe(self, nominal: TransducerArray) -> str:

@@ -159,6 +159,7 @@ class Drive:
         return zlib.crc32(self.amplitude_codes.tobytes(), zlib.crc32(self.phase_bytes))
 
     def _key(self) -> tuple[int, bytes, bytes]:
+        """Return the values that define equality."""
         return self.phase_bits, self.phase_bytes, self.amplitude_codes.tobytes()
 
     def __eq__(self, other: object) -> bool:

@@ -57,7 +57,7 @@ def find_lattice(array: TransducerArray) -> Lattice | None:
 
 
 def _lattice_directions(offsets: FloatArray) -> list[FloatArray]:
-    """Return x, y, and the way from the first element to its nearest neighbour."""
+    """Return candidate lattice axes: x, y, and the vector to the nearest neighbour."""
     candidates = [np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])]
     if len(offsets) > 1:
         steps = offsets[1:] - offsets[0]

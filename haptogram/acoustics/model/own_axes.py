@@ -94,7 +94,7 @@ def _levels_along_axis(
 
 
 def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the normal of the plane or line that the elements lie in; else where they look."""
+    """Return the normal of the plane that contains the elements; else their mean normal."""
     facing = mean_array_normal(normals)
     if facing is None:
         facing = _axis_of_cancelled_normals(normals)
@@ -108,7 +108,7 @@ def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _axis_of_cancelled_normals(normals: FloatArray) -> FloatArray:
-    """Return the line that they look along both ways, else the one they look around; upwards."""
+    """Return an axis for normals that sum to zero, pointing upwards."""
     squares, directions = np.linalg.eigh(normals.T @ normals)
     if squares[2] > _ONE_LINE * squares[1]:
         axis = directions[:, 2]
@@ -125,7 +125,7 @@ def _axis_of_cancelled_normals(normals: FloatArray) -> FloatArray:
 def _axes_along_rows(
     positions: FloatArray, face: FloatArray, grid_shape: tuple[int, int]
 ) -> FloatArray:
-    """Return the way from the first element to the next along x; 0 for a single element."""
+    """Return the vector between the first two elements along x; zero for a single element."""
     nx, ny = grid_shape
     if nx > 1:
         along: FloatArray = positions[ny] - positions[0]
@@ -142,7 +142,7 @@ def _axes_turned_least(face: FloatArray) -> FloatArray:
 
 
 def _first_steps_of_array(offsets: FloatArray) -> list[FloatArray]:
-    """Return the way from the first element to its nearest neighbour, if there is one."""
+    """Return the vector from the first element to its nearest neighbour, if any."""
     steps = offsets[1:] - offsets[0]
     return [steps[np.linalg.norm(steps, axis=1).argmin()]] if len(steps) else []
 

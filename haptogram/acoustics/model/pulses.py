@@ -108,6 +108,7 @@ class PulseDrive:
         return weights
 
     def _key(self) -> tuple[object, ...]:
+        """Return the values that define equality."""
         levels = tuple(sorted(self.levels.items()))
         return self.steps, self.rises.tobytes(), self.widths.tobytes(), levels
 

@@ -80,6 +80,7 @@ class _VolumeOf:
 
 @functools.lru_cache(_VOLUMES_KEPT)
 def _kept_search_volume(of: _VolumeOf) -> SearchVolume:
+    """Return the cached search cells and phasors."""
     cells = search_cells(of.model, of.positions)
     phasors = cell_phasors(of.model, cells, of.positions)
     read_only_array(cells)

@@ -150,7 +150,7 @@ _NAMES: Final = {
 
 
 def _estimate_fields(kind: str, result: Reconstruction) -> dict[str, object]:
-    """Return the fields by name; `asdict`, which copies all that is in them, takes 0.1 ms."""
+    """Return the fields by name, like `asdict` without its copies."""
     return {
         "kind": kind,
         **{name: _plain_estimate(getattr(result, name)) for name in _NAMES[type(result)]},
@@ -158,6 +158,7 @@ def _estimate_fields(kind: str, result: Reconstruction) -> dict[str, object]:
 
 
 def _plain_estimate(value: object) -> object:
+    """Convert tuples to lists and non-finite floats to None, for JSON."""
     if isinstance(value, tuple):
         return [_plain_estimate(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -204,7 +204,7 @@ class Reconstructor:
         )
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
-        """Return the foci of the first drives, as far as each is beside the last one."""
+        """Return the foci of the leading drives that a fit warm-started at the last focus finds."""
         warm = self._warm
         if warm is None or self._last_focus is None:
             return []
@@ -287,7 +287,7 @@ class Reconstructor:
         return found
 
     def _best_of_rivals(self, found: SingleFocus, radiated: _ReconstructedDrive) -> SingleFocus:
-        """Return the place that explains the phases best, with those that do so equally well.
+        """Return the best-fitting focus, with the equally good alternatives.
 
         Rounding to a step leaves its twelfth in the mean square, with a deviation of
         sqrt(1 / 180 / N): three of them above count as equal, and what fits worse is no rounding.
@@ -333,7 +333,7 @@ class Reconstructor:
     def _locate_quickly(
         self, radiated: _ReconstructedDrive
     ) -> tuple[Reconstruction | None, list[PhaseFit]]:
-        """Try where the compiled search says, then beside the last focus; return the fits, too."""
+        """Try the compiled search, then a fit from the last focus; return the fits tried."""
         start, way = self._quick_search(radiated)
         if start is not None:
             fit = self._fit(radiated, start, radiated.active)
@@ -377,7 +377,7 @@ class Reconstructor:
         return (np.array(fix.position_m) if found else None), "global"
 
     def _search(self, tried: list[PhaseFit], radiated: _ReconstructedDrive) -> Reconstruction:
-        """Try every place of the volume; then let some elements be wrong."""
+        """Search the whole volume; then allow outlier elements."""
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
@@ -395,7 +395,7 @@ class Reconstructor:
         return self._not_single(tried, starts, radiated)
 
     def _all_or_most(self, partial: PhaseFit, radiated: _ReconstructedDrive) -> Reconstruction:
-        """Return the focus of most elements, after a fit of all elements from there."""
+        """Return a focus fitted to all elements, else to most of them."""
         whole = self._fit(radiated, partial.position_m, radiated.active)
         if self._explains(whole, radiated):
             return self._single(whole, radiated, "global")
@@ -416,7 +416,7 @@ class Reconstructor:
         )
 
     def _fit_most(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> PhaseFit | None:
-        """Return a fit that all but some outliers agree on, or None.
+        """Return a fit that tolerates some outlier elements, or None.
 
         The elements that stick out by far are left out, and the fit is done again, until the
         others are within half a step. At least half of them always stay: the limit is above their
@@ -473,6 +473,7 @@ class Reconstructor:
             return math.inf
 
     def _mostly_single(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> NotSingle:
+        """Return a fit as not a single focus, with its outlier elements."""
         self._last_focus = fit.position_m
         residual = fit.residual_rad[radiated.active]
         pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)

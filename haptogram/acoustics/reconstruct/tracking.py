@@ -184,6 +184,7 @@ class FocusTracker:
         self._cells = np.ascontiguousarray(cells.T)
 
     def _widening_fit(self, codes: NDArray[np.uint8], start: Point) -> Fix:
+        """Fit a focus to successively more elements."""
         for count in self._counts:
             fix = self._fit(codes, start, count)
             if fix.residual_rms_rad > HOPELESS_RAD:
@@ -235,7 +236,7 @@ class FocusTracker:
 def _elements_heard_by_tracker(
     model: AcousticModel, order: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], FloatArray]:
-    """Return those elements of *order* that radiate, and how late they do, in radians."""
+    """Return the radiating elements of *order*, with their phase lags in radians."""
     if model.calibration is None:
         return order, np.zeros(len(order))
     order = order[model.calibration.heard[order]]
@@ -243,7 +244,7 @@ def _elements_heard_by_tracker(
 
 
 def _widening_counts_of_tracker(count: int) -> list[int]:
-    """Return the numbers of elements of the fits, each a part of the next."""
+    """Return the increasing numbers of elements used by successive fits."""
     counts = [min(_FIRST_COUNT, count)]
     while counts[-1] < count:
         counts.append(min(count, round(_WIDENING * counts[-1])))

@@ -119,6 +119,7 @@ class WarmReconstructor:
 
 
 def _warm_focus(row: list[float]) -> SingleFocus:
+    """Convert a kernel's result row to a SingleFocus."""
     place, std, bound = _vector(row[0:3]), _vector(row[3:6]), _vector(row[6:9])
     residual_rad, coherence, pressure, force_n = row[9:]
     return SingleFocus(

@@ -89,7 +89,7 @@ def check_focus_targets(model: AcousticModel, targets_m: FloatArray) -> None:
 
 
 def _coordinate_names_of_focus(model: AcousticModel) -> list[str]:
-    """Return names of the limits along x, y and z; with the axes, if the array is turned."""
+    """Return the names of the position limits; for a rotated array with its axes."""
     names = ["offset |x|", "offset |y|", "height z"]
     if model.array.is_upright:
         return names

@@ -227,7 +227,7 @@ class _FocusPhaseProblem:
         return -inverse @ slopes.T, observable
 
     def _inverse(self, slopes: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return (J^T J)^-1 within the directions that are seen, and which coordinates are."""
+        """Return (J^T J)^-1 on the observable subspace, and a mask of observable coordinates."""
         values, vectors, kept = _focus_fit_spectrum(slopes)
         # A coordinate is lost if the directions that were dropped contain any of it.
         observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _fitted_coordinates_told_apart(
@@ -236,16 +236,18 @@ class _FocusPhaseProblem:
         return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T, observable
 
     def _ray(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the vectors and distances from the elements to a position."""
         offset = position - self._positions
         return offset, np.sqrt(np.einsum("ni,ni->n", offset, offset))
 
     def _slopes(self, offset: FloatArray, distance: FloatArray) -> FloatArray:
-        """Return d(residual)/d(position), (N, 3), with the mean that psi absorbs taken out."""
+        """Return the centred Jacobian d(residual)/d(position), (N, 3)."""
         slopes: FloatArray = offset * (self._wavenumber / (distance + _TINY_M))[:, None]
         slopes -= np.add.reduce(slopes) / len(slopes)  # `mean` takes four times as long
         return slopes
 
     def _linearise(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return residuals and Jacobian at a position."""
         offset, distance = self._ray(position)
         residual, _ = self._centred(self._phases + self._wavenumber * distance)
         return residual, self._slopes(offset, distance)
@@ -268,7 +270,7 @@ def _focus_fit_spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, Boo
 
 
 def _fitted_coordinates_told_apart(positions: FloatArray) -> BoolArray:
-    """Return a mask of the coordinates that the symmetry of a line mixes with no other.
+    """Return a mask of the coordinates that a linear array can separate.
 
     Elements on one line see a whole circle around it alike, even where the slope along z is not 0.
     """

@@ -148,7 +148,7 @@ def frame_weights(model: AcousticModel, foci: Sequence[Focus], method: Method) -
 def _iterative_backpropagation(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Send the wanted pressures back, cut to the limits of the elements."""
+    """Back-propagate the wanted pressures, clipped to full amplitude."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     scale = _reachable_foci_levels(matrix, wanted)
     for _ in range(rounds):
@@ -182,7 +182,7 @@ def _weighted_gerchberg_saxton(
 def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
-    """Return the same drive, its propagators compiled, too; None for other arrays and points."""
+    """Return the drive from a compiled solver for parallel pistons; None if not applicable."""
     if model.calibration is not None or ParallelPistons.why_not(model) is not None:
         return None
     pistons = _kept_pistons(model)
@@ -199,6 +199,7 @@ def _solved_for_pistons(
 
 @lru_cache(maxsize=8)
 def _kept_pistons(model: AcousticModel) -> ParallelPistons:
+    """Return the cached kernel data of parallel pistons."""
     return ParallelPistons.of(model)
 
 
@@ -250,7 +251,7 @@ def _gs_pat(
 def _gradient_solver(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Minimise the squared misses of |p| from somewhat more than can be reached."""
+    """Minimise the squared errors of |p| by L-BFGS on the phases."""
     from scipy.optimize import minimize  # slow to import, and only this solver needs it
 
     goal = _reachable_foci_levels(matrix, wanted) * wanted

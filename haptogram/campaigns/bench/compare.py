@@ -118,6 +118,7 @@ def _bench_error_us(values: list[float]) -> float:
 
 
 def _blamed_bench_change(change: BenchChange, control: BenchChange | None) -> BenchChange:
+    """Attribute a slowdown to the machine if the control measurement changed as well."""
     if control is None or change.stage == _CONTROL or not control.beyond_noise:
         return change
     own, machine = change.after_us - change.before_us, control.after_us - control.before_us

@@ -238,7 +238,7 @@ def _bench_misses(
 def _bench_device_times(
     intended: Sequence[Intended], latches: Latches
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (n,) device times of arrival and latch on the clock of *intended*; nan: not seen."""
+    """Return (n,) device times of arrival and latch; NaN if not observed."""
     received, latched = np.full((2, len(intended)), np.nan)
     for place, wanted in enumerate(intended):
         seen = latches.get(wanted.key.index)

@@ -104,7 +104,7 @@ class SoakComparison:
         return frames
 
     def _judge(self, verdict: int | str, t_ns: int, up_free_ns: int) -> bool:
-        """Compare a verdict with that of the model; return whether the frame ends the output."""
+        """Compare a verdict with the model's; return whether the frame ends the output."""
         sent = self._line.next_sent(verdict)
         if sent is None:
             return False
@@ -151,7 +151,7 @@ class SoakComparison:
         self._compare_silence(t_ns, requested=requested)
 
     def _compare_latches(self, t_ns: int) -> None:
-        """Compare latches with those of the model, as far as both have come to them."""
+        """Compare latches of board and model, up to the shorter list."""
         latches = self._board.take_latches()
         if self._excerpts is not None:
             for latch in latches:

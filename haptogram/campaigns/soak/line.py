@@ -45,7 +45,7 @@ def _flip_damage(wire: bytes, source: random.Random) -> Pieces:
 
 
 def _replaced(wire: bytes, source: random.Random, gone: int, new: int) -> Pieces:
-    """Return *wire* with *new* random bytes in place of *gone* ones, somewhere."""
+    """Return *wire* with some bytes replaced by random ones."""
     place = source.randrange(len(wire) - gone + 1)
     return [(0, wire[:place] + source.randbytes(new) + wire[place + gone :])]
 
@@ -175,7 +175,7 @@ class SoakLine:
             self._tally.request_hits.append(hit)
 
     def _harm(self, sent: Sent) -> Pieces:
-        """Return what is left of a frame, with the times that the line waits."""
+        """Apply random line faults to a frame; return its remaining bytes, each with a delay."""
         if self.cut:
             kind, pieces = "outage", []
         elif self.calm or self._source.random() >= self._share:
@@ -187,6 +187,7 @@ class SoakLine:
         return pieces
 
     def _carry(self, data: bytes, t_ns: int, wait_ns: int) -> None:
+        """Schedule the arrival of bytes at the rate of the line."""
         if not data:
             return
         start_ns = max(self.free_ns, t_ns)
@@ -196,7 +197,7 @@ class SoakLine:
         self.arriving.append((-(-self.free_ns // 1000) * 1000, data))
 
     def _expect(self, data: bytes, sent: Sent) -> None:
-        """Expect what the runs are that end in *data*."""
+        """Register the frames that complete delimited runs of *data*."""
         *ended, rest = (self._partial + data).split(DELIMITER)
         self._under_way.append(sent)
         for run in ended:

@@ -59,7 +59,7 @@ class SoakHost(HostConnection):
         return event
 
     def _explain_drop(self, sent: Sent, reason: str) -> None:
-        """Explain a copy by its fault, or by the host having asked twice; see HG-3.7/3."""
+        """Attribute a dropped copy to its fault or to a retry of the host; see HG-3.7/3."""
         self._tally.totals[f"the host: {reason}"] += 1
         if reason == "duplicate" and sent.hit is not None:
             self._tally.find(sent.hit, reason)
@@ -219,7 +219,7 @@ class SoakRig:
         """Do nothing: the board stays."""
 
     def _note_request(self, wire: bytes) -> None:
-        """Take down why the host had to ask again, if it has."""
+        """Record why the host had to retry."""
         hits = self.tally.request_hits
         if wire != self._last_request:
             hits.clear()

@@ -151,16 +151,18 @@ class _SoakSegment:
         rig.arm()
 
     def _calm(self, calm: bool) -> None:
+        """Switch line faults off or on in both directions."""
         self._rig.down.calm = self._rig.up.calm = calm
 
     def _burst(self) -> None:
+        """Stream frames with line faults for a random time."""
         self._calm(False)
         self._due_us = 0
         left_ns = max(self._length_ns - self._rig.now_ns(), 100 * NS_PER_MS)
         self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * NS_PER_S)) // NS_PER_MS)
 
     def _wait_idle(self) -> None:
-        """Stream on undisturbed until both ends have told of everything."""
+        """Stream without faults until board and model have reported all frames."""
         self._calm(True)
         self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
         for _ in range(_MOST_CALM_MS // 10):
@@ -175,6 +177,7 @@ class _SoakSegment:
         self._rig.listen()
 
     def _stream(self, frames: int) -> None:
+        """Stream *frames* frames, one per period."""
         rig, clock = self._rig, self._rig.clock
         for _ in range(frames):
             first_us = clock.to_device_us(rig.now_ns()) + _LEAD_US
@@ -189,13 +192,13 @@ class _SoakSegment:
     # --- interruptions -------------------------------------------------------------------------
 
     def _pause(self) -> None:
-        """Say nothing for a while: shorter than the timers, or longer."""
+        """Send nothing for a time shorter or longer than the timers."""
         since_ns = self._rig.now_ns()
         self._rig.idle_until(since_ns + self._some_time_ns())
         self._resume(since_ns)
 
     def _outage(self) -> None:
-        """Lose both directions, and stream on into the void."""
+        """Disconnect both directions while streaming continues."""
         rig = self._rig
         self._due_us = 0
         rig.down.cut = rig.up.cut = True
@@ -211,7 +214,7 @@ class _SoakSegment:
         return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * NS_PER_MS
 
     def _resume(self, since_ns: int) -> None:
-        """Arm the board again if a timer has muted it, or will before the first latch.
+        """Rearm the board if a timer has muted it, or will before the first latch.
 
         *since_ns*: when the silence began; the last latch was a lead later.
         """
@@ -222,7 +225,7 @@ class _SoakSegment:
         self._rig.arm()
 
     def _mute(self) -> None:
-        """Ask for silence in the midst of the stream."""
+        """Send MUTE in the middle of the stream."""
         self._rig.silence()
         self._rig.idle_until(self._rig.now_ns() + self._source.randint(1, 50) * NS_PER_MS)
         self._rig.arm()
@@ -230,7 +233,7 @@ class _SoakSegment:
     # --- the end -------------------------------------------------------------------------------
 
     def _watch_memory(self) -> None:
-        """Compare the blocks of memory in use at moments of equal state."""
+        """Compare the memory blocks in use between equal states."""
         blocks = sys.getallocatedblocks()
         self._blocks = self._blocks or blocks
         grown = blocks - self._blocks
@@ -239,7 +242,7 @@ class _SoakSegment:
             self._blocks = blocks
 
     def _finish(self) -> None:
-        """Let the last frame be latched, and compare the counters with the account."""
+        """Wait for the last latch, then compare the counters."""
         rig = self._rig
         rig.idle_until(rig.now_ns() + 2 * _LEAD_US * 1000)
         self._tally.totals["virtual ms"] += self._length_ns // NS_PER_MS

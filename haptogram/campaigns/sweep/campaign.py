@@ -73,6 +73,7 @@ class SweepCampaign:
 
     @property
     def _head(self) -> str:
+        """Return the first line of the result file: version and plan."""
         about = {"kind": "haptogram sweep", "version": haptogram.__version__}
         return json.dumps(about | {"sweep": self.plan.document}, default=str)
 
@@ -107,7 +108,7 @@ class SweepCampaign:
                     with open_workers() as workers:
                         self._feed(workers, run_words, left, running, file, show)
                 except BrokenExecutor:
-                    self._suspect(list(running.values()), file)
+                    self._mark_suspects(list(running.values()), file)
 
     def _feed(
         self,
@@ -118,7 +119,7 @@ class SweepCampaign:
         file: TextIO | None,
         show: Callable[[], None],
     ) -> None:
-        """Keep every worker busy; points that may end their worker run alone."""
+        """Keep every worker busy; suspect points run alone."""
         while left or self._suspects or running:
             count = 1 if self._suspects else workers.count
             while (self._suspects or left) and len(running) < count:
@@ -133,6 +134,7 @@ class SweepCampaign:
     def _keep(
         self, number: int, future: Future[tuple[int, bytes, str]], file: TextIO | None
     ) -> None:
+        """Write the result of a finished point; raise if its worker or the scheduler died."""
         try:
             error = future.exception()
         except CancelledError:
@@ -145,8 +147,8 @@ class SweepCampaign:
         else:
             raise error
 
-    def _suspect(self, numbers: list[int], file: TextIO | None) -> None:
-        """Take note of the points that ran when a worker died."""
+    def _mark_suspects(self, numbers: list[int], file: TextIO | None) -> None:
+        """Mark the points that ran when a worker died."""
         if len(numbers) == 1:
             self._deaths[numbers[0]] += 1
         for number in numbers:

@@ -60,7 +60,7 @@ def process_workers(jobs: int) -> Iterator[Workers]:
 
 
 def _begin_worker() -> None:
-    """Leave Ctrl-C to the process of the campaign, and end with it."""
+    """Ignore Ctrl-C in a worker, and exit with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: os._exit(1))  # while it has no point
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -195,7 +195,7 @@ def _conform_depth(arguments: argparse.Namespace) -> Depth:
 
 
 def _conform_seed(arguments: argparse.Namespace) -> int:
-    """Return the seed; on a port another one each time, lest a nonce be the one still open."""
+    """Return the seed; random at a port, to avoid a nonce that is still open."""
     if arguments.seed is not None:
         return int(arguments.seed)
     return 0 if asks_to_conform_virtual_board(arguments) else int.from_bytes(os.urandom(4))

@@ -94,6 +94,7 @@ _PICTURE: Final = ("view", "plane", "quantity", "decibels", "half_width_mm", "st
 
 
 def _acts_for_an_ear(arguments: argparse.Namespace) -> bool:
+    """Return True if the options for a listener take effect."""
     return arguments.ear_mm is not None and not arguments.object and not arguments.drive
 
 

@@ -202,6 +202,7 @@ def describe_field_levels(arguments: argparse.Namespace, scene: FieldScene) -> I
 
 
 def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> Iterator[str]:
+    """Yield the audible sound level at the listener's position."""
     engine, lag = choose_engine(scene.model), Resonator.from_bandwidth()
     ear = metres_of_position(arguments.ear_mm)
     distance_m = math.dist(ear, scene.model.array.centre_m)

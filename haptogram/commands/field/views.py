@@ -152,6 +152,7 @@ def _draw_field_view(
 
 
 def _scene_place(scene: FieldScene) -> str:
+    """Return the word for the evaluated point: place, target or loudest place."""
     if scene.place_m is not None:
         return "place"
     return "target" if len(scene.targets_m) else "loudest place"

@@ -99,7 +99,7 @@ class PatientStandardStream:
             self._give_up()
 
     def _give_up(self) -> None:
-        """Let what waits go nowhere: the interpreter would try again at its end."""
+        """Redirect the stream to the null device after a write error."""
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self._stream.fileno())
         os.close(nowhere)

@@ -121,7 +121,7 @@ def verify_recorded_captures(config: VerifyConfig, outputs: CommandOutputs, *, q
 
 
 def _verify_without_field(verdict: JoinedCaptureVerdict, model: AcousticModel) -> RunVerdict:
-    """Return the run as frames without a field, each with what its captured pins show."""
+    """Return the run verdict from captured pins alone, without field reconstruction."""
     from haptogram.verification import verify_run
 
     run = verify_run(verdict.frames, [], model=model, unseen=verdict.no_field)

@@ -252,7 +252,7 @@ def _begin_verify_recording(
 
 @contextlib.contextmanager
 def _blaming_planned_faults(planned: FaultPlan, board: BoardUnderTest) -> Iterator[None]:
-    """Say of a session that did not come up, or broke, that the planned faults did it.
+    """Add a note on injected faults to errors of the session, if any fault fired.
 
     Not of a board that has died, nor if no fault has fired: then something else did it.
     """
@@ -287,7 +287,7 @@ def _verified_board_dict(found: RunRecord) -> dict[str, object]:
 def _verified_faults_dict(
     planned: FaultPlan, fired: dict[str, int] | None
 ) -> dict[str, object] | None:
-    """Return the faults on purpose, and how often each fired (None: the board did not tell)."""
+    """Return the injected faults and how often each fired (None: unknown)."""
     if not planned.faults:
         return None
     plan = [fault.written for fault in planned.faults]

@@ -48,7 +48,7 @@ def write_run_files(
 def _write_pin_calibration(
     path: Path, captures: JoinedCaptureVerdict | None, model: AcousticModel
 ) -> None:
-    """Write what the captured pins show of the elements.
+    """Write the gain and phase offsets measured at the captured pins.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def verify_seen_by_number(
 
 
 def _verify_drive_by_crc(intended: Intended, seen: Observation) -> Observation:
-    """Return *seen* with the intended drive if only a CRC was seen and is that of this drive."""
+    """Return *seen* with the intended drive if its CRC matches."""
     return dataclasses.replace(seen, drive=intended.drive) if seen.shows_by_crc(intended) else seen
 
 

@@ -240,11 +240,12 @@ class _WatchRun:
             self._not_looked_at += self._records.latches_left
 
     def _take_all(self) -> None:
+        """Process all records until the stream ends or the requested count is reached."""
         while self._records.hand_over(self._take_record):
             pass
 
     def _take_record(self, record: Record) -> bool:
-        """Take one record; return False if it is the last one that is asked for."""
+        """Process one record; return False after the last one requested."""
         if record["kind"] == "end":
             self._missing = _why_watch_is_incomplete(record)
             return False
@@ -259,7 +260,7 @@ class _WatchRun:
         return self._count != self._arguments.latches or self._watch.waits_for_wire
 
     def _take_event(self, record: Record) -> None:
-        """Take down what the board says of its client."""
+        """Process an event about the client."""
         from haptogram.records.remark import About
 
         event = record["event"]
@@ -272,6 +273,7 @@ class _WatchRun:
             self._lines.print_remark(record["text"])
 
     def _take(self, seen: WatchedLatch) -> None:
+        """Print and report one observed latch."""
         from haptogram.report.watch import watched_client_places_mm
 
         self._lines.print(seen)
@@ -307,7 +309,7 @@ class _WatchRun:
 
 
 def _assumed_layout(arguments: argparse.Namespace) -> str:
-    """Return what is assumed of the emitters of a board that the command has; empty: nothing."""
+    """Return a note on the assumed transducer layout of the board; "" if none is assumed."""
     from haptogram.acoustics.model.boards.table import LAYOUTS
     from haptogram_protocol.dialects.table import DIALECTS
 
@@ -318,6 +320,7 @@ def _assumed_layout(arguments: argparse.Namespace) -> str:
 
 
 def _shows_no_pattern(result: WatchResult) -> bool:
+    """Return True if any latch has no identified pattern."""
     from haptogram.acoustics.reconstruct.patterns.found import Unnamed
 
     return bool(result.kinds.get(Unnamed.kind, 0))
@@ -333,7 +336,7 @@ def _why_watch_is_incomplete(end: Record) -> str | None:
 
 @contextlib.contextmanager
 def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
-    """Yield what writes a line to the file of the frames at once; None without a file."""
+    """Yield a function that appends a line to the frames file and flushes; None without a file."""
     if path is None:
         yield None
     elif path == STANDARD_OUTPUT:

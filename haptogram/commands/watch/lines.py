@@ -78,6 +78,7 @@ class LatchLines:
 
 
 def _is_strange_latch(seen: WatchedLatch) -> bool:
+    """Return True if a latch shows a defect."""
     return bool(seen.defects or seen.latch.torn)
 
 

@@ -108,7 +108,7 @@ class WatchedRecords:
         return sum(map(is_watched_latch, self._come))
 
     def _is_over(self, records: list[Record] | None) -> bool:
-        """Return True if no record will come; else wait for a moment."""
+        """Return True if no more records will arrive; otherwise sleep briefly."""
         until_s = self._patient_until_s
         is_late = until_s is not None and time.monotonic() > until_s
         if until_s is not None and (records is None or is_late):

@@ -195,7 +195,7 @@ class ClockClient:
     # --- held up -------------------------------------------------------------------------------
 
     def _begin_exchange(self, t_device_us: int) -> int:
-        """Expect frames for *t_device_us*, or its carrier period, to come before their time."""
+        """Expect the following frames to arrive before *t_device_us*."""
         self._link.in_time_from_us = t_device_us - self.carrier_us
         self._link.in_time_us = NO_TIME_US
         return t_device_us

@@ -81,13 +81,14 @@ def _play_in_client_dialogue(board: BoardClient) -> None:
 
 
 def _be_refused_in_client_dialogue(board: BoardClient) -> None:
+    """Send requests that the board refuses."""
     board.link.ask_raw(_UNKNOWN_REQUEST)
     board.link.ask_raw(m.GetGeometry.TYPE, b"\x00")
     board.link.ask(m.Ping(1), session=board.link.session ^ 0x5555)
 
 
 def _time_out_in_client_dialogue(board: BoardClient) -> None:
-    """Let the hold mute the board, so that the board sends STATE_CHANGED."""
+    """Let the hold expire so that the board sends STATE_CHANGED."""
     if not board.has(m.Feature.CONFIG):
         return
     board.configure(hold_ms=20)

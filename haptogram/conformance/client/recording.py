@@ -113,7 +113,7 @@ class DialogueRecording:
     def _frames(
         self, sender: TransferDirection, from_us: int = 0, until_us: int = _ALWAYS_US
     ) -> Iterator[Annotated]:
-        """Yield what one side sent between delimiters, as far as it is kept."""
+        """Yield the recorded frames of one side within a time range."""
         for transfer, pieces in _client_pieces([*self._first, *self._last]):
             if transfer.direction is sender and from_us <= transfer.t_us <= until_us:
                 yield from map(annotated_frame, pieces)
@@ -157,7 +157,7 @@ def _sent_name(frame: Annotated) -> str:
 
 
 def _stream_numbers(run: Sequence[Annotated]) -> str:
-    """Return the numbers of alike stream frames and their times: the first and the last."""
+    """Return the first and last number and time of a run of equal stream frames."""
     headers = [h for frame in run if (h := frame.header) is not None and h.type in m.STREAM_RANGE]
     if not headers:
         return ""
@@ -168,6 +168,7 @@ def _stream_numbers(run: Sequence[Annotated]) -> str:
 
 
 def _span_text(numbers: Sequence[int]) -> str:
+    """Format the first and last number as a range."""
     return " to ".join(map(str, dict.fromkeys([numbers[0], numbers[-1]])))
 
 
@@ -188,7 +189,7 @@ def _client_pieces(transfers: Iterable[Transfer]) -> Iterator[tuple[Transfer, li
 
 
 def _client_transcript_lines(transfers: Iterable[Transfer], start_us: int) -> list[str]:
-    """Return transfers as lines; a frame is described behind its last byte."""
+    """Format transfers as lines; each frame follows its last byte."""
     return [
         line
         for transfer, pieces in _client_pieces(transfers)

@@ -178,7 +178,7 @@ class RequestClient:
         self.send(self.stream_wire(message, at_us, **header))
 
     def _put(self, wires: Sequence[bytes]) -> None:
-        """Write *wires*; a run that no window holds comes at the rate of the line."""
+        """Send *wires*; pace them at the line rate if they exceed the receive window."""
         mark, data = self.mark(), b"".join(wires)
         self._unanswered_bytes += len(data)
         self.wire.send(data, paced=len(data) > self.rx_window)
@@ -202,7 +202,7 @@ class RequestClient:
         self._forget_unanswered()
 
     def _pause(self) -> tuple[int, int]:
-        """Send the PING of no session; return its number and the mark before it."""
+        """Send a PING without session; return its number and the mark before it."""
         self.pauses += 1
         seq, since = (self.seq - _PAUSE_BEHIND) & 0xFFFF, self.mark()
         ping = m.Ping(self.random.getrandbits(_ECHO_BITS))
@@ -225,7 +225,7 @@ class RequestClient:
         return answer.header.time_us
 
     def _forget_answered(self) -> None:
-        """Forget what was sent before the last request that was answered, or long ago."""
+        """Forget sent frames up to the last answered request, or older than a limit."""
         for place in reversed(range(len(self._unanswered))):
             wire, since, sent_us = self._unanswered[place]
             is_old = self.wire.now_us() - sent_us >= self.processed_us

@@ -266,7 +266,7 @@ class RawFrameClient:
         LinkLostError
             If the port is gone, or takes no byte during the longest wait for an answer.
         """
-        self._come_back()
+        self._note_idle_time()
         now_us = self.now_us()
         free_us = max(now_us, self._busy_until_us)
         self.ended_whole = data.endswith(DELIMITER)
@@ -370,9 +370,10 @@ class RawFrameClient:
             self._transport.finds_mutes = None
 
     def _read(self, deadline_ns: int) -> None:
+        """Read from the transport until the deadline; end the case when its time is over."""
         if self.now_us() > self._deadline_us:
             inconclusive(f"the case was not over after {self.limits.case_us / 1e6:g} s")
-        self._come_back()
+        self._note_idle_time()
         if self.limits.slack_us:  # in short waits, each of which shows whether it lasted too long
             deadline_ns = min(deadline_ns, self._transport.now_ns() + _LOOK_NS)
         data = self._transport.read_available(deadline_ns)
@@ -413,8 +414,8 @@ class RawFrameClient:
         self._board_waited_us = threads_waited_us(self._board)
         self._leave(self.now_us())
 
-    def _come_back(self) -> None:
-        """Note how long the host neither sent, listened nor computed since its last wait.
+    def _note_idle_time(self) -> None:
+        """Record how long the host was idle since its last wait.
 
         And how long the process of the board waited for a processor meanwhile.
         """
@@ -426,11 +427,12 @@ class RawFrameClient:
         self.note_held_up(self._board_waited_us - before_us)
 
     def _leave(self, t_us: int) -> None:
-        """Note that the host listened, or sent, until now."""
+        """Record the time up to which the host listened or sent."""
         if self.limits.slack_us:
             self._left_us, self._left_cpu_ns = t_us, time.process_time_ns()
 
     def _take(self, data: bytes) -> None:
+        """Split received bytes into frames, and apply the rules to each."""
         now_us = self.now_us()
         self.recording.add(now_us, TransferDirection.BOARD, data)
         self.heard += len(data)
@@ -452,13 +454,14 @@ class RawFrameClient:
             self._flooded()
 
     def _flooded(self) -> NoReturn:
+        """End the case: the line delivers too many bytes."""
         text = f"the line is flooded: {self.heard} bytes in one case"
         if any(piece.header is not None for piece in self.received):
             fail(text)
         inconclusive(f"{text}, and no frame among them: not a board")
 
     def _keep(self, rest: bytes) -> None:
-        """Keep the bytes behind the last delimiter, in bounded memory."""
+        """Buffer the bytes after the last delimiter, up to a limit."""
         if len(self._partial) < _PARTIAL_BYTES:
             self._partial += rest
 

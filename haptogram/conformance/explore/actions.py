@@ -180,4 +180,5 @@ def _is_mute_in_slot(wire: bytes) -> bool:
 
 
 def _bodies_of_slot(wire: bytes) -> list[bytes]:
+    """Return the frame bodies decoded from the bytes of one time slot."""
     return [body for body in FrameDecoder().feed(wire) if isinstance(body, bytes)]

@@ -152,15 +152,15 @@ class DialogueComparison:
         for kind in ("responses", "events"):
             one, other = getattr(self.ours, kind), getattr(self.theirs, kind)
             for place, (mine, due) in enumerate(zip(one, other, strict=False)):
-                if text := self._not_due(mine, other[place:]) or self._frame(mine, due):
+                if text := self._unexpected_event(mine, other[place:]) or self._frame(mine, due):
                     return text
             if len(one) < len(other):
                 message = other[len(one)].message
                 return f"{clause_of_due_message(message)}: no {_named_in_dialogue(message)} comes"
         return self._order() if self.near_us < _TIMER_US else ""
 
-    def _not_due(self, mine: FrameInDialogue, left: Sequence[FrameInDialogue]) -> str:
-        """Return that an event comes in place of the next of those *left*, and is none of them."""
+    def _unexpected_event(self, mine: FrameInDialogue, left: Sequence[FrameInDialogue]) -> str:
+        """Return a text if an event arrives in place of the expected frame."""
         due, name = left[0], _named_in_dialogue(mine.message)
         if mine.header.type not in m.EVENT_RANGE or _kind_in_dialogue(mine) == _kind_in_dialogue(
             due
@@ -192,6 +192,7 @@ class DialogueComparison:
         return self.ours.responses[answers:] + self.ours.events[events:]
 
     def _frame(self, mine: FrameInDialogue, due: FrameInDialogue) -> str:
+        """Return the difference between a received frame and the model's."""
         header, message, due_header = mine.header, mine.message, due.header
         if type(message) is not type(due.message):
             wanted, got = _named_in_dialogue(due.message), _named_in_dialogue(message)
@@ -219,10 +220,11 @@ class DialogueComparison:
         return self._message(message, due.message)
 
     def _apart_us(self, key: m.LatchKey | None) -> int:
-        """Return how far apart the times of a latch may be: not at all where a host set it."""
+        """Return the tolerance between latch times; zero for scheduled frames."""
         return 0 if key is not None and self.host.is_exact(key) else self.near_us
 
     def _message(self, message: Any, due: Any) -> str:
+        """Return the difference between a received message and the model's."""
         own = _OWN.get(type(message), frozenset())
         if isinstance(due, m.Error) and due.code == m.ErrorCode.TOO_LARGE:
             own = frozenset({"detail"})  # a limit
@@ -239,7 +241,7 @@ class DialogueComparison:
         return ""
 
     def _clause(self, due: m.Message, name: str, text: str) -> str:
-        """Return the clause that a difference in a field speaks of."""
+        """Return the clause that governs a differing field."""
         word = text.split()[0]  # a counter, or one of the two halves of a drive
         if name == "counters":
             return COUNTER_CLAUSES[word]
@@ -256,6 +258,7 @@ class DialogueComparison:
     def _field(
         self, name: str, got: Any, wanted: Any, key: m.LatchKey | None, due: m.Message
     ) -> str:
+        """Return the difference in one field."""
         if name == "counters":
             before = self.ours.base.counters, self.theirs.base.counters
             return _dialogue_counter_difference(got, wanted, *before)
@@ -309,7 +312,7 @@ class DialogueComparison:
 
 
 def _key_in_dialogue(message: m.Message) -> m.LatchKey | None:
-    """Return the key of the latch that *message* speaks of; None if it speaks of none."""
+    """Return the latch key that a message refers to, if any."""
     if isinstance(message, m.Trace):
         return m.LatchKey(0, 0, message.index)
     if isinstance(message, m.TracePlayback | m.TraceDrive | m.DriveReply):
@@ -330,7 +333,7 @@ def _is_absent_sequence_in_dialogue(due: m.Message) -> bool:
 def _dialogue_counter_difference(
     got: m.Counters, due: m.Counters, ours: m.Counters, theirs: m.Counters
 ) -> str:
-    """Return the counters that differ; the one that tells most of a cause first."""
+    """Return the differing counters, the most informative first."""
     found = []
     for name in COUNTER_CLAUSES:
         mine = (getattr(got, name) - getattr(ours, name)) & 0xFFFFFFFF

@@ -126,7 +126,7 @@ class DialogueGenerator:
         return self._apart(self._actions(0, told))
 
     def _batch(self) -> list[DialogueAction]:
-        """Return what is told in a slot by chance."""
+        """Return random actions for one slot."""
         found: list[DialogueAction] = []
         if not self._script and self._random.random() < _UPLOAD_SHARE:
             self._script = self._makers.upload()
@@ -148,7 +148,7 @@ class DialogueGenerator:
         return [*(told for told in found if not told.ends_slot), *seen, *last[:1]]
 
     def _rarest(self) -> list[DialogueAction]:
-        """Return the one of a few inputs that has followed the last one least often."""
+        """Return the input that has followed the last one least often."""
         (kind,) = self._random.choices(list(_WEIGHTS), self._weights)
         names = self._random.choices(
             self._inputs.kinds.get(kind, self._inputs.kinds["frame"]), k=_CANDIDATES
@@ -160,11 +160,12 @@ class DialogueGenerator:
         return self._inputs.told(name)
 
     def _damaged(self, told: DialogueAction) -> DialogueAction:
+        """Return the action with random damage to its bytes."""
         (damage,) = self._random.choices(_DAMAGES, _DAMAGE_WEIGHTS)
         return told._replace(damage=told.damage or damage)
 
     def _actions(self, first: int, told: ActionSlots) -> list[DialogueAction]:
-        """Return what is told in slot *first* and the next ones."""
+        """Assign slot numbers to the actions of consecutive slots, starting at *first*."""
         return [
             one._replace(
                 slot=number,
@@ -176,7 +177,7 @@ class DialogueGenerator:
         ]
 
     def _apart(self, actions: list[DialogueAction]) -> list[DialogueAction]:
-        """Let the bytes of some slots, and some frames in them, come within a carrier period."""
+        """Set random delays between frames within a carrier period."""
         found: list[DialogueAction] = []
         for action in actions if self._exact else ():
             is_first = not found or found[-1].slot != action.slot

@@ -169,7 +169,7 @@ class Lockstep:
         return replace(found, sent=[*played.sent, *found.sent]) if powers_up else found
 
     def _open(self, config: m.Config, seed: int, *, is_known: bool) -> DialogueHost:
-        """Open the session of a dialogue, at a wall clock twice if the board was held up."""
+        """Open the session of a dialogue; retry once at wall-clock time if the host was delayed."""
         try:
             return self._opening.open(config, seed, is_known=is_known)
         except CaseEndedError:
@@ -233,7 +233,7 @@ class Lockstep:
         return Played(text, sent, slots, self._board.wire.held_up_us)
 
     def _silent_slots(self, slot: int, slots: int, by_slot: Container[int]) -> int:
-        """Return how many slots behind one pass together: nothing is sent in them.
+        """Return the number of following slots without actions, which pass together.
 
         A host at a wall clock looks at each by itself: it may be late.
         """
@@ -250,10 +250,7 @@ class Lockstep:
         return clock.on_carrier(clock.device_estimate_us() + _AHEAD_US)
 
     def _next_slot(self, slot_us: int, *, may_cut: bool) -> int:
-        """Return the time of the next slot: at once where nothing is due for long.
-
-        A host that is late leaves out whole slots.
-        """
+        """Return the start time of the next slot; slots that the host has missed are skipped."""
         clock = self._board.clock
         now_us = max(clock.device_estimate_us(), self._models.now_us)
         if may_cut and self._is_idle(slot_us):
@@ -262,18 +259,18 @@ class Lockstep:
         return slot_us + SLOT_US * (1 - (-late_us // SLOT_US))
 
     def _is_idle(self, slot_us: int) -> bool:
-        """Return True if the models do nothing by themselves for long."""
+        """Return True if no model has an event due for long."""
         next_us = self._models.next_us()
         return next_us is None or next_us >= slot_us + _IDLE_US
 
     def _settled_us(self) -> int:
-        """Return the time after which a frame that was to be latched at once is."""
+        """Return the time after which an immediate frame has latched."""
         board = self._board
         ready_us = board.clock.ready_us(_SETTLED_US, board.identity.max_points)
         return min(ready_us, SLOT_US - _END_US)
 
     def _early_us(self, line_us: int) -> int:
-        """Return how long before their time bytes are sent."""
+        """Return how long before the slot its bytes are sent."""
         early_us = self._opening.early_us
         return early_us if self.is_exact else early_us + line_us
 
@@ -291,6 +288,7 @@ class Lockstep:
         may_cut: bool,
         silent: int = 0,
     ) -> str:
+        """Play one slot on board and model; return the first difference."""
         board, models, at_us = self._board, self._models, host.slot_us
         wires = [wire for arrival in arrivals for wire in arrival.wires]
         line_us = board.wire.line_us(sum(map(len, wires)))
@@ -316,7 +314,7 @@ class Lockstep:
         return self._judge(host, due, base, line_us)
 
     def _arrive(self, slot_us: int, arrivals: Iterable[_Arrival]) -> int:
-        """Let the bytes of a slot arrive at both, and the hardware of both fail.
+        """Deliver the bytes and hardware faults of a slot to board and model.
 
         Returns the beginning of the slot in which the last of them come.
         """
@@ -337,7 +335,7 @@ class Lockstep:
         return slot_us + (at_us - slot_us) // SLOT_US * SLOT_US
 
     def _arrive_in_turn(self, wires: Sequence[bytes]) -> None:
-        """Let frames arrive at both one behind the other, as long as the line takes for each."""
+        """Deliver frames one after the other to board and model, at the rate of the line."""
         wire, models = self._board.wire, self._models
         begun_us = self._board.clock.device_estimate_us() + self._opening.early_us + wire.backlog_us
         self._send(wires)
@@ -351,10 +349,7 @@ class Lockstep:
             self._board.wire.send(piece)
 
     def _answered_us(self, host: DialogueHost, sent_us: int) -> list[int]:
-        """Wait for the refusal that ends a slot; return when the board began each of its answers.
-
-        That is no later than it says, or than the answer has come.  Empty: the slot has no end.
-        """
+        """Return the device times at which the board began to send each reply of a slot."""
         board = self._board
         seq = number_at_end_of_slot(host)
 
@@ -378,7 +373,7 @@ class Lockstep:
         return found[::-1]
 
     def _await_frames(self, due: list[FrameInDialogue], end_us: int) -> None:
-        """Wait for the frames that are due; in virtual time no longer than the slot lasts."""
+        """Wait for the expected frames; in virtual time at most one slot."""
         wire = self._board.wire
         number = _number_of_lockstep_frames(frame.message for frame in due) - len(self._early)
         answers = _number_of_answers(due) - _number_of_answers(self._early)
@@ -411,7 +406,7 @@ class Lockstep:
         base: tuple[DialogueBase, DialogueBase],
         line_us: int,
     ) -> str:
-        """Return the first difference in what both said in a slot."""
+        """Return the first difference between the replies of board and model in a slot."""
         board = self._board
         pieces = board.wire.received[self._since :]
         self._since += len(pieces)
@@ -444,7 +439,7 @@ def _annotated_in_dialogue(wire: bytes) -> str:
 
 
 def _arrivals_of_slot(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:
-    """Return what arrives together in a slot; *end* comes last, if anything does."""
+    """Group the frames of a slot that arrive together; *end* is last."""
     found: list[_Arrival] = []
     for action, wire in batch:
         if not found or action.wait_us or found[-1].fails:

@@ -137,6 +137,7 @@ class DialogueModels:
 
     @property
     def _all(self) -> list[DialogueModel]:
+        """Return the models of early and late arrival."""
         return [self._early] if self._late is None else [self._early, self._late]
 
     def close(self) -> None:

@@ -68,7 +68,7 @@ def state_before_effect(before: Held) -> tuple[OutputState, MuteReason]:
 
 
 def _tabled_effect(name: str, before: Held) -> dict[str, object]:
-    """Return the changes that the table of effects names for an input, as a host reads them."""
+    """Return the changes that the table of effects in SPEC.md lists for an input."""
     row = EFFECTS[name]
     changed: dict[str, object] = {}
     if Part.HOLD in row:  # the output goes off

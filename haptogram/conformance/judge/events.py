@@ -71,11 +71,13 @@ def event_of_unattended_time(board: BoardClient) -> None:
 
 
 def _run_out_timer(board: BoardClient, config: m.Config) -> None:
+    """Wait until the timer has expired."""
     _without_ramp(board, config)
     _wait_for_short_timer(board)
 
 
 def _without_ramp(board: BoardClient, config: m.Config) -> None:
+    """Set the ramp length to zero."""
     board.config = dataclasses.replace(config, ramp_ms=0)
     board.link.ask(m.SetConfig(board.config))
 

@@ -72,8 +72,8 @@ class LineRules:
                     if not (waits or self._begun) and len(data) == len(piece) + 2:
                         self._alone = (header.type, header.seq), t_us, len(data)
 
-    def _grown(self, piece: ReceivedByClient) -> str:
-        """Return what stands behind the last field, unless a later version added it (HG-11.3)."""
+    def _extra_bytes(self, piece: ReceivedByClient) -> str:
+        """Return extra bytes after the last field, unless a later minor version allows them."""
         if piece.message is None or piece.message.TAIL or self._minor > m.VERSION_MINOR:
             return ""
         size = len(piece.body) - HEADER_BYTES - piece.message.LAYOUT.size
@@ -105,19 +105,19 @@ class LineRules:
         yield "HG-2.6/1", f"{size} bytes between delimiters" if size > MAX_ENCODED_BYTES else ""
         is_of_host = not (piece.is_response or piece.is_event)
         yield "HG-3.1/1", "the board sends a frame of the host" if is_of_host else ""
-        yield "HG-3.2/3", piece.fault if piece.reason == "bad_length" else self._grown(piece)
+        yield "HG-3.2/3", piece.fault if piece.reason == "bad_length" else self._extra_bytes(piece)
         allowed = m.Flag.LATE if isinstance(piece.message, TRACES) else 0
         wrong = header.flags & ~allowed
         yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""
         yield "HG-11.5/2", _unnamed_in_frame(piece)
         yield from self._broken_by_session(piece, header)
         if piece.is_response:
-            yield "HG-4.11/1", self._unasked(piece, header)
+            yield "HG-4.11/1", self._unmatched_response(piece, header)
             yield from self._late_answer(piece, header)
         self._alone = None
 
     def _broken_by_junk(self, piece: ReceivedByClient) -> Broken:
-        """Judge bytes that are no frame; a line that damages bytes is not the board's fault."""
+        """Judge undecodable bytes; a lossy line is not the board's fault."""
         is_text = len(piece.piece) >= _SHORTEST_TEXT and piece.piece.isascii()
         is_text = is_text and piece.piece.decode("ascii").strip().isprintable()
         if self._is_lossless or is_text:
@@ -133,8 +133,8 @@ class LineRules:
         text = f"the session is {header.session:#06x}, due is {due[0]:#06x}"
         yield "HG-3.7/1", text if header.session not in due else ""
 
-    def _unasked(self, piece: ReceivedByClient, header: m.Header) -> str:
-        """Return in words that a response answers no request, or one that is answered."""
+    def _unmatched_response(self, piece: ReceivedByClient, header: m.Header) -> str:
+        """Return a text if a response answers no open request."""
         if piece.message is None:
             return ""
         kind = header.type - m.RESPONSE_OFFSET
@@ -148,7 +148,7 @@ class LineRules:
         return "this request was answered before" if self._asked[asked] < 0 else ""
 
     def _late_answer(self, piece: ReceivedByClient, header: m.Header) -> Broken:
-        """Judge how soon a request is answered that was alone on the line, in virtual time."""
+        """Judge the response time of a single request, in virtual time."""
         alone, line_us = self._alone, self._line_us
         if not (self._is_lossless and alone and line_us and header.seq == alone[0][1]):
             return

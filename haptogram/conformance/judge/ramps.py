@@ -96,7 +96,7 @@ def judge_straight_ramp(
 
 
 def _ramp_text(ramp: Sequence[RampReading]) -> str:
-    """Return in words how the amplitude of the first transducer went on: each code once."""
+    """Return the sequence of amplitude codes of the first transducer as text."""
     runs = itertools.groupby(ramp, lambda reading: reading.amplitudes[0])
     told = [f"{code} from {next(run).from_ms:.0f} ms" for code, run in runs]
     return f"read were {', '.join(told[:_TOLD])}{', ...' * (len(told) > _TOLD)}"

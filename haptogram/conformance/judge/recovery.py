@@ -92,7 +92,7 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
 
 
 def _ask_for_room(board: BoardClient) -> None:
-    """Begin the largest uploads that a board may take; a standing rule judges the answers.
+    """Begin the largest uploads to learn the free memory; a standing rule judges the replies.
 
     The first tells what room is left if that is less, the second is taken, and abandoned.
     """

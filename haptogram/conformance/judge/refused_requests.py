@@ -92,7 +92,7 @@ def _commands_to_be_refused(board: BoardClient) -> Iterator[m.Message]:
         count = board.identity.transducers
         data = bytes(count)
         yield m.Stop()
-        yield _play_not_to_be_refused(board)
+        yield _accepted_play(board)
         yield m.UploadBegin(m.UploadKind.PHASES, 0, STORED, count, zlib.crc32(data))
         yield m.UploadChunk(0, data[: board.identity.max_chunk])
         yield m.UploadCommit(PENDING)
@@ -187,7 +187,7 @@ def _plays_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
     """Yield every PLAY that an ARMED board without a playback has to refuse."""
     identity, bad = board.identity, m.ErrorCode.BAD_VALUE
     now_us = board.clock.device_us()
-    good, least_us = _play_not_to_be_refused(board), playback.least_period_us(board)
+    good, least_us = _accepted_play(board), playback.least_period_us(board)
     at_once = {"flags": int(m.Flag.IMMEDIATE)}
     absent = dataclasses.replace(good, sequence=_ABSENT)
     yield _request_to_be_refused("no such sequence", absent, m.ErrorCode.NOT_FOUND, **at_once)
@@ -216,7 +216,7 @@ def requests_refused_while_armed(board: BoardClient) -> Iterator[Refusal]:
 def requests_refused_now(board: BoardClient) -> Iterator[Refusal]:
     """Yield requests that this state of the output, or a playback, does not allow."""
     code, at_once = m.ErrorCode.BAD_STATE, {"flags": int(m.Flag.IMMEDIATE)}
-    yield _request_to_be_refused("in this state", _play_not_to_be_refused(board), code, **at_once)
+    yield _request_to_be_refused("in this state", _accepted_play(board), code, **at_once)
 
 
 def uploads_refused_for_playing(board: BoardClient) -> Iterator[Refusal]:
@@ -259,7 +259,8 @@ def judged_refusal(board: BoardClient, refusal: Refusal) -> m.Error:
     return answer.message
 
 
-def _play_not_to_be_refused(board: BoardClient) -> m.Play:
+def _accepted_play(board: BoardClient) -> m.Play:
+    """Return a PLAY request that the board accepts."""
     return playback.play_request(board, STORED, loops=1, unattended_ms=_ALONE_MS)
 
 

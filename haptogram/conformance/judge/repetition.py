@@ -77,6 +77,8 @@ def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead
 
 
 def _chunk_between_repetitions(offset: int, size: int) -> Between:
+    """Return a function that sends an upload chunk between two repeated requests."""
+
     def send(board: BoardClient) -> None:
         board.link.ask(m.UploadChunk(offset, bytes(size)))
 

@@ -66,7 +66,7 @@ class SentDrives:
                     self._note_upload(message)
 
     def _note_upload(self, message: m.Message) -> None:
-        """Follow an upload as if the board took every part of it: its CRC tells whether it did."""
+        """Track an upload as if every chunk were accepted; its CRC shows if so."""
         if isinstance(message, m.UploadBegin):
             is_kept = message.kind is m.UploadKind.PHASES and message.size <= _LONGEST_UPLOAD
             self._begin = message if is_kept else None
@@ -191,7 +191,7 @@ class UploadRoom:
         return f"room for {left} bytes, it was {before}, {_ROOM_AS_BEFORE}" if left < before else ""
 
     def _commit(self, target: int) -> None:
-        """Note that a sequence is stored; what is stored is unknown if its upload is."""
+        """Record a stored sequence; forget all sizes if its upload is unknown."""
         begin, self._open = self._open, None
         if begin is None or begin.target != target:
             self._taken.clear()

@@ -135,7 +135,7 @@ class StandingRules:
                 self._note_all(rule(piece, piece.message), piece)
 
     def _is_repeated(self, piece: ReceivedByClient) -> bool:
-        """Return True for a reply from memory: it tells of an earlier time (HG-4.11/6)."""
+        """Return True for a cached reply, which carries an earlier time (HG-4.11/6)."""
         assert piece.header is not None  # take
         if not piece.is_response:
             return False
@@ -159,6 +159,7 @@ class StandingRules:
                 self._note(clause, text, piece)
 
     def _note(self, clause: str, text: str, piece: ReceivedByClient) -> None:
+        """Record a broken clause with its case and frame."""
         if clause not in self._in_case or DRIVE_OF in text:
             self._in_case[clause] = text
         if clause not in (broken := self._findings.broken):
@@ -177,15 +178,15 @@ class StandingRules:
     # --- STATUS ----------------------------------------------------------------------------------
 
     def _judge_status(self, _: ReceivedByClient, message: m.Status | m.StatusReply) -> Broken:
-        yield "HG-3.9/2", self._wrong_sum(message.counters)
+        yield "HG-3.9/2", self._wrong_counter_sum(message.counters)
         due = _REASONS[OutputState(message.state)]
         text = f"{message.state.name} with the reason {message.reason.name}"
         yield "HG-6.2/3", text if message.reason not in due else ""
         yield "HG-9.1/3", "; ".join(_contradictions(message))
-        yield "HG-9.2/1", self._less_counted(message.counters)
+        yield "HG-9.2/1", self._decreased_counters(message.counters)
 
-    def _wrong_sum(self, counters: m.Counters) -> str:
-        """Return in words that the frames are not those of the parts, and what was sent."""
+    def _wrong_counter_sum(self, counters: m.Counters) -> str:
+        """Return a text if the frame counter is not the sum of its parts."""
         lacks, sent = _lacking_parts(counters), +self._since.sent
         self._since.sent.clear()
         before = self._since.counters
@@ -199,7 +200,8 @@ class StandingRules:
         named = ", ".join(f"{many} {annotated_type_name(kind)}" for kind, many in sent.items())
         return f"{text}; since the STATUS before: frames {steps['frames']}, {parts}; sent: {named}"
 
-    def _less_counted(self, now: m.Counters) -> str:
+    def _decreased_counters(self, now: m.Counters) -> str:
+        """Return a text if a counter has decreased."""
         before, self._since.counters = self._since.counters or now, now
         return "; ".join(
             f"{name} {getattr(before, name)}, then {getattr(now, name)}"
@@ -276,7 +278,7 @@ class StandingRules:
             since.ended = None  # what comes next is of another request
 
     def _judge_times(self, piece: ReceivedByClient, _: m.Message) -> Broken:
-        """Judge times by that of the newest response, as far as the host's clock tells."""
+        """Judge timestamps against the newest response, within the accuracy of the host clock."""
         header, newest = piece.header, self._since.response
         assert header is not None  # take
         if newest is None or piece.t_us - newest[1] > _LONG_US:
@@ -300,7 +302,7 @@ class StandingRules:
                 yield "HG-5.8/3", self._wrong_steps((before[0], header.time_us))
 
     def _judge_drives(self, piece: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge what was latched of the stream by what was sent with this number."""
+        """Judge a latched stream drive against the frame sent with its number."""
         session, identity = piece.header.session if piece.header else 0, self._since.identity
         if identity is None:
             return
@@ -340,7 +342,7 @@ class StandingRules:
             yield "HG-7.2/7", text
 
     def _wrong_steps(self, times: Iterable[int]) -> str:
-        """Return in words which two latches are in one carrier period; empty if there are none."""
+        """Return a text on two latches within one carrier period, or ""."""
         identity = self._since.identity
         if identity is None or not identity.carrier_hz:
             return ""
@@ -353,7 +355,7 @@ class StandingRules:
 
 
 def _crcs_of_latches(message: m.Message, transducers: int) -> Iterator[tuple[m.LatchKey, int]]:
-    """Yield key and CRC-32 of each drive that a message tells of."""
+    """Yield latch key and CRC-32 of each drive in a message."""
     if isinstance(message, m.Trace):
         yield m.LatchKey(0, 0, message.index), message.crc
     elif isinstance(message, m.TracePlayback):
@@ -367,12 +369,13 @@ def _crcs_of_latches(message: m.Message, transducers: int) -> Iterator[tuple[m.L
 
 
 def _lacking_parts(counters: m.Counters) -> int:
-    """Return how many frames more are counted than their parts make."""
+    """Return how far the frame counter exceeds the sum of its parts."""
     parts = sum(int(getattr(counters, name)) for name in PARTS_OF_FRAMES)
     return (counters.frames - parts + _WRAP // 2) % _WRAP - _WRAP // 2
 
 
 def _contradictions(status: m.Status | m.StatusReply) -> Iterator[str]:
+    """Yield contradictions within a status."""
     if status.state is not OutputState.ARMED and status.queued:
         yield f"{status.queued} frames are queued while {status.state.name}"
     if not status.margins and (status.margin_min_us or status.margin_mean_us):
@@ -388,7 +391,7 @@ def _contradictions(status: m.Status | m.StatusReply) -> Iterator[str]:
 
 
 def _wrong_records(reply: m.TraceReply) -> str:
-    """Return in words what is wrong in the numbers of a ring; empty if nothing is."""
+    """Return a text on wrong record numbers of the trace ring, or ""."""
     numbers = [record.number for record in reply.records]
     inside = all(reply.oldest <= number < reply.next for number in numbers)
     if reply.oldest <= reply.next and inside and numbers == sorted(set(numbers)):

@@ -148,7 +148,7 @@ def judged_mute_by_timer(
 
 
 def _require_not_muted_before(board: BoardClient, since: int) -> None:
-    """End the case, not judged, if a timer ended behind ARM, when the host had not looked yet."""
+    """End the case as not judged if a timer expired right after ARM."""
     for piece in () if board.wire.is_virtual else reversed(board.wire.received[:since]):
         if isinstance(piece.message, m.ArmReply):
             return
@@ -180,7 +180,7 @@ def judge_mute_time(
 
 
 def _begin_text(board: BoardClient, muted: m.Header, due_ms: int) -> str:
-    """Return in words behind which frames of the board a timer of that length has run."""
+    """Return a text that names the board's frames after which the timer ran *due_ms*."""
     begun_us = (muted.time_us - due_ms * _MS) & 0xFFFFFFFF
     headers = [piece.header for piece in board.wire.received if piece.header is not None]
     names = {

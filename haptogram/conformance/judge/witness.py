@@ -94,7 +94,7 @@ def judge_nothing_read_back(board: BoardClient, kind: m.DriveKind, text: str) ->
 def _drive_faults_of_witness(
     board: BoardClient, shown: latching.ClientDrive, registers: bytes, amplitudes: bytes
 ) -> tuple[str, ...]:
-    """Return the names of the faults of a drive, judged by the array's geometry."""
+    """Return the named faults of a drive, judged with the array geometry."""
     # Imported here: only a wrong drive pays for the acoustics.
     import numpy as np
 

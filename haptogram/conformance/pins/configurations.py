@@ -103,5 +103,6 @@ def _begin_of_configuration(item: tuple[float, object]) -> float:
 
 
 def _last_configuration(known: Sequence[tuple[float, _T | None]], t: float) -> _T | None:
+    """Return the last known configuration before a capture time."""
     place = bisect.bisect_right(known, t, key=_begin_of_configuration) - 1
     return known[place][1] if place >= 0 else None

@@ -124,11 +124,11 @@ class PinDialogueClock:
         return float(self.within_us + error_us) / self.period_us
 
     def _gap(self, period: float) -> int:
-        """Return the number of the gap between knots that is the nearest."""
+        """Return the index of the nearest gap between knots."""
         return min(max(bisect_left(self.knots, period) - 1, 0), len(self.bends) - 1)
 
     def _off_us(self, period: float) -> float:
-        """Return by how much the device time is off the straight line."""
+        """Return the deviation of the device time from the straight line."""
         gap = self._gap(period)
         rate = (self.off_us[gap + 1] - self.off_us[gap]) / (self.knots[gap + 1] - self.knots[gap])
         return float(self.off_us[gap] + rate * (period - self.knots[gap]))
@@ -188,7 +188,7 @@ def _pin_clock_without_outliers(rest: FloatArray) -> np.ndarray:
 def _bent_line_of_pin_clock(
     arrivals: FloatArray, off_us: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the knots of a line with bends, each the mean of marks; two at least."""
+    """Return the knots of a piecewise linear clock fit."""
     step = np.ptp(arrivals) / _KNOTS
     bins = np.floor((arrivals - arrivals[0]) / max(step, 1.0))
     starts = np.flatnonzero(np.diff(bins, prepend=-1.0))

@@ -71,12 +71,13 @@ class PinDialogue:
         for frame in self.to_host[first:]:
             if frame.header.seq == asked.header.seq and frame.header.type == kind:
                 return frame
-            if frame.arrival > asked.arrival + self._patience:
+            if frame.arrival > asked.arrival + self._second_periods:
                 break
         return None
 
     @property
-    def _patience(self) -> float:
+    def _second_periods(self) -> float:
+        """Return one second in carrier periods."""
         return self.record.carrier_hz  # a second: no host waits longer without asking again
 
     @cached_property
@@ -86,7 +87,7 @@ class PinDialogue:
 
     @cached_property
     def _armings(self) -> list[float]:
-        """Arrivals of ARM, and the replies to those that the analyser read wrongly."""
+        """Return the capture times of ARM; those of the reply if the request was unreadable."""
         read = {(f.header.session, f.header.seq) for f in self.requests(m.MessageType.ARM)}
         replies = (f for f in self.to_host if f.header.type == m.MessageType.ARM_REPLY)
         lost = [f.begin for f in replies if (f.header.session, f.header.seq) not in read]
@@ -121,12 +122,13 @@ class PinDialogue:
         found = []
         for arm in self.requests(m.MessageType.ARM):
             answer = self.answer(arm, m.MessageType.ARM_REPLY)
-            end = arm.arrival + self._patience if answer is None else answer.begin
+            end = arm.arrival + self._second_periods if answer is None else answer.begin
             found.append((arm.arrival, end))
         return found
 
     @cached_property
     def _responses(self) -> list[float]:
+        """Return the capture times of all responses."""
         return [f.begin for f in self.to_host if f.header.type in m.RESPONSE_RANGE]
 
     def answered_before(self, t: float) -> float:
@@ -166,6 +168,7 @@ class PinDialogue:
 
     @property
     def _horizon(self) -> float:
+        """Return the scheduling horizon of the board in carrier periods."""
         told = [reply.max_horizon_us for _, reply in self.said(m.HelloReply)]
         return max(told, default=0) * self.record.carrier_hz * 1e-6
 
@@ -227,7 +230,7 @@ class PinDialogue:
 
     @cached_property
     def _marks(self) -> list[tuple[float, float, list[tuple[float, int]]]]:
-        """Begin and end of each stretch between resets, with the arrivals of PINGs on two clocks.
+        """Return start and end of each run between resets, with its PING arrivals on both clocks.
 
         Where the board's line alone was captured, the PONG tells when it left itself.
         """
@@ -252,7 +255,7 @@ class PinDialogue:
 
     @cached_property
     def _first_bytes(self) -> float:
-        """Periods from the first bit of a frame to the end of the byte behind its delimiter."""
+        """Return the time of two bytes on the line, in carrier periods."""
         assert self.record.to_host is not None  # it has a PONG
         return 2.0 * float(np.diff(self.record.to_host.times).min())
 

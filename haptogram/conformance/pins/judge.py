@@ -123,7 +123,7 @@ def _dialogue_before_lost_samples(record: PinRecord) -> PinDialogue:
 
 
 def _note_clauses_without_a_line(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
-    """Note which clauses the one line that was captured does not show, or not as a whole."""
+    """Note the clauses that a capture of one line cannot show."""
     if not dialogue.missing:
         return
     shown = _BY_ONE_LINE[dialogue.missing]
@@ -179,6 +179,7 @@ def _clause_result_by_pins(
 
 
 def _occasions(texts: Sequence[str], every: int) -> str:
+    """Join the findings into one text: the count, the first few, the number of others."""
     more = f"; and {len(texts) - _NAMED} times more" if len(texts) > _NAMED else ""
     return f"{len(texts)} of {every} times: " + "; ".join(texts[:_NAMED]) + more
 

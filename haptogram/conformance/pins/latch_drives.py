@@ -96,6 +96,7 @@ class LatchDriveClauseJudge:
     def _judge(
         self, one: DriveBehindLatch, offset: float | None, steps: int, findings: PinClauseFindings
     ) -> None:
+        """Judge the pin drive after one latch, and add the findings."""
         record, shown, elements = self.record, one.shown, list(self.record.pins)
         where = time_by_pins(record, one.latch.at)
         lost = ""
@@ -122,7 +123,7 @@ class LatchDriveClauseJudge:
             findings.paths.add((shown.clause, shown.path))
 
     def _behind(self, latch: ToldLatch, settled: float) -> DriveBehindLatch | None:
-        """Return what the pins show behind a latch; None: for too short a time."""
+        """Return the pin drive measured after a latch; None if it lasted too short."""
         shown = latch.drive
         if shown is None or latch.until - latch.at <= settled + latch.within + SHORTEST:
             return None
@@ -147,7 +148,7 @@ class LatchDriveClauseJudge:
         return DriveBehindLatch(latch, shown, seen, meant, tuple(gone), is_sounding, high - low)
 
     def _drift(self, low: float, high: float) -> FloatArray:
-        """Return the polynomial by which the phase of the reference wanders behind *low*.
+        """Return the polynomial phase drift of the reference element after *low*.
 
         An element counts no periods, so there the analyser's clock turns all phases slowly.
         """
@@ -163,7 +164,7 @@ class LatchDriveClauseJudge:
     def _wrong(
         self, one: DriveBehindLatch, offset: float | None, steps: int
     ) -> tuple[NDArray[np.bool_], bool]:
-        """Return the pins that differ, and whether any phase was compared with another one.
+        """Return a mask of differing pins, and whether any phase could be compared.
 
         Phases are compared on the one that the pins share with their drives: *offset*, which is
         known to *steps* of a code, or that of the reference.
@@ -189,14 +190,14 @@ class LatchDriveClauseJudge:
         return self.limits.amplitude + one.shown.steps / _FULL
 
     def _audible(self, one: DriveBehindLatch) -> NDArray[np.bool_]:
-        """Return the (E,) pins whose phase has to be that of its code."""
+        """Return a mask (E,) of pins with enough amplitude to compare their phase."""
         audible: NDArray[np.bool_] = np.minimum(
             np.abs(one.seen), np.abs(one.meant)
         ) > self._amplitude_limit(one)
         return audible & ~one.shown.free[list(self.record.pins)]
 
     def _offset(self, drives: Sequence[DriveBehindLatch]) -> tuple[float | None, int]:
-        """Return the phase of the pins against their codes, one from a reset to the next.
+        """Return the common phase between pins and codes, constant until the next reset.
 
         It is known to so many steps: a drive that the board computed may be off by one. None:
         there is one phase alone, with which nothing can be compared.

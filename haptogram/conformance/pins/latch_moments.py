@@ -88,7 +88,7 @@ class LatchMomentClauseJudge:
     def _judge_time(
         self, findings: PinClauseFindings, clause: str, late: float, within: float, than: str
     ) -> None:
-        """Judge how *late* pins change, by a device clock that is known *within* so many periods.
+        """FAILED if pins change *late*, beyond the uncertainty *within* of the clock.
 
         A clock that is known worse than a period shows no board to be in time.
         """
@@ -109,4 +109,5 @@ class LatchMomentClauseJudge:
 
 
 def _side_of_clause(periods: float) -> str:
+    """Return "later" or "earlier" for a signed time."""
     return "later" if periods > 0.0 else "earlier"

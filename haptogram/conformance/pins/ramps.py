@@ -118,6 +118,6 @@ def _ramp_left_by_clause(times: FloatArray, begin: float, end: float) -> FloatAr
 
 
 def _ramp_rises(sizes: FloatArray, error: FloatArray) -> bool:
-    """Return True if an amplitude exceeds one before it by more than the samples make."""
+    """Return True if the amplitude increases beyond the measurement error."""
     least = np.minimum.accumulate(sizes + error)
     return bool((sizes - error > least).any())

@@ -125,6 +125,7 @@ def _silence_clauses_due(dialogue: PinDialogue) -> Iterator[SilenceDue]:
 def _silence_until_arm(
     dialogue: PinDialogue, cause_at: float, begin: float, clause: str, cause: str
 ) -> SilenceDue:
+    """Return the silence expected from an event until the next ARM."""
     until, doubt = dialogue.next_arm(cause_at), dialogue.next_unread(cause_at)
     return SilenceDue(cause_at, begin, until, clause, cause, doubt)
 
@@ -145,7 +146,7 @@ def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDu
 
 
 def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> float:
-    """Return when the frames that arrived by *until* are computed (HG-5.7), at the latest."""
+    """Return the latest time at which received frames are computed (HG-5.7)."""
     point_us = 0
     ready = until
     for frame, reply in dialogue.said(m.HelloReply):
@@ -161,7 +162,7 @@ def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> flo
 
 
 def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
-    """Yield the silences that the board itself tells of."""
+    """Yield the silences that follow from the board's own messages."""
     timer = _TIMER_US * dialogue.record.carrier_hz * 1e-6
     for frame in dialogue.to_host:
         told = frame.message
@@ -182,7 +183,7 @@ def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
 
 
 def _silence_clauses_after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
-    """Yield the silences between an ARM that led out of silence and the first frame behind it."""
+    """Yield the silences between an ARM and the next frame."""
     off = [mute.arrival for mute in dialogue.requests(m.MessageType.MUTE)]
     before = 0.0
     for arm in dialogue.arms:

@@ -213,6 +213,7 @@ class DrivesOfPinDialogue:
 
     @cached_property
     def _array(self) -> TransducerArray | None:
+        """Return the transducer array that the board describes, by grid or by elements."""
         identity = self.identity
         assert identity is not None  # model() has seen to it
         if identity.grid_nx and identity.grid_ny:
@@ -241,6 +242,7 @@ class DrivesOfPinDialogue:
         return found
 
     def _of_stream(self, session: int, index: int, crc: int | None, at: float) -> ToldDrive | None:
+        """Return the drive sent in a stream frame."""
         sent = self._stream.get((session, index), [])
         exact = [one for one in sent if crc is not None and self._crc(one) == crc]
         if exact:
@@ -250,6 +252,7 @@ class DrivesOfPinDialogue:
         return sent[0] if is_alone else None
 
     def _crc(self, drive: ToldDrive) -> int | None:
+        """Return the CRC-32 of a drive's codes; None if they are invalid."""
         try:
             parts = m.drive_codes(drive.message, self.count)
         except RemoteProtocolError:
@@ -257,10 +260,11 @@ class DrivesOfPinDialogue:
         return None if parts is None else zlib.crc32(b"".join(parts))
 
     def _is_doubtful(self, begin: float, end: float) -> bool:
-        """Return True if the analyser may have misread what the board latched."""
+        """Return True if the capture has unreadable bytes that may have changed the drive."""
         return self._dialogue.next_unread(begin - self._dialogue.record.carrier_hz) < end
 
     def _of_playback(self, key: m.LatchKey, at: float) -> ToldDrive | None:
+        """Return the drive stored for a playback latch."""
         plays = [(f, p) for f, p in self._plays if f.arrival < at and p.sequence == key.sequence]
         stored = [
             one

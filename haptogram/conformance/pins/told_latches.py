@@ -127,7 +127,7 @@ def _time_of_told_latch(told: _Told) -> float:
 
 
 def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Told]:
-    """Yield the latches of which an event of its own tells, while every latch has one."""
+    """Yield the latches reported by trace events, while every latch has one."""
     events = []
     for frame in dialogue.to_host:
         is_told = isinstance(frame.message, m.Trace | m.TracePlayback | m.TraceDrive)
@@ -149,7 +149,7 @@ def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Ite
 
 
 def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Told]:
-    """Yield the latches that a read-back names, up to its request, where no events tell of them."""
+    """Yield the latches reported by READ_DRIVE, where trace events are off."""
     requests = {
         (frame.header.session, frame.header.seq): frame.arrival
         for frame in dialogue.requests(m.MessageType.READ_DRIVE)
@@ -180,7 +180,7 @@ def _latch_due_in_pin_dialogue(
 def _shown_drive(
     found: ToldDrive, asked: DrivesOfPinDialogue, configs: ConfigurationsByPins, at: float
 ) -> ShownDrive | None:
-    """Return what the pins show of a drive; None: array, configuration or correction is unknown."""
+    """Return the drive expected at the pins; None if it cannot be computed."""
     known, correction = configs.at(at), configs.correction(at)
     if known is None or correction is None:
         return None
@@ -205,7 +205,7 @@ def _shown_drive(
 
 
 def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
-    """Return when an event came before which one is missing on the captured line, or damaged."""
+    """Return the capture times before which an event frame is missing or damaged."""
     events = [frame for frame in dialogue.to_host if frame.header.type in m.EVENT_RANGE]
     missing = [
         after.begin
@@ -217,7 +217,7 @@ def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
 
 
 def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[tuple[float, float]]:
-    """Return between which times the output may change by something else than a latch."""
+    """Return the intervals in which the output may change without a latch."""
     found = [frame.arrival for frame in dialogue.requests(*_OF_OUTPUT)]
     found += dialogue.unread_to_board  # it may have been one of them
     asked: list[tuple[float, float]] = []

@@ -174,6 +174,7 @@ class SuiteConnection:
             self.lost = why
 
     def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
+        """Open a client on a transport."""
         self._transport = transport
         wire = RawFrameClient(transport, self._limits, baudrate=self.baudrate)
         self._connected_us = wire.now_us()
@@ -189,6 +190,7 @@ class SuiteConnection:
         return self._board
 
     def _drop(self) -> None:
+        """Close the transport; keep its elapsed time."""
         if self._transport is not None:
             self._spent_us = self.elapsed_us
             self._transport.close()

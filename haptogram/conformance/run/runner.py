@@ -151,7 +151,7 @@ class SuiteRunner:
         )
 
     def _places(self, cases: Sequence[Case]) -> Iterator[int]:
-        """Yield the places of the cases in the order in which they run.
+        """Yield case indices in run order; cases that judge the whole run come last.
 
         At a wall clock those that wait for the wrap of the clock run when it is near after a reset
         for another case; those for which it never was come last, and wait 10 s each.
@@ -168,11 +168,12 @@ class SuiteRunner:
         yield from (place for place, case in enumerate(cases) if case.judges_all)
 
     def _is_wrap_near(self, case: Case) -> bool:
-        """Return True if the clock passes 2^32 µs soon, and late enough for a case about that."""
+        """Return True if the device clock wraps within the time that a case needs."""
         until_us = self._connection.until_wrap_us
         return case.before_wrap_us <= until_us < case.before_wrap_us + _EARLY_US
 
     def _settings(self) -> dict[str, object]:
+        """Return the options of the run for the report."""
         options = self._options
         return {
             "port": self._access.url,
@@ -222,7 +223,7 @@ class SuiteRunner:
         )
 
     def _attempt(self, case: Case) -> _Outcome:
-        """Run a case; once more, twice at most, if it did not pass while the host was held up."""
+        """Run a case, with up to two retries if the host was delayed and the case did not pass."""
         tried: list[_Outcome] = []
         for _ in range(_TRIES):
             tried.append(self._try(case))
@@ -231,6 +232,7 @@ class SuiteRunner:
         return _suite_result_of_attempts(tried)
 
     def _try(self, case: Case) -> _Outcome:
+        """Run a case once; skip it if it is deeper than the selected depth."""
         if case.body is None:
             return _Outcome(Behaviour.NOT_OBSERVED, case.summary)
         depth = case.least_depth(virtual=self._access.virtual)
@@ -254,6 +256,7 @@ class SuiteRunner:
         return self._experiment(case, board)
 
     def _experiment(self, case: Case, board: BoardClient) -> _Outcome:
+        """Prepare the board, run the case and judge how it ended."""
         board.wire.begin_case()
         self._connection.rules.begin_case(case.id)
         if self._connection.lost and not case.needs_reset:
@@ -279,7 +282,7 @@ class SuiteRunner:
         return dataclasses.replace(outcome, held_up_us=held_up_us)
 
     def _without_board(self, case: Case, board: BoardClient) -> _Outcome:
-        """Run a case that may find out why nothing answers; a board never seen cannot recover."""
+        """Run a case without a connected board; skip recovery."""
         try:
             outcome = self._judge(case, board)
         except LinkError as error:
@@ -302,22 +305,23 @@ class SuiteRunner:
         return _Outcome(Behaviour.OK)
 
     def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
+        """Convert the end of a case into an outcome."""
         clause = self._clauses[case.clause]
         if ended.behaviour is Behaviour.FAILED and board.wire.was_held_up_beyond_reckoning():
             ended = HeldUpError(f"for {board.wire.held_up_us / 1000:.0f} ms, and then: {ended}")
         if ended.behaviour is Behaviour.FAILED and self._is_slow:
             return _Outcome(Behaviour.INCONCLUSIVE, self._on_slow_line(str(ended)))
         if ended.behaviour is Behaviour.FAILED:
-            ended = CaseEndedError(ended.behaviour, f"{ended}{self._found_meanwhile(board, ended)}")
-        if ended.behaviour is Behaviour.FAILED and (timer := self._short_timer(board, ended)):
-            ended = self._ended_by_timer(board, timer, ended)
+            ended = CaseEndedError(ended.behaviour, f"{ended}{self._side_effects(board, ended)}")
+        if ended.behaviour is Behaviour.FAILED and (timer := self._expired_timer(board, ended)):
+            ended = self._timer_outcome(board, timer, ended)
         lenient = clause.level is Level.SHOULD and not self._options.strict
         if ended.behaviour is Behaviour.FAILED and lenient:
             return _Outcome(Behaviour.NON_STRICT, str(ended))
         return _Outcome(ended.behaviour, str(ended))
 
-    def _short_timer(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return the timer that the case did not ask for and that ended before the host came back.
+    def _expired_timer(self, board: BoardClient, ended: CaseEndedError) -> str:
+        """Return a timer that expired while the host was delayed.
 
         Empty: none did.  A lease does so only at a wall clock, as every frame renews it.
         """
@@ -330,10 +334,10 @@ class SuiteRunner:
         timer = next(ends, "")
         return "" if not timer or board.has(m.Feature.CONFIG) else timer
 
-    def _ended_by_timer(
+    def _timer_outcome(
         self, board: BoardClient, timer: str, ended: CaseEndedError
     ) -> CaseEndedError:
-        """Return the end of a case that takes longer than a timer that nothing extends."""
+        """Return the outcome of a case that takes longer than a hold or lease allows."""
         config = board.config
         length_ms = config.hold_ms if timer == "hold" else config.host_timeout_ms
         board.wire.note_held_up(1000 * length_ms)
@@ -342,8 +346,8 @@ class SuiteRunner:
             return CaseEndedError(Behaviour.NOT_OBSERVED, f"this line takes {text}")
         return HeldUpError(f"for {text}")
 
-    def _found_meanwhile(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return in words what the frames of a case show that its own finding does not tell."""
+    def _side_effects(self, board: BoardClient, ended: CaseEndedError) -> str:
+        """Return a text on state changes and drops that the finding does not mention."""
         events = [event for _, event in board.link.events(m.StateChanged, 0)]
         told = {event.reason.name: f"{event.state.name}, {event.reason.name}" for event in events}
         told.pop(MuteReason.MUTE.name, None)  # which the host asked for
@@ -354,6 +358,7 @@ class SuiteRunner:
         return f" ({'; '.join(also)})" if also else ""
 
     def _afterwards(self, case: Case, board: BoardClient, outcome: _Outcome) -> _Outcome:
+        """Recover the board after a case, and add the transcript to its outcome."""
         if _is_behaviour_shown_in_suite(outcome.behaviour):
             transcript = board.wire.recording.transcript()
             outcome = dataclasses.replace(outcome, transcript=transcript)
@@ -388,6 +393,7 @@ class SuiteRunner:
         return self._connection.baudrate < _MEASURED_SHARE * _LEAST_BAUD
 
     def _on_slow_line(self, found: str) -> str:
+        """Return the text for a line too slow for a verdict."""
         return (
             f"a line of {self._connection.baudrate} Bd is too slow for a verdict, "
             f"{_LEAST_BAUD} Bd are enough: {found}"
@@ -402,7 +408,7 @@ class SuiteRunner:
 
 
 def _suite_result_of_attempts(tried: Sequence[_Outcome]) -> _Outcome:
-    """Return the last outcome; INCONCLUSIVE if it hides that an earlier attempt FAILED.
+    """Return the last outcome; INCONCLUSIVE if it passed after an earlier attempt FAILED.
 
     Such a failure may be of the host, which was held up, or of a board that fails now and then.
     """

@@ -61,7 +61,7 @@ class SteppedAccessTransport:
         return len(data)
 
     def _overtake(self, mutes: Sequence[int], parts: Sequence[bytes]) -> None:
-        """Let the MUTE among *parts* be found now, and come to the main loop in their places."""
+        """Process the MUTE frames among *parts* ahead of the bytes before them."""
         for mute in mutes:
             length = sum(map(len, parts[: mute + 1]))
             self._unread += self._process.find_mute(self._now_ns // 1000, length)
@@ -144,7 +144,7 @@ class SteppedAccess:
 
 
 def _draw_of_steps(data: bytes) -> bool:
-    """Return a bit of *data*, no CRC: that of frames which hold their own CRC hardly changes."""
+    """Return a pseudo-random bit of *data*, not derived from its CRC."""
     return bool(hashlib.blake2b(data, digest_size=1).digest()[0] & 1)
 
 

@@ -114,6 +114,7 @@ class FrameBuilder:
         return [made[group] for group in foci]
 
     def _make(self, foci: list[tuple[Focus, ...]], mode: Mode, solver: Method) -> list[Frame]:
+        """Build one frame per group of foci."""
         if mode == "points":
             return [self._points(group) for group in foci]
         if mode == "drives":

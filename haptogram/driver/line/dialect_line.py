@@ -93,7 +93,7 @@ class DialectLine:
         self._transport = ClosedTransport(self._transport)
 
     def _send(self, operations: Sequence[Operation]) -> list[Operation]:
-        """Send *operations* in one piece, or up to each answer, and return what a board reads."""
+        """Send *operations*, waiting for each reply; return those that a board decodes."""
         data, seen = b"", list[Operation]()
         for number, operation in enumerate(operations, 1):
             data += self._host.send(operation)
@@ -111,7 +111,7 @@ class DialectLine:
             self._take(deadline_ns)
 
     def _wait_for_room(self, size: int) -> None:
-        """Wait until no more than *size* bytes are on their way: what is there is not overtaken."""
+        """Wait until at most *size* unsent bytes are queued on the line."""
         if self._line is not None and self._line.unsent_bytes(self.now_ns()) > size:
             self.run_until(self._line.room_at_ns(size))
 
@@ -131,6 +131,7 @@ class DialectLine:
             self.run_until(self.now_ns() + _RETRY_NS)
 
     def _take(self, deadline_ns: int) -> None:
+        """Read replies until the deadline; raise DeviceError on a refusal."""
         data = self._transport.read_available(deadline_ns)
         for reply in self._host.receive_data(data) if data else []:
             self._replies.append(reply)

@@ -138,12 +138,13 @@ class Link:
         return deadline_ns
 
     def _push(self) -> None:
-        """Offer the port the bytes that wait: the rest of a frame first, then requests."""
+        """Write pending bytes: the rest of a frame first, then requests."""
         data = self._unwritten + self.connection.data_to_send()
         if data:
-            self._offer(data, self.now_ns())
+            self._write_some(data, self.now_ns())
 
-    def _offer(self, data: bytes, now_ns: int) -> None:
+    def _write_some(self, data: bytes, now_ns: int) -> None:
+        """Write as many bytes as the transport takes; keep the rest."""
         written = self._transport.write_some(data)
         self._unwritten = data[written:]
         self.line.add(written, now_ns)
@@ -162,6 +163,7 @@ class Link:
             )
 
     def _dispatch(self) -> None:
+        """Pass events to the handler; keep replies that a caller awaits."""
         while (event := self.connection.next_event()) is not NEED_DATA:
             if isinstance(event, _UNASKED):
                 self.handler(event)
@@ -187,7 +189,7 @@ class Link:
             wait_ns = _STALL_RETRY_NS if self._unwritten else 1
             self.turn(max(self.line.room_at_ns(unsent), now_ns + wait_ns))
             now_ns = self.now_ns()
-        self._offer(wire, now_ns)
+        self._write_some(wire, now_ns)
         return now_ns
 
     def transmission_ns(self, wire: bytes) -> int:

@@ -255,7 +255,7 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
 
 
 def _send_at_once(port: Any) -> None:
-    """Let a TCP port send every write at once.
+    """Disable Nagle's algorithm on a TCP port.
 
     Nagle's algorithm keeps a small write back until the last one is acknowledged, which takes a
     Linux host up to 40 ms.

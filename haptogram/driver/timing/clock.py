@@ -149,12 +149,13 @@ class ClockEstimate:
         self._take(ClockSample(host_ns, device_ns - host_ns, trip_ns // 2 + _ROUNDING_NS))
 
     def _take(self, sample: ClockSample) -> None:
+        """Add a clock sample; restart the estimate after repeated contradictions."""
         if self._contradicts(sample):
             self.rejected += 1
             self._contradictions += 1
             if self._contradictions < _PATIENCE:
                 return
-            self._begin_anew(sample)
+            self._restart(sample)
         self._contradictions = 0
         self._samples.append(sample)
         self._follow_drift()
@@ -169,14 +170,14 @@ class ClockEstimate:
         allowed_ns = best.margin_ns + sample.margin_ns + age_ns * self._ppm / 1e6
         return abs(sample.offset_ns - best.offset_ns) > allowed_ns
 
-    def _begin_anew(self, sample: ClockSample) -> None:
-        """Forget everything: the device clock has jumped."""
+    def _restart(self, sample: ClockSample) -> None:
+        """Restart the estimate after a jump of the device clock."""
         self.jumps += 1
         self.jump_us = (sample.offset_ns - self._offset_ns(sample.host_ns)) // 1000
         self._samples.clear()
 
     def _follow_drift(self) -> None:
-        """Reckon with the drift once it is known better than the clocks' declared limits."""
+        """Use the measured drift once it is more accurate than the declared limits."""
         self._drift = fit_clock_drift(self._samples)
         growth_ppm = self._drift.uncertainty_ppm + _WANDER_PPM
         known = growth_ppm < self._ppm
@@ -240,6 +241,7 @@ class ClockEstimate:
 
     @property
     def _chosen(self) -> ClockSample:
+        """Return the best clock sample; raise without any."""
         if self._best is None:
             raise NoAnswerError("the device clock is not known: no ping was answered yet")
         return self._best

@@ -104,6 +104,7 @@ class LeadTrim:
         return self.lead_us
 
     def _move(self, lead_us: int) -> None:
+        """Set the lead within its limits."""
         lead_us = min(self.longest_us, max(self.shortest_us, lead_us))
         self.moves += lead_us != self.lead_us
         self.lead_us = lead_us

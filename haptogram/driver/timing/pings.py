@@ -56,6 +56,7 @@ class Pinger:
             self._send()
 
     def _send(self) -> None:
+        """Send a PING and schedule the next."""
         self._number += 1
         self._handed_over_ns = self._link.now_ns()
         self._due_ns = self._handed_over_ns + PING_PERIOD_NS

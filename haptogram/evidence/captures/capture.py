@@ -180,7 +180,7 @@ def estimated_capture_step(times: NDArray[np.int64]) -> float:
 def _shared_capture_step(
     told: NDArray[np.float64], distances: NDArray[np.float64], times: NDArray[np.int64]
 ) -> float | None:
-    """Return the step of all *distances* of times, sought from the least *told*; None: no such."""
+    """Return the sampling step that divides all *distances* of edges; None if there is none."""
     for share in range(1, _MOST_SHARES + 1):
         step = _refined_capture_step(told, float(told[0]) / share)
         every = np.diff(times)

@@ -85,7 +85,7 @@ def checked_capture_period(
 
 
 def _usual_captured_distance(distances: _Floats, sample: float) -> float:
-    """Return the mean of most *distances*: no latch is between, and none is drawn out."""
+    """Return the mean distance between most edges, without latches and outliers."""
     cells = np.rint(distances / (_SAMPLES * sample))
     values, counts = np.unique(cells, return_counts=True)
     away = np.abs(distances - np.median(distances[cells == values[counts.argmax()]]))
@@ -153,6 +153,7 @@ class CarrierClock:
 
 
 def _has_run_of(found: NDArray[np.bool_], length: int) -> bool:
+    """Return True if a mask has *length* consecutive True values."""
     sums = np.concatenate([[0], np.cumsum(found)])
     return len(sums) > length and bool((sums[length:] - sums[:-length] == length).any())
 

@@ -41,6 +41,7 @@ def _pulses_left_out_text(every: int, record: PinRecord) -> str:
 
 
 def _torn_capture_text(found: HeldDrives, latch: PinLatch) -> str:
+    """Return a text on the channels that latched later than the first."""
     pins = [found.record.pins[element] for element in found.elements]
     late = [pins[place].channel for place in latch.places[latch.late]]
     shown = ", ".join(late[:4]) + (", ..." if len(late) > 4 else "")

@@ -166,7 +166,7 @@ class ShiftRegisters:
         latches: NDArray[np.int64],
         before: NDArray[np.int64],
     ) -> tuple[Capture, NDArray[np.int64], NDArray[np.int64]]:
-        """Return the part of a capture in which every latch comes behind as many shifts."""
+        """Return the part of a capture in which every latch follows the same number of shifts."""
         counts = np.diff(before)
         usual = int(np.median(counts)) if len(counts) else int(before[-1])
         for name, elements in chains.items():

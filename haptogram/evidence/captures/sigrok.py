@@ -156,7 +156,7 @@ def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
 
 
 def _sigrok_part(prefix: str, name: str) -> int | None:
-    """Return the place of an entry among those that hold the samples; None: it holds none."""
+    """Return the index of a sample file in a sigrok archive; None for other entries."""
     if name == prefix:
         return 0
     found = re.fullmatch(rf"{re.escape(prefix)}-(\d+)", name)

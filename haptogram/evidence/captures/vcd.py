@@ -55,7 +55,7 @@ def read_vcd(path: Path) -> Capture:
 
 
 def _vcd_chunks(path: Path, file: BinaryIO, rest: bytes) -> Iterator[tuple[_Bytes, bool]]:
-    """Yield whole lines; the last chunk may lack the end of its last line, which is left out."""
+    """Yield chunks of whole lines; an unfinished last line is dropped."""
     while True:
         data = file.read(_CHUNK)
         whole = rest + data
@@ -137,7 +137,7 @@ class _VcdBody:
     def _without_comments(
         self, data: _Bytes, starts: _Numbers, ends: _Numbers
     ) -> tuple[_Numbers, _Numbers]:
-        """Leave out the keywords, and what stands in comments."""
+        """Remove keywords and the content of comments."""
         commands = np.flatnonzero(data[starts] == _DOLLAR) if len(starts) else starts
         # An identifier may begin with a dollar too, but only after its value.
         keep = np.ones(len(starts), np.bool_)
@@ -246,7 +246,7 @@ class _VcdBody:
 
 
 def _vcd_words_before_identifiers(kinds: _Bytes) -> _Numbers:
-    """Return the places of vectors, reals and texts: each is followed by its identifier.
+    """Return the indices of vector, real and string values, each followed by an identifier.
 
     An identifier may begin as they do, so of several in a row every second one is one.
     """
@@ -258,7 +258,7 @@ def _vcd_words_before_identifiers(kinds: _Bytes) -> _Numbers:
 
 
 def _vcd_bits(data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Bytes:
-    """Return the character of one bit of vectors; x for one that has no digit.
+    """Return the character of one bit of each vector; x if invalid.
 
     Digits that are left out are 0, or the x or z of the first one (clause 18.2.1).
     """
@@ -270,7 +270,7 @@ def _vcd_bits(data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Byte
 
 
 def _packed_vcd_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
-    """Return the tokens as numbers of base 256; -1 for one that is too long to be known."""
+    """Pack tokens as base-256 integers; -1 for tokens that are too long."""
     lengths = ends - starts
     packed: _Numbers = data[starts].astype(np.int64)  # a token has a sign at least
     for place in range(1, min(int(lengths.max(initial=0)), LONGEST_ID)):

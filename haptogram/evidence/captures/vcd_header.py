@@ -91,7 +91,7 @@ def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
 
 
 def _bits_of_vcd_bus(path: Path, scopes: list[str], body: list[str]) -> list[_Variable]:
-    """Return a variable of several bits as a channel for each: ``name[bit]``."""
+    """Split a multi-bit variable into one channel per bit: ``name[bit]``."""
     if not body[1].isdecimal():
         return []
     width, code = int(body[1]), _packed_vcd_code(path, body[2])
@@ -129,7 +129,7 @@ def _packed_vcd_code(path: Path, code: str) -> int:
 
 
 def _named_vcd_variables(path: Path, found: list[_Variable]) -> dict[str, VcdBit]:
-    """Return the channels by their own name where only one has it, else with their scopes.
+    """Return the channels by name; with their scopes where the name is not unique.
 
     Programs of analysers put spaces into a name; simulators name the bit of a vector behind it,
     which tells the channels of one vector apart.
@@ -155,5 +155,5 @@ def _named_vcd_variables(path: Path, found: list[_Variable]) -> dict[str, VcdBit
 
 
 def _plain_vcd_words(words: list[str]) -> list[str]:
-    """Return the words of a name without the bit of a vector behind it."""
+    """Return the words of a name without a trailing bit index."""
     return words[:-1] if len(words) > 1 and words[-1].startswith("[") else words

@@ -48,7 +48,7 @@ def _remark(text: str) -> dict[str, Any]:
 
 
 def _limits_of_capture(held: HeldDrives, count: int) -> list[str]:
-    """Return what the capture covers, and what is wrong with its pins."""
+    """Return notes on captured elements and on faulty pins."""
     record = held.record
     found = [f"pins of {captured_elements_text(len(held.elements), count)} were captured"]
     found += [

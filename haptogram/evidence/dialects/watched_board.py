@@ -114,6 +114,7 @@ class WatchedBoard:
         return found
 
     def _of_pulses(self, record: Mapping[str, Any]) -> SeenLatch:
+        """Convert a pulse record to a latch."""
         seen = pulse_observation_of(record, self._channels)
         driven = np.flatnonzero((seen.pulses.widths > 0) & (seen.pulses.widths < seen.pulses.steps))
         stray = np.setdiff1d(driven, self._channels)
@@ -129,6 +130,7 @@ class WatchedBoard:
         )
 
     def _of_pins(self, record: Mapping[str, Any]) -> SeenLatch:
+        """Convert a pin record to a latch."""
         steps = DIALECTS[self.dialect].steps if self.dialect in DIALECTS else _OWN_STEPS
         return SeenLatch(
             number=record["number"],
@@ -151,6 +153,7 @@ class WatchedBoard:
         return cause or seen.cause
 
     def _of_codes(self, record: Mapping[str, Any]) -> SeenLatch:
+        """Convert a code record to a latch."""
         seen = observation_of_record(record)
         drive = seen.output
         if drive is None:

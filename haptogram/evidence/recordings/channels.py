@@ -97,6 +97,7 @@ def _json_channel(topic: str, clock: str, meaning: str, **properties: Any) -> Ch
 
 
 def _bytes_in_channel(description: str) -> dict[str, str]:
+    """Return the JSON schema of a base64 string."""
     return {"type": "string", "contentEncoding": "base64", "description": description}
 
 

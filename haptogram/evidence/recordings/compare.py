@@ -151,8 +151,8 @@ class ReplayComparison:
         for key in [key for key in waiting if _compared_replay_kind(key) == "frames"]:
             del waiting[key]
 
-    def _forget_replayed_records(self) -> None:
-        """Leave out what no back door told of the recorded board."""
+    def _drop_unmatched_records(self) -> None:
+        """Drop unmatched replayed records, except frames."""
         waiting = self._waiting[REPLAYED]
         for key in [key for key in waiting if _compared_replay_kind(key) != "frames"]:
             del waiting[key]
@@ -164,7 +164,7 @@ class ReplayComparison:
         may be unwritten in the recording, and the output of the recorded one went off by its end.
         """
         if not self.has_backdoor:
-            self._forget_replayed_records()
+            self._drop_unmatched_records()
         for side, why in ((RECORDED, "missing in the replay"), (REPLAYED, "not in the recording")):
             for key, entries in self._waiting[side].items():
                 kind = _compared_replay_kind(key)
@@ -178,6 +178,7 @@ class ReplayComparison:
             self.differences.append(self._first_bytes)
 
     def _add(self, side: str, kind: str, key: tuple[Hashable, ...], entry: _Entry) -> None:
+        """Compare an entry with its counterpart, or queue it until that arrives."""
         if side == RECORDED and kind != "frames":
             self.has_backdoor = True
         place, others = (kind, *key), self._waiting[_OTHER[side]]
@@ -195,6 +196,7 @@ class ReplayComparison:
             self.same[kind] += 1
 
     def _differ(self, kind: str, entry: _Entry, detail: str, *, recorded: bool) -> None:
+        """Count a difference; keep the first ones."""
         self.differing[kind] += 1
         if len(self.differences) < _MOST_KEPT:
             t_us = entry.t_us if recorded else None
@@ -207,7 +209,7 @@ def _compared_replay_kind(key: Hashable) -> str:
 
 
 def _compared_replay_key(piece: Annotated) -> tuple[Hashable, ...]:
-    """Return the key of a frame whose number depends on how many STATUS came before."""
+    """Return a comparison key for a frame, independent of the number of STATUS frames before it."""
     header, fields = piece.header, piece.fields
     assert header is not None  # of an undamaged frame
     if header.type not in EVENT_RANGE:
@@ -217,7 +219,7 @@ def _compared_replay_key(piece: Annotated) -> tuple[Hashable, ...]:
 
 
 def _lasting_replayed_fields(fields: Fields, name: str) -> Fields:
-    """Return the fields that do not depend on the moment, nor on which board answers."""
+    """Return the fields that are independent of time and of the board's identity."""
     if name == MessageType.HELLO_REPLY.name:
         return {key: value for key, value in fields.items() if key in _IDENTITY}
     return {

@@ -178,7 +178,7 @@ def _recorded_lines(
 def _recorded_parts(
     recording: Recording, topics: tuple[str, ...]
 ) -> Iterator[tuple[_Opening, Iterator[RecordingEntry]]]:
-    """Yield every opening with the entries behind it, in one pass; what is not taken is skipped."""
+    """Yield each session opening with its entries, in one pass over the selected topics."""
     last: _Opening | None = None
 
     def opening_of(entry: RecordingEntry) -> _Opening | None:
@@ -203,6 +203,7 @@ def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
 
 
 def _facts_of_recording(entries: Iterator[RecordingEntry]) -> LineFacts:
+    """Collect facts about the session from its entries."""
     facts = LineFacts()
     annotators = {TO_BOARD: FrameAnnotator(), TO_HOST: FrameAnnotator()}
     for entry in entries:
@@ -223,6 +224,7 @@ def _is_recorded_immediate(header: messages.Header) -> bool:
 
 
 def _note_recorded_reply(facts: LineFacts, t_ns: int, header: messages.Header) -> None:
+    """Update the session facts from a recorded reply."""
     if facts.first_ns is None or facts.device_us is None or facts.offset_ns is None:
         facts.first_ns, facts.device_us = t_ns, header.time_us
         facts.offset_ns = t_ns - header.time_us * 1000
@@ -307,6 +309,7 @@ class _ReplayLine:
         self.comparison.close(self._board.boot_us + end_ns // 1000)
 
     def _take(self, entry: RecordingEntry) -> None:
+        """Feed a recorded entry to the board or the comparison."""
         if entry.topic == TO_BOARD:
             self._pass_to(entry)
             self.to_board += len(entry.data)
@@ -333,10 +336,11 @@ class _ReplayLine:
                 self._add(RECORDED, record)
 
     def _pass_to(self, entry: RecordingEntry) -> None:
+        """Advance the board to the time of an entry."""
         self._now_ns = max(self._now_ns, entry.t_ns - self._start_ns)
 
     def _collect(self) -> bytes:
-        """Take what has come from the board, and return its bytes."""
+        """Read the board's output, compare it and return its bytes."""
         data = self._board.read(self._now_ns)
         self.to_host += len(data)
         for piece in self._replayed.feed(data):
@@ -346,6 +350,7 @@ class _ReplayLine:
         return data
 
     def _add(self, side: str, record: LatchRecord | Mapping[str, Any]) -> None:
+        """Add a latch or an event to the comparison."""
         if isinstance(record, LatchRecord):
             timed = record.sequence > 0 or record.index % (1 << 16) not in self._facts.immediate
             self.comparison.add_latch(side, record, timed=timed)

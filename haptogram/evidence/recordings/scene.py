@@ -29,10 +29,12 @@ def _numbers(*names: str) -> Fields:
 
 
 def _object(**properties: Fields) -> Fields:
+    """Return the JSON schema of an object."""
     return {"type": "object", "properties": properties}
 
 
 def _array(**properties: Fields) -> Fields:
+    """Return the JSON schema of an array of objects."""
     return {"type": "array", "items": _object(**properties)}
 
 
@@ -140,6 +142,7 @@ def _vector(values: Any) -> Mapping[str, float]:
 
 
 def _turn() -> Mapping[str, float]:
+    """Return the identity quaternion."""
     return {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 
 

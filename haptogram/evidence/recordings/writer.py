@@ -234,7 +234,7 @@ class RecordingWriter(ClosedByWith):
     # --- the file ------------------------------------------------------------------------------
 
     def _take(self, topic: str, t_ns: int, data: bytes, published_ns: int) -> None:
-        """Keep an entry, and encode those that wait a few at a time."""
+        """Queue an entry; encode in batches."""
         if self.failure:
             return
         self.last_ns = max(self.last_ns, t_ns)
@@ -255,6 +255,7 @@ class RecordingWriter(ClosedByWith):
 
     @contextlib.contextmanager
     def _attempt(self) -> Any:
+        """Turn an OSError while writing into the end of the recording."""
         with self._whole_entries:
             try:
                 yield
@@ -307,11 +308,12 @@ def _opened_recording_file(path: Path) -> BinaryIO:
 
 
 def _encoded_recording_bytes(data: bytes) -> bytes:
+    """Return a JSON object with the bytes in base64."""
     return b'{"data":"' + base64.b64encode(data) + b'"}'
 
 
 def _recorded_event_text(record: Mapping[str, Any]) -> str:
-    """Return the event of the output, and what more is told of it."""
+    """Format an output event with its extra fields."""
     more = (f"{name} {value}" for name, value in record.items() if name not in _SAID)
     return ", ".join([f"output: {record.get('event', record['kind'])}", *more])
 

@@ -147,7 +147,7 @@ def _bench_stages_rows(result: Result) -> Iterator[tuple[str, ...]]:
 
 
 def _bench_clocks_text(result: Result) -> str:
-    """Return the error between the two clocks, and the quantity that the percentiles count."""
+    """Return a text on the clock error, and on the definition of lateness."""
     return (
         "The stages board, complete and margin join two clocks, to within "
         f"{result['clock_uncertainty_us']:.0f} µs. Percentiles are of all frames, from the "

@@ -63,7 +63,7 @@ def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[s
 def _conformance_failure_lines(
     failures: Sequence[CaseResult], alike: CommonFinding | None
 ) -> Iterator[str]:
-    """Yield the failures by cause, and what they have in common; next to the verdict."""
+    """Yield the failures grouped by cause."""
     if len(failures) > 1:
         first = ", ".join(result.case for result in failures[:_FAILURES])
         more = len(failures) - _FAILURES
@@ -74,7 +74,7 @@ def _conformance_failure_lines(
 
 
 def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
-    """Yield what was found behind cases that did not fail, with those cases."""
+    """Yield recovery failures after cases that passed, with the cases."""
     found: dict[str, list[str]] = {}
     for result in failures:
         if MEANINGS[result.behaviour].exit_status != FAIL:
@@ -217,7 +217,7 @@ def folded_transcript(result: CaseResult) -> Iterator[str]:
 
 
 def _deciding_frames(result: CaseResult) -> list[_Frame]:
-    """Return the frame of the board that the finding speaks of, what it answers, and its cause."""
+    """Return the frame of the board that a finding refers to, its request and its cause."""
     frames = _frames_of(result.transcript)
     done = _NOT_DONE.sub("", result.detail)
     words_found = {"STATUS_REPLY"} if "counted " in done else set(_WORDS.findall(done))

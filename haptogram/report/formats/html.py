@@ -144,7 +144,7 @@ def _html_environment(folder: Path | None) -> Environment:
 
 
 def _html_code_spans(text: str) -> Markup:
-    """Return *text*, escaped, with what stands between backticks as code."""
+    """Escape *text*; text between backticks becomes code."""
     from markupsafe import Markup, escape
 
     return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))

@@ -92,5 +92,5 @@ def _junit_time(seconds: float | None) -> dict[str, str]:
 
 
 def _legal_junit_text(text: str) -> str:
-    """Return *text* with U+FFFD in place of what XML cannot hold."""
+    """Replace characters that XML forbids by U+FFFD."""
     return _ILLEGAL.sub("\ufffd", text)

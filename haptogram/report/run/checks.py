@@ -139,7 +139,7 @@ def _check_of_lost(run: RunVerdict) -> Check:
 
 
 def _check_of_held_up(run: RunVerdict) -> Check:
-    """Frames that this machine held up decide a run only where they leave too few verified."""
+    """Check frames delayed by the host machine; they matter only if too few are verified."""
     held_up = _frames_with(run, FrameStatus.HELD_UP)
     outcome, message = Outcome.PASSED, "none"
     if held_up:
@@ -195,4 +195,5 @@ def _first_lines(items: Sequence[_Item], describe_item: Callable[[_Item], str]) 
 
 
 def _key_text(key: FrameKey) -> str:
+    """Format a frame key."""
     return f"session {key.session:#x}, sequence {key.sequence}, loop {key.loop}, index {key.index}"

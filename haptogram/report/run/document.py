@@ -146,7 +146,7 @@ def _run_properties(result: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _flat_properties(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Yield dotted names and texts of nested settings, without those that are not set."""
+    """Yield nested settings as dotted names with texts; skip unset ones."""
     if value is None or value == []:
         return
     if isinstance(value, Mapping):

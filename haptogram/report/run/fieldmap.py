@@ -147,6 +147,7 @@ def _panel_window(model: AcousticModel, target_m: Vector, axis: int) -> _Range:
 
 
 def _panel_range(middle_mm: float, side_mm: float) -> _Range:
+    """Return the interval of a given side length around its middle."""
     return 1e-3 * (middle_mm - side_mm / 2.0), 1e-3 * (middle_mm + side_mm / 2.0)
 
 

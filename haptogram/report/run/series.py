@@ -100,6 +100,7 @@ def worst_frames_of_run(run: RunVerdict, number: int) -> list[FrameVerdict]:
 
 
 def _plotted_badness(frame: FrameVerdict) -> tuple[bool, float, int]:
+    """Return a sort key: wrong frames first, then by relative error."""
     wrong = frame.status is not FrameStatus.ON_TARGET
     return wrong, plotted_relative_error(frame) or 0.0, -frame.number
 

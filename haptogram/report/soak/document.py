@@ -226,7 +226,7 @@ def draw_soak_course(campaign: SoakCampaign) -> Figure:
 
 
 def _draw_soak_violations(axes: Axes, counts: np.ndarray, edges: np.ndarray) -> None:
-    """Draw a bar for each interval with violations, at least as wide as can be seen."""
+    """Draw a bar per interval with violations, with a minimum visible width."""
     if counts.any():
         middles, least = (edges[1:] + edges[:-1]) / 2.0, edges[-1] / 200.0
         found = counts > 0

@@ -116,8 +116,10 @@ def _draw_sweep_axis(
 
 
 def _spans_decades(values: Sequence[float]) -> bool:
+    """Return True if the values need a logarithmic axis."""
     return bool(values) and min(values) > 0.0 and max(values) >= _DECADES * min(values)
 
 
 def _short(level: SweepLevel) -> str:
+    """Return the label of a level, truncated."""
     return level.label if len(level.label) <= _LABEL else f"{level.label[:_LABEL]}…"

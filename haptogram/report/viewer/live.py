@@ -93,6 +93,7 @@ class LiveViewerScene:
                 raise ConfigurationError(f"not a record of a back door: {error!r}") from error
 
     def _take(self, record: Mapping[str, Any]) -> None:
+        """Process a record of the board by its kind."""
         if record["kind"] == "latch":
             self._latch(observation_of_record(record))
         elif record["kind"] == "pulses":
@@ -121,6 +122,7 @@ class LiveViewerScene:
         return [f"{self.model.array.count} transducers, {len(self._frames)} latches{last}."]
 
     def _newest(self, count: int) -> ViewerScene:
+        """Return a scene of the newest *count* frames."""
         newest = list(islice(reversed(self._frames), max(0, count)))[::-1]
         return ViewerScene.of(
             self.model, newest, counters=self._shown_counters(), client_axes=self._client_axes

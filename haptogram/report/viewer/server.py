@@ -176,7 +176,7 @@ def _whole_number_in_view_query(query: str) -> int:
 
 
 def _view_headers(page: str) -> dict[str, str]:
-    """Return headers that let the page run its own script and style, and load nothing else."""
+    """Return a content security policy that allows only the page's own script and style."""
     sources: dict[str, list[str]] = {"script": [], "style": []}
     for name, content in _INLINE.findall(page):
         digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()

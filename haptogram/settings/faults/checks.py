@@ -131,6 +131,7 @@ def fault_time_ns(name: str, key: str, text: str) -> int:
 
 
 def _fault_out_of_time(name: str, key: str, text: str) -> ConfigurationError:
+    """Return the error for a time outside its limits."""
     last = fault_time_text(FOR_EVER_NS // _UNITS_NS["s"] * _UNITS_NS["s"])
     return ConfigurationError(
         f"{name} {key}={text}: must not be before power-up (0s), nor after {last}"

@@ -72,7 +72,7 @@ class Fault:
         end_ns = _fault_end_ns(self.name, self.values, self.from_ns)
         if self.name == _DISCONNECT and self.until_ns != end_ns and "ms" in self.non_default:
             raise ConfigurationError(
-                _fault_ends_twice(self.values["ms"], fault_time_text(self.until_ns))
+                _conflicting_fault_end(self.values["ms"], fault_time_text(self.until_ns))
             )
         object.__setattr__(self, "written", self.written or str(self))
 
@@ -111,7 +111,7 @@ class Fault:
             for key, limits in FAULT_KINDS[name].items()
         }
         if name == _DISCONNECT and {"ms", "until"} <= texts.keys():
-            raise ConfigurationError(_fault_ends_twice(values["ms"], texts["until"]))
+            raise ConfigurationError(_conflicting_fault_end(values["ms"], texts["until"]))
         times = {
             key: fault_time_ns(name, key, texts[key]) for key in ("from", "until") if key in texts
         }
@@ -259,11 +259,12 @@ def faults_of_toml(document: Mapping[str, Any]) -> tuple[tuple[Fault, ...], int 
 
 
 def _fault_end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
-    """Return the time at which a fault is over by itself, in ns."""
+    """Return the time at which a temporary fault ends, in ns."""
     return from_ns + round(values["ms"] * _NS_PER_MS) if name == _DISCONNECT else FOR_EVER_NS
 
 
-def _fault_ends_twice(ms: float, until: str) -> str:
+def _conflicting_fault_end(ms: float, until: str) -> str:
+    """Return the error text for a fault with both duration and end."""
     said = f"{_DISCONNECT} ms={fault_number_text(ms)} until={until}"
     return f"{said}: say either how long, or until when"
 

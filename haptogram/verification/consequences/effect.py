@@ -114,6 +114,7 @@ class RunConsequences:
 def _held_stretches(
     frames: Sequence[FrameVerdict], silences: Sequence[int]
 ) -> Iterator[_HeldStretch]:
+    """Yield the intervals in which an old drive was radiated instead of the intended one."""
     due = (frame for frame in frames if frame.status is not FrameStatus.CANCELLED)
     timed = [frame for frame in due if frame.t_apply_us is not None]
     begins = [frame.t_apply_us or 0 for frame in timed]
@@ -145,12 +146,12 @@ def _ends_of_held_stretches(begins: Sequence[int], silences: Sequence[int]) -> I
 
 
 def _is_another_focus_held(frame: FrameVerdict) -> bool:
-    """Return True if only the CRC of another drive was seen, so that nothing is judged."""
+    """Return True if only the CRC of a different drive was observed."""
     return frame.status is FrameStatus.CORRUPT and not frame.criteria
 
 
 def _held_stretch_before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the time in which something older was held."""
+    """Return the interval in which the previous drive was still radiated."""
     held = frame.consequence
     if held is None:
         return _HeldStretch(

@@ -45,7 +45,7 @@ def _rolled_drive_of_crc(drive: Drive, crc: int) -> Drive | None:
 
 
 def _nearly_right_drive_of_crc(wanted: Drive, crc: int) -> Drive | None:
-    """Return *wanted* with one element wrong, or two exchanged, if that gives this CRC.
+    """Return *wanted* with one wrong element or two swapped that matches the CRC; else None.
 
     The CRC is linear: what a changed byte adds depends on its place and on the bits that differ.
     """
@@ -66,7 +66,7 @@ def _nearly_right_drive_of_crc(wanted: Drive, crc: int) -> Drive | None:
 
 @functools.cache
 def _crc_of_changes(length: int) -> NDArray[np.uint32]:
-    """Return by which bits a CRC-32 of *length* bytes changes (length, 256): place, changed bits.
+    """Return a table (length, 256): the CRC-32 change caused by each changed byte.
 
     The rows are those of XOR: a change of several bits is the XOR of the changes of each.
     """

@@ -127,7 +127,7 @@ def _judged_weights(weights: ArrayLike, phase_bits: int) -> Drive:
 def _judged_foci(
     model: AcousticModel, target: ArrayLike | Focus | Sequence[Focus]
 ) -> tuple[Focus, ...]:
-    """Return the foci of *target*, all of which the array reaches."""
+    """Return the foci of *target*; refuse any outside the reach of the array."""
     if isinstance(target, Focus):
         entries: Iterable[Any] = [target]
     elif isinstance(target, Sequence) and any(isinstance(entry, Focus) for entry in target):

@@ -103,6 +103,7 @@ class FrameJudge:
         return target
 
     def _targets(self, intended: Intended) -> list[FrameTarget]:
+        """Return the target of each focus, with its phase limit."""
         codes = intended.drive.amplitude_codes.tobytes()
         limit_rad = criteria.frame_phase_limit_rad(intended, self._grain_rad)
         return [self._target(focus.position_m, codes, limit_rad) for focus in intended.foci]
@@ -147,7 +148,7 @@ class FrameJudge:
                     yield self.judge(*pair) if verdict is None else verdict
 
     def _steps_of_missing_field(self, pair: Pair) -> int | None:
-        """Return the phase steps of a frame whose field has to be rebuilt first; None: no need."""
+        """Return the phase steps if the field must be reconstructed; else None."""
         return pair[0].steps if self._ordinary.is_field_missing(*pair) else None
 
     def _with_fields(self, pairs: Iterable[Pair], steps: int) -> list[Pair]:
@@ -225,7 +226,7 @@ class FrameJudge:
     def _latched_drive(
         self, intended: Intended, observation: Observation
     ) -> tuple[Drive | None, str]:
-        """Return the drive that was latched, as far as it was seen, and what to say about that."""
+        """Return the observed latched drive, if complete, and a note about it."""
         drive, crc, count = observation.drive, observation.drive_crc, self._model.array.count
         if drive is None and crc is None:
             return None, "the latch was seen, but nothing of its drive"
@@ -245,6 +246,7 @@ class FrameJudge:
         return drive, ""
 
     def _seen(self, intended: Intended, observation: Observation) -> FrameVerdict:
+        """Return a verdict that holds the observation, not yet judged."""
         lateness_us = (
             0 if intended.t_apply_us is None else observation.t_latch_us - intended.t_apply_us
         )
@@ -259,12 +261,13 @@ class FrameJudge:
         )
 
     def _reconstructor(self, steps: int) -> Reconstructor:
+        """Return the cached reconstructor for a phase resolution."""
         if steps not in self._reconstructors:
             self._reconstructors[steps] = Reconstructor(self._model)
         return self._reconstructors[steps]
 
     def _reconstruct(self, frame: SingleFocusFrame) -> Reconstruction | None:
-        """Return what a drive radiates; None: it is wrong anyhow, and too many like it were."""
+        """Return the field of a latched drive; after many failed searches use a quick one."""
         # How well the phases fit a focus depends on the wire's steps, not on the registers.
         known = self._reconstructor(frame.intended.steps)
         weights, slack_rad = frame.latched.weights(), frame.target.tolerated_rad
@@ -277,7 +280,7 @@ class FrameJudge:
 
 
 def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
-    """Return True if somebody else's search found too little, or judged by finer phases.
+    """Return True if a reconstruction by the board is too weak to reject the frame.
 
     The board knows neither the tolerance nor, of what was uploaded, the resolution of the phases.
     """
@@ -285,7 +288,7 @@ def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
 
 
 def _judged_frame_without_identity(intended: Intended) -> Intended:
-    """Return *intended* as all frames are that ask for the same drive."""
+    """Return *intended* with number and times removed, as a cache key."""
     return dataclasses.replace(
         intended, number=0, key=_ANY, t_apply_us=None, t_latest_us=None, t_sent_us=None
     )
@@ -294,7 +297,7 @@ def _judged_frame_without_identity(intended: Intended) -> Intended:
 def _drive_of_judged_host(
     model: AcousticModel, intended: Intended, off: FloatArray
 ) -> ComplexArray:
-    """Return the drive of a host that is off: metres along x, y, z, a share of the speed."""
+    """Return the drive of a host with an error *off*: position (m) and relative sound speed."""
     if off[3]:
         model = model.with_sound_speed(model.medium.sound_speed_m_s * (1.0 + float(off[3])))
     foci = [

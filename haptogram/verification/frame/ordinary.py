@@ -133,7 +133,7 @@ class OrdinaryFrames:
     def _verdict(
         self, intended: Intended, latch: Observation, measures: list[float], carrier_us: int
     ) -> FrameVerdict:
-        """Return the verdict on a frame of which all criteria hold."""
+        """Return the verdict of a frame that meets all criteria."""
         bx, by, bz, scatter, drift, phase_rad, coherence, loudness, peak_rad, across, along = (
             measures
         )
@@ -187,7 +187,7 @@ def _why_not_ordinary(intended: Intended, latch: Observation, full: bytes) -> st
 
 
 def _why_not_as_sent(intended: Intended, latch: Observation, full: bytes) -> str | None:
-    """Return why a latch does not show one focus of *full* amplitude as it was sent; or None."""
+    """Return why a latch differs from the single full-amplitude focus sent; None if equal."""
     wanted = intended.drive
     drive = wanted if latch.shows_by_crc(intended) else latch.drive
     if len(intended.foci) != 1:
@@ -205,7 +205,7 @@ def _why_not_as_sent(intended: Intended, latch: Observation, full: bytes) -> str
 
 
 def _beam_axes(along: FloatArray) -> FloatArray:
-    """Return (F, 4, 3) two directions across each of (F, 3), itself, and zeros."""
+    """Return (F, 4, 3): two transverse axes of each direction, the direction, and zeros."""
     axes, rows = np.zeros((len(along), 4, 3)), np.arange(len(along))
     furthest_off = np.abs(along).argmin(axis=1)
     first = -along[rows, furthest_off][:, None] * along
@@ -216,6 +216,7 @@ def _beam_axes(along: FloatArray) -> FloatArray:
 
 
 def _focus_of(latch: Observation) -> SingleFocus:
+    """Return the reconstructed focus of a latch."""
     assert isinstance(latch.reconstruction, SingleFocus)
     return latch.reconstruction
 
@@ -223,6 +224,6 @@ def _focus_of(latch: Observation) -> SingleFocus:
 def _sum_of_places(
     target_m: tuple[float, float, float], found_m: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return where a focus was found, as the target and the way from there add up."""
+    """Return the found focus, rounded like target plus miss."""
     (x, y, z), (u, v, w) = target_m, found_m
     return x + (u - x), y + (v - y), z + (w - z)

@@ -229,7 +229,7 @@ def frame_peak_response(
 def _frame_peak_level(
     model: AcousticModel, weights: ComplexArray, points: FloatArray
 ) -> FloatArray | None:
-    """Return ln |p|^2 at points (M, 3); None at an element, behind all of them, or in silence."""
+    """Return ln |p|^2 at points (M, 3); None at an element, behind the array or without sound."""
     arrivals = _frame_peak_arrivals(model, points)
     if arrivals is None:
         return None

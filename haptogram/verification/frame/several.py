@@ -119,7 +119,7 @@ class SeveralFociFrame:
             if host is not None:
                 found, error_rad = self._judge_of_host(ideal, host), host.error_rad
             else:
-                found = self._judge_tolerantly(ideal, fault)
+                found = self._judge_with_tolerance(ideal, fault)
                 faults = faults or ((fault,) if fault else ())
         status = frame_status_of(found.verdicts, faults, focused=False)
         unseen = [*found.unseen, *_frame_foci_levels_not_made(levels, self.intended)]
@@ -154,7 +154,7 @@ class SeveralFociFrame:
 
     @cached_property
     def _active(self) -> Bools:
-        """(N,) the elements that shall sound and do, and whose phase means something."""
+        """(N,) the elements that are intended to sound, sound, and have a significant phase."""
         active: Bools = self.ideals[0].targets[0].active
         return meaningful_frame_elements(self.intended, self.latched) & active
 
@@ -188,7 +188,7 @@ class SeveralFociFrame:
         return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
     def _host(self, ideal: IdealFrameDrive) -> tuple[ToleratedHost | None, str | None]:
-        """Return the host whose drive this is, and what is wrong with the elements without one.
+        """Return the tolerated host that explains this drive, or else the fault of its elements.
 
         A host within the tolerance or, if there is none, one that is beyond it for certain.
         """
@@ -205,7 +205,7 @@ class SeveralFociFrame:
         return None, None
 
     def _judge_of_host(self, ideal: IdealFrameDrive, host: ToleratedHost) -> _Findings:
-        """Return the findings about the drive of a tolerated host: as if that were asked for.
+        """Return the findings, with the drive of a tolerated host as the ideal.
 
         The peaks of several foci may be off by more than their host is: so far a miss does not
         show.
@@ -227,8 +227,8 @@ class SeveralFociFrame:
             found = dataclasses.replace(found, verdicts=found.verdicts | {"S2": False})
         return dataclasses.replace(found, limits_m=limits_m, offsets_m=offsets_m)
 
-    def _judge_tolerantly(self, ideal: IdealFrameDrive, fault: str | None) -> _Findings:
-        """Return the findings about a drive for these foci in other air, or a little off.
+    def _judge_with_tolerance(self, ideal: IdealFrameDrive, fault: str | None) -> _Findings:
+        """Judge a multi-focus drive with the positions of the foci fitted from its phases.
 
         A solver may come to another drive there, with other phases between the foci.  So the places
         are fitted from the phases that there are, whatever the weights of the foci.
@@ -295,7 +295,7 @@ class SeveralFociFrame:
 def _sizes_of_frame_errors(
     fit: FociFit, limit_rad: float, slack_rad: tuple[float, float]
 ) -> FloatArray:
-    """Return (N,) the phase errors of the active elements over what rounding and tolerance make.
+    """Return (N,) phase errors of active elements, relative to rounding and tolerance.
 
     The slack is that of an element, which all its waves share, and that of each wave.
     """
@@ -368,5 +368,6 @@ def _frame_foci_levels_not_made(levels: IdealFociLevels, intended: Intended) -> 
 
 
 def _frame_foci_mm(values: FloatArray) -> Vector:
+    """Convert metres to millimetres."""
     x, y, z = (float(_MM * value) for value in values)
     return x, y, z

@@ -154,7 +154,7 @@ class SingleFocusFrame:
 
     @property
     def _active(self) -> Bools:
-        """(N,) the elements that shall sound and do."""
+        """(N,) the elements that are intended to sound, and do."""
         sounding: Bools = self.latched.amplitude_codes > 0
         return sounding & self.target.active
 
@@ -165,7 +165,7 @@ class SingleFocusFrame:
 
     @cached_property
     def _host(self) -> ToleratedHost:
-        """The host within the tolerance whose phases come nearest."""
+        """The tolerated host whose phases are nearest."""
         phases_rad = np.angle(self.latched.weights())
         hosts = ToleratedHosts.of(self.target, self.known, self.target.drive_of_host)
         return ToleratedHost.nearest(hosts, phases_rad, self._active)
@@ -185,14 +185,14 @@ class SingleFocusFrame:
         return measures, verdicts | {"S5": s5}
 
     def _is_in_place(self, found: acoustics.Reconstruction) -> bool:
-        """S2."""
+        """Return True if criterion S2 holds: the focus is at its target."""
         if not isinstance(found, acoustics.SingleFocus):
             return False
         offset_m = np.array(found.position_m) - self.target.position_m
         return criteria.is_frame_on_target(self.target, offset_m)
 
     def _is_ambiguous(self, verdicts: dict[str, bool], found: acoustics.Reconstruction) -> bool:
-        """Return True if phases that suit the target were found to suit another point or none.
+        """Return True if phases within limits also fit another point, or were found to fit none.
 
         Few elements with few bits can fit two points, or a search that is not told the target none.
         """
@@ -203,7 +203,7 @@ class SingleFocusFrame:
         ) and self._is_of_this_drive(found)
 
     def _unexplained(self, verdicts: dict[str, bool], faults: tuple[str, ...]) -> tuple[str, ...]:
-        """Name what a tolerance leaves of the elements, if the codes show no fault."""
+        """Name elements outside the tolerance, if the codes match no known fault."""
         if faults or verdicts["S1"] or self.target.tolerance.is_strict or not self._active.any():
             return ()
         model = self.target.model
@@ -224,7 +224,7 @@ class SingleFocusFrame:
         return (f"{names} radiated otherwise than latched",)
 
     def _is_of_this_drive(self, found: acoustics.SingleFocus | acoustics.NotSingle) -> bool:
-        """Return True if what somebody found can be said of the latched phases.
+        """Return True if a reconstruction is consistent with the latched phases.
 
         It cannot if the elements that were found to be off are not off in these phases.
         """
@@ -268,7 +268,7 @@ def _frame_without_focus(found: acoustics.NotSingle) -> str:
 
 
 def _unobservable_frame_target(target: FrameTarget) -> str:
-    """Return a finding that names the coordinates of the focus that no phase tells."""
+    """Return a finding that names the coordinates that the phases cannot determine."""
     names = [name for name, seen in zip("xyz", target.observable, strict=True) if not seen]
     along = " and ".join(names)
     count = int(target.active.sum())

@@ -222,11 +222,12 @@ class FrameTarget:
 
     @property
     def _speed_share(self) -> float:
+        """Return the relative tolerance of the sound speed."""
         return self.tolerance.speed_share(self.model.medium)
 
     @cached_property
     def _air_fits(self) -> tuple[focus_fit.PhaseFit, focus_fit.PhaseFit]:
-        """The foci that fit a host in the fastest and one in the slowest tolerated air."""
+        """The foci fitted to hosts with the fastest and the slowest tolerated air."""
         speed_m_s, share = self.model.medium.sound_speed_m_s, self._speed_share
         hosts = (self.model.with_sound_speed(speed_m_s * (1.0 + sign * share)) for sign in (1, -1))
         fast, slow = (focus_phases(host, self.position_m) for host in hosts)

@@ -124,6 +124,7 @@ class ToleratedHost:
 
     @cached_property
     def _asked(self) -> ComplexArray:
+        """Return the drive of a host with this error."""
         return self.hosts.drive(self.off)
 
     @cached_property
@@ -177,7 +178,7 @@ class ToleratedHost:
 
     @property
     def _off_rad(self) -> float:
-        """Phase error of an element that is off by itself: a fit may move what is right."""
+        """Phase error above which a single element counts as wrong."""
         return self.limit_rad + self.hosts.limit_rad
 
     # --- search ----------------------------------------------------------------------------------
@@ -331,13 +332,13 @@ def scale_of_tolerance(tolerance: Tolerance, model: AcousticModel) -> FloatArray
 
 
 def _tolerated_shares(share: FloatArray) -> FloatArray:
-    """Return (4,) shares of a tolerance brought within it."""
+    """Return (4,) fractions of a tolerance, clipped to it."""
     length = max(1.0, float(np.linalg.norm(share[:3])))
     return np.append(share[:3] / length, np.clip(share[3], -1.0, 1.0))
 
 
 def _directions_of_tolerance() -> FloatArray:
-    """Return unit vectors all around, evenly."""
+    """Return uniformly distributed unit vectors."""
     n = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * n / _DIRECTIONS, n * math.pi * (3.0 - math.sqrt(5.0))
     flat = np.sqrt(1.0 - z**2)

@@ -324,7 +324,7 @@ def _frame_verdict_text(frame: FrameVerdict) -> str:
 
 
 def _frame_verdict_place(frame: FrameVerdict) -> str | None:
-    """Return the distance of the focus from its place in words, as far as it can be observed."""
+    """Return the position error of the focus as text, as far as it is observable."""
     parts = [
         None if frame.lateral_error_mm is None else f"{frame.lateral_error_mm:.3f} mm across",
         None if frame.axial_error_mm is None else f"{frame.axial_error_mm:+.3f} mm along",

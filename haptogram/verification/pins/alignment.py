@@ -65,7 +65,7 @@ def align_pins_to_run(record: PinRecord, run: PinRunDrives) -> PinAlignment:
 
 
 def _line_through(due: FloatArray, begins: FloatArray, rate: float) -> tuple[int, PinAlignment]:
-    """Return how many frames begin in time on the best line of about this *rate*, and the line."""
+    """Return the best line at about this *rate*, and the number of frames on it."""
     away = begins - rate * due
     ordered = np.sort(away)
     counts = np.searchsorted(ordered, ordered + _NEAR_PERIODS, side="right") - np.arange(len(away))

@@ -220,7 +220,7 @@ class _JudgedFrames:
 def _pins_too_rarely_seen(
     pins: Sequence[PinVerdict], passes: Sequence[Sequence[int]], min_verified: float
 ) -> str:
-    """Return the elements of which too few frames were judged; empty: there are none.
+    """Return the elements judged in too few frames, as text.
 
     A frame counts for an element if any pass of its drive is judged in a capture of the element.
     """
@@ -248,7 +248,7 @@ def _pins_too_rarely_seen(
 def _why_pins_make_no_field(
     pins: Sequence[PinVerdict], frames: Sequence[Intended], model: AcousticModel
 ) -> str:
-    """Return why field and focus cannot be judged; empty: they can."""
+    """Return why the field cannot be judged from the captured pins; "" if it can."""
     count = model.array.count
     captured = {element for one in pins for element in one.elements}
     if len(captured) < count:
@@ -272,7 +272,7 @@ def _why_pins_make_no_field(
 
 
 def _passes_over_pins(frames: Sequence[Intended]) -> dict[tuple[Drive, Any], list[int]]:
-    """Return the places of the frames of each drive: an object that repeats has several."""
+    """Return the frame indices of each drive; repeated drives have several."""
     passes: dict[tuple[Drive, Any], list[int]] = defaultdict(list)
     for place, frame in enumerate(frames):
         passes[frame.drive, frame.foci].append(place)
@@ -306,7 +306,7 @@ def joined_observations_of_pins(
 def _every_element_of_pins(
     pins: Sequence[PinVerdict], same: Sequence[int], frame: Intended, count: int
 ) -> np.ndarray | None:
-    """Return (2, N) phase and amplitude codes from any pass; None: an element was never seen."""
+    """Return (2, N) phase and amplitude codes merged from all passes; None if incomplete."""
     codes = np.full((2, count), -1, np.int64)
     for one in pins:
         seen = [place for place in same if one.judged[place]]

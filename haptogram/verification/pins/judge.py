@@ -109,7 +109,7 @@ def verify_captured_pins(
 
 
 def _drives_told_apart(weights: ComplexArray, apart: float) -> int:
-    """Return how many of *weights* (K,) are *apart* from each other: those that suffice at most."""
+    """Return the number of distinguishable *weights* (K,), up to a sufficient number."""
     found = 0
     while len(weights) and found < _FEWEST_AGREEING + 2:
         found += 1
@@ -172,7 +172,7 @@ class _PinJudge:
     # --- frames ----------------------------------------------------------------------------------
 
     def _check_torn(self) -> int:
-        """Find the latches of which some pins are late; return how many there are."""
+        """Find latches that reach some pins late; return their number."""
         steps, usable = self.shown.steps, self.shown.latched
         torn = np.flatnonzero(self.shown.torn)
         us = self._period_us
@@ -220,9 +220,9 @@ class _PinJudge:
     # --- pins ------------------------------------------------------------------------------------
 
     def _check_fit(self, judged: Bools) -> bool:
-        """Return True if the pins show this run, be it in another order of the elements."""
+        """Return True if the pins show this run, with elements in any order."""
         drives, right = self.shown.drives, self.shown.right
-        if self._misses_periods():
+        if self._has_divided_carrier():
             return False
         if not judged.any():
             self.missing.append("no frame of the run is in the capture as a whole")
@@ -230,13 +230,13 @@ class _PinJudge:
         if self.record.cut and judged.sum() <= _EDGE and not right[judged].all():
             self.missing.append("too few frames are left beside missing samples to tell a fault")
             return False
-        if not self._tells_more_than_chance(judged):
+        if not self._is_beyond_chance(judged):
             self.missing.append(
                 "the capture does not show this run for certain: too few of its drives differ; "
                 "capture more pins, or more frames"
             )
             return False
-        if self._share_near(judged) >= FIT_SHARE or self._pins_that_fit(judged) is not None:
+        if self._near_match_share(judged) >= FIT_SHARE or self._pins_that_fit(judged) is not None:
             return True
         wrong = np.flatnonzero(~right[judged].all(axis=0)).tolist()
         kinds = [fault.kind for fault in faults_of_pins(drives, wrong, judged).values()]
@@ -247,7 +247,7 @@ class _PinJudge:
         if len(named) >= FIT_SHARE * len(self.run.elements) and len(named) > 1:
             return True
         for text, phases in self._likely_mistakes():
-            if self._shows_instead(phases):
+            if self._shows_other_phases(phases):
                 self._find("phases", text)
                 return False
         share = 100.0 * float(right[judged].mean())
@@ -257,8 +257,8 @@ class _PinJudge:
         )
         return False
 
-    def _misses_periods(self) -> bool:
-        """Find that most pins leave out periods of the carrier: no drive is as it was meant."""
+    def _has_divided_carrier(self) -> bool:
+        """Return True if most pins pulse only in every n-th carrier period."""
         pins = [pin for pin in self.record.pins.values() if len(pin.rises)]
         fewer = [pin for pin in pins if pin.every > 1]
         if 2 * len(fewer) <= len(pins):
@@ -271,8 +271,8 @@ class _PinJudge:
         )
         return True
 
-    def _tells_more_than_chance(self, judged: Bools) -> bool:
-        """Return True if nothing is wrong, or more drives agree than what any sound would show.
+    def _is_beyond_chance(self, judged: Bools) -> bool:
+        """Return True if agreement between pins and frames is unlikely by chance.
 
         Any two pins that sound agree with a run in one phase, and a pin with itself in one drive.
         """
@@ -297,20 +297,20 @@ class _PinJudge:
             agreeing += _drives_told_apart(codes, 2.0 * limit) - 1
         return agreeing >= _FEWEST_AGREEING
 
-    def _share_near(self, judged: Bools) -> float:
-        """Return the share of drives that no other run shows: right, or off by a step or two."""
+    def _near_match_share(self, judged: Bools) -> float:
+        """Return the share of drives unique to this run that match within two steps."""
         drives = self.shown.drives
         wider = dataclasses.replace(drives, limit_rad=drives.limit_rad + _NEAR_RAD)
         return float(wider.all_right()[judged].mean())
 
     def _pins_that_fit(self, judged: Bools) -> Bools | None:
-        """Return the (E,) pins that show this run; None: too few to be no chance."""
+        """Return a mask (E,) of pins that show this run; None if too few."""
         fitting: Bools = self.shown.right[judged].mean(axis=0) >= _NEARLY_ALL
         fewest = max(_FEWEST_FITTING, _FITTING_SHARE * len(fitting))
         return fitting if fitting.sum() >= fewest else None
 
     def _likely_mistakes(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-        """Yield what may be wrong with all pins, and the phases that these have then."""
+        """Yield common mistakes of all pins, each with the phases it would cause."""
         phases = self.run.phases
         yield "every captured pin has the opposite sign of the phase", np.negative(phases)
         numbers = np.arange(phases.shape[1])
@@ -323,14 +323,14 @@ class _PinJudge:
                     phases[:, order],
                 )
 
-    def _shows_instead(self, phases: NDArray[np.uint8]) -> bool:
+    def _shows_other_phases(self, phases: NDArray[np.uint8]) -> bool:
         """Return True if the pins show this run with other *phases*."""
         turned = dataclasses.replace(self.run, phases=phases)
         shown = frames_shown_by_pins(self.record, turned, self.offset)
         return bool(shown.seen.any()) and float(shown.right[shown.seen].mean()) >= _NEARLY_ALL
 
     def _name_faults(self, judged: Bools) -> Bools:
-        """Name what is wrong; return the frames that single pins were judged in."""
+        """Name the faults of pins; return a mask of frames in which single pins were judged."""
         drives, right = self.shown.drives, self.shown.right
         count = len(self.run.elements)
         fitting = self._pins_that_fit(judged)
@@ -382,7 +382,7 @@ class _PinJudge:
         return alone
 
     def _name_structures(self, faults: dict[int, PinFault], alone: Bools) -> set[int]:
-        """Name what shifted pins have in common; return the elements that this explains."""
+        """Name faults shared by a chain or group of pins; return the elements explained."""
         self._offsets = ElementOffsets.of(self.record, self.shown.drives, alone)
         kinds = {PinFaultKind.SHIFTED, PinFaultKind.INVERTED}
         shifted = [self.run.elements[p] for p, fault in faults.items() if fault.kind in kinds]
@@ -399,7 +399,7 @@ class _PinJudge:
         return explained if found else set()
 
     def _note_doubtful_frames(self, judged: NDArray[np.intp], mixed: Bools) -> Bools:
-        """Return the (F,) frames whose wrong drive the capture itself may explain.
+        """Return a mask (F,) of wrong frames that missing samples of the capture may explain.
 
         Those are the last ones, the first one of a capture that begins with it, and all of them
         where an element is the reference: samples may be missing beside them. Those that it shows
@@ -441,13 +441,13 @@ class _PinJudge:
 
     @cached_property
     def _turns_rad(self) -> FloatArray | None:
-        """The phase that the pins share against a clock of the carrier; None: there is none."""
+        """Return the phase common to all pins, relative to the carrier clock; None without one."""
         if self.record.reference_element is not None:
             return None
         return shared_turns_of_pins(self.shown)
 
     def _check_turns(self, judged: Bools) -> None:
-        """Find frames in which all pins are turned together against the clock of the carrier.
+        """Find frames in which the phases of all pins are shifted against the carrier clock.
 
         A phase that the whole array has moves no focus. Pins outside the capture may lack it.
         """
@@ -467,6 +467,7 @@ class _PinJudge:
 
     @cached_property
     def _limits(self) -> PinCaptureLimits:
+        """Return the tolerances of the capture."""
         return PinCaptureLimits.of(self.record)
 
     def _check_carrier(self) -> None:
@@ -488,6 +489,7 @@ class _PinJudge:
     # --- the end ---------------------------------------------------------------------------------
 
     def _find(self, check: str, text: str) -> None:
+        """Add a finding to a check."""
         self.findings.setdefault(check, []).append(text)
 
     def _conclude(
@@ -497,6 +499,7 @@ class _PinJudge:
         end: EndOfSound,
         levels: LevelsInTime | None,
     ) -> PinVerdict:
+        """Return the verdict on the captured pins."""
         if self.record.cut:
             self.missing.append(f"the capture was cut off: {self.record.cut}")
         wrong = [line for lines in self.findings.values() for line in lines]
@@ -544,6 +547,7 @@ class _PinJudge:
         )
 
     def _notes(self) -> Iterator[str]:
+        """Yield notes on the limits of the capture."""
         record = self.record
         yield from record.notes
         if record.reference_element is not None:

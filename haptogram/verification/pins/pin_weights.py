@@ -154,7 +154,7 @@ def pins_phase(errors: FloatArray, limit_rad: float, *, near: float | None = Non
 
 
 def _filled_pin_weights(values: FloatArray) -> FloatArray:
-    """Return *values* (F,) with those that are NaN taken from the nearest that is not."""
+    """Return *values* (F,) with NaN replaced by the nearest valid value."""
     known = np.flatnonzero(np.isfinite(values))
     if not len(known):
         return np.zeros(len(values))

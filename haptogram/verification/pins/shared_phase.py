@@ -106,7 +106,7 @@ def _share_pin_element(
 def _pin_phase_difference_rad(
     a: FloatArray | None, b: FloatArray | None, seen_a: Sequence[int], seen_b: Sequence[int]
 ) -> float:
-    """Return the largest difference of the common phases; infinite: there is none to tell."""
+    """Return the largest difference between common phases; infinite if not comparable."""
     if a is None or b is None:
         return math.inf
     turns = np.concatenate([a[seen_a], b[seen_b]])

@@ -153,6 +153,7 @@ class _AlignedPins:
 
     @cached_property
     def _limits(self) -> PinCaptureLimits:
+        """Return the tolerances of the capture."""
         return PinCaptureLimits.of(self.record)
 
     def steps(self, before: NDArray[np.int64]) -> PinSteps:
@@ -254,7 +255,7 @@ def _frames_lost_on_pins(
 def _pin_shows_frame(
     drives: PinDrives, frame: int, seen: ComplexArray, meant: ComplexArray
 ) -> Bools:
-    """Return the (E,) pins that show what is *meant* in a frame."""
+    """Return a mask (E,) of the pins whose measured drive matches that expected for a frame."""
     size = np.abs(np.abs(seen) - np.abs(meant)) <= drives.limit_amplitude
     faint = np.abs(meant) <= drives.limit_amplitude
     near = np.abs(np.angle(seen * np.conj(meant))) <= drives.limit_rad[frame]
@@ -263,11 +264,7 @@ def _pin_shows_frame(
 
 
 def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: ComplexArray) -> Bools:
-    """Return the (E,) pins that keep the *old* drive, but for a latch of all in the last periods.
-
-    So late a latch shows too little to be judged. It adds the same share of the new drive to all
-    pins, to a period; with less than half of it, they are not nearer to the new drive.
-    """
+    """Return a mask (E,) of pins that show the *old* drive for most of the frame."""
     run = drives.run
     step = run.weights[frame] - old
     size = float((np.abs(step) ** 2).sum())
@@ -285,7 +282,7 @@ def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: Com
 def _pins_on_phase_of_reference(
     record: PinRecord, run: PinRunDrives, seen: ComplexArray, old: ComplexArray
 ) -> ComplexArray:
-    """Return *seen* (E,) turned so that the element that is the reference has its *old* phase."""
+    """Return *seen* (E,) rotated to the *old* phase of the reference element."""
     if record.reference_element is None:
         return seen
     place = run.elements.index(record.reference_element)

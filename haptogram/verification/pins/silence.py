@@ -162,7 +162,7 @@ def _pins_sound_again(record: PinRecord, found: PinStops, again: dict[int, float
 
 
 def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> str:
-    """Return which pins begin a pulse later than a period after MUTE arrived; empty: none does.
+    """Return the pins that still pulse one period after a MUTE, as text.
 
     From *armed* on they may.
     """

@@ -92,6 +92,7 @@ class DefectFinder:
     # --- one latch -------------------------------------------------------------------------------
 
     def _shown(self, latch: SeenLatch, pattern: Pattern) -> Iterator[Defect]:
+        """Yield the drive defects that a latch shows, for example stray channels."""
         if latch.stray:
             self._stray.update(latch.stray)
             yield Defect.STRAY_CHANNELS
@@ -118,7 +119,7 @@ class DefectFinder:
         return bool(rises.max() <= _FB_LARGEST + 1e-3)
 
     def _silent_beside(self, latch: SeenLatch, pattern: Pattern) -> frozenset[int]:
-        """Return the elements that are off, scattered among others that make one pattern.
+        """Return silent elements scattered among those that form a pattern.
 
         A row, a rim or a half of the array that is off is a part of it that somebody left out.
         """
@@ -131,7 +132,7 @@ class DefectFinder:
         return frozenset(int(n) for n in np.flatnonzero(silent))
 
     def _is_near(self, pattern: Placed) -> bool:
-        """Return True if the place of a pattern is known: a wave from afar is many things."""
+        """Return True if the pattern has a position; a plane wave has none."""
         distance_m = float(np.linalg.norm(np.array(pattern.position_m) - self._centre_m))
         return bool(np.linalg.norm(pattern.bound_m) < distance_m + self._distance_m.max())
 
@@ -140,7 +141,7 @@ class DefectFinder:
         return bool(self._distance_m[silent].min() >= self._distance_m[~silent].max() - _SAME_M)
 
     def _take_polarities(self, latch: SeenLatch, pattern: Placed) -> None:
-        """Take down which elements are half a turn off the pattern of the others."""
+        """Record which elements are half a turn off the pattern."""
         drive = hash(latch.weights.tobytes())
         limit_rad = math.pi / latch.steps
         off = _half_turns_of_watched_pattern(pattern, limit_rad)
@@ -156,6 +157,7 @@ class DefectFinder:
         return frozenset(n for n, seen in self._reversed.items() if seen.is_proven)
 
     def _reversals(self) -> list[Diagnosis]:
+        """Return the diagnosis of elements with reversed polarity."""
         if not (proven := sorted(self.reversed_elements)):
             return []
         names = ", ".join(map(str, proven[:12])) + (", ..." if len(proven) > 12 else "")

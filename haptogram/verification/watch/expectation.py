@@ -158,7 +158,7 @@ class Expectation:
     def _judge_several(
         self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern
     ) -> FrameVerdict:
-        """Judge several foci by their places: S2 of each."""
+        """Judge several foci by the position error of each (S2)."""
         if not isinstance(pattern, SeveralFoci) or len(pattern.positions_m) != len(foci):
             fault = f"{pattern.kind} where {len(foci)} foci were expected"
             return dataclasses.replace(

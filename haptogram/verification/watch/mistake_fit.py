@@ -112,7 +112,7 @@ class MistakeFit:
         if right.mean() < _FRAMES or not self._is_beyond_chance(used, rms, right):
             return math.inf
         frames = np.flatnonzero(right).tolist()
-        squares = [self._left_over(t, residual[t], used[t], found) for t in frames]
+        squares = [self._unexplained_variance(t, residual[t], used[t], found) for t in frames]
         worst = math.sqrt(max(squares)) / _WORST
         return max(math.sqrt(math.fsum(squares) / len(squares)), worst)
 
@@ -123,10 +123,10 @@ class MistakeFit:
         is_focus = math.isfinite(self.misfit(none))
         return np.where(self._sounding, residual, np.nan)[0] if is_focus else None
 
-    def _left_over(
+    def _unexplained_variance(
         self, frame: int, residual: FloatArray, used: BoolArray, found: MistakeParameters
     ) -> float:
-        """Return the part of a residual that place and speed of the frame explain, in variances."""
+        """Return the normalised residual that position and sound speed cannot explain."""
         slopes = self._slopes(frame, found)[used]
         slopes = slopes - slopes.mean(axis=0)
         size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-12)
@@ -145,12 +145,13 @@ class MistakeFit:
         return bool(sum(chances) <= _CERTAIN)
 
     def _distances(self, shift: FloatArray) -> FloatArray:
+        """Return the distances (frames, elements) for foci moved by *shift*."""
         gaps = (self._places + shift)[:, None, :] - self._positions
         distances: FloatArray = np.linalg.norm(gaps, axis=2)
         return distances
 
     def _agreement(self, share: float, shift: FloatArray) -> float:
-        """Return how far the phases of some frames agree, 0 to 1: the median of them."""
+        """Return the median phase coherence of the frames, 0 to 1."""
         few = slice(0, _PROBES)
         distances = self._distances(shift)[few]
         waves = np.exp(1j * (self._phases[few] + self._k * (1.0 + share) * distances))
@@ -159,6 +160,7 @@ class MistakeFit:
         return float(np.median(sums))
 
     def _residual(self, share: float, shift: FloatArray) -> FloatArray:
+        """Return the phase residuals for a relative sound speed error and a shift."""
         arrival = self._phases + self._k * (1.0 + share) * self._distances(shift)
         common = np.angle((np.exp(1j * arrival) * self._sounding).sum(axis=1))
         residual: FloatArray = wrapped_phases(arrival - common[:, None])
@@ -168,7 +170,7 @@ class MistakeFit:
         return residual
 
     def _used(self, residual: FloatArray) -> BoolArray:
-        """Return the elements that are in step."""
+        """Return a mask of the elements whose phases agree."""
         deviation = np.where(self._sounding, np.abs(residual), np.nan)
         middle = np.nanmedian(deviation, axis=1) if len(deviation) else np.zeros(0)
         limit = np.maximum(self._steps, 3.0 * middle)

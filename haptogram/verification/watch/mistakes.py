@@ -112,13 +112,13 @@ class ClientMistakes:
         return None
 
     def _is_beyond(self, best: float, rival: float) -> bool:
-        """Return True if a rival is so far off that it is none."""
+        """Return True if a rival explanation is far worse."""
         unlikely = math.sqrt(self._case.unknowns * max(0.0, rival**2 - best**2))
         is_clear = best <= _IS_NOISE and unlikely >= _BETTER
         return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)
 
     def _is_enough(self, parts: tuple[Part, ...]) -> bool:
-        """Return True if as many targets were shown as prove it: a focus may be meant elsewhere."""
+        """Return True if enough distinct targets were seen to prove a mistake."""
         is_focus = sum(aim.found_m is not None for aim in self._aims) > len(self._aims) / 2
         is_simple = not is_focus and len(parts) == 1
         return is_simple or self._case.distinct >= LEAST_TARGETS
@@ -147,7 +147,7 @@ def _sorted(
 
 
 def _key(parts: tuple[Part, ...]) -> tuple[tuple[Defect, str], ...]:
-    """Return the defects, and which they are; figures do not count."""
+    """Return the defects and their kinds as a key, without figures."""
     return tuple((d, "" if d in (Defect.AXES, Defect.SPEED) else text) for d, text in parts)
 
 

@@ -82,7 +82,7 @@ class ExpectedOrder:
         return found
 
     def _offsets(self, pattern: Pattern) -> Iterator[int]:
-        """Yield by how many frames a latch may be another one than the next, by its place."""
+        """Yield the offsets at which a latch may match the expected order."""
         count = len(self._expectation.frames)
         back = [-1] if self._after_torn else []
         for ahead in (*back, *range(1, _MOST_MISSING + 1)):
@@ -93,6 +93,7 @@ class ExpectedOrder:
                 yield ahead
 
     def _skip(self, ahead: int, number: int) -> None:
+        """Move on in the expected order; count skipped frames as missing."""
         self._next += ahead
         if ahead > 0:
             self._missing += ahead

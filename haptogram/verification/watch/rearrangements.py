@@ -81,7 +81,7 @@ def client_rearrangements(
         for text, index in _other_channels(model, board_channels, axes)
         if not np.array_equal(index, same) and not turns.are_order(index)
     ]
-    return found + list(_boards_out_of_step(count, board_channels))
+    return found + list(_board_phase_offsets(count, board_channels))
 
 
 class _CoordinateTurns:
@@ -117,6 +117,7 @@ class _CoordinateTurns:
         )
 
     def _orders(self) -> Iterator[tuple[str, FloatArray]]:
+        """Yield the mirrorings and rotations in a plane, with their names."""
         a, b = ("xyz"[axis] for axis in self._plane)
         for text, values in (
             (f"{a} mirrored", ((-1, 0), (0, 1))),
@@ -139,6 +140,7 @@ class _CoordinateTurns:
 
 
 def _scaled(factor: float) -> Callable[[Places], Places]:
+    """Return a function that scales positions."""
     return lambda places: factor * places
 
 
@@ -203,7 +205,8 @@ def _element_maps(
             yield np.concatenate(order)
 
 
-def _boards_out_of_step(count: int, board_channels: int) -> Iterator[Rearrangement]:
+def _board_phase_offsets(count: int, board_channels: int) -> Iterator[Rearrangement]:
+    """Yield a phase offset of half a turn for each board of a chain."""
     boards = count // board_channels if count % board_channels == 0 else 1
     if not 1 < boards <= _MAX_BOARDS:
         return

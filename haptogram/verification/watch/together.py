@@ -131,7 +131,7 @@ class CommonLosses:
     def _fitted(
         self, weights: ComplexArray, near_m: Vector, *, free_speed: bool
     ) -> tuple[FloatArray, BoolArray, FloatArray]:
-        """Return the place of a focus, the elements that sound, and what their phases are off."""
+        """Return a fitted focus, the active elements and their phase errors."""
         array, radiated = self._model.array, self._model.radiated(weights)
         active = np.abs(radiated) > _SOUNDING
         phases = PatternPhases(

@@ -174,6 +174,7 @@ class Watch:
         return foci[0] if foci is not None and len(foci) == 1 else None
 
     def _judged(self, latch: SeenLatch, pattern: Pattern) -> FrameVerdict | None:
+        """Return the verdict on a latch; None without an expected order."""
         if self._order is None or pattern.kind in _SILENT_KINDS:
             return None
         verdict, foci = self._order.judge(latch, pattern)
@@ -191,6 +192,7 @@ class Watch:
         return verdict
 
     def _aim(self, latch: SeenLatch, pattern: Pattern, target_m: FloatArray) -> Aim:
+        """Return the found and intended focus of a latch."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         radiated = self._model.radiated(weights)
         phases = np.where(np.abs(radiated) > _SOUNDING, np.angle(radiated), np.nan)
@@ -198,7 +200,7 @@ class Watch:
         return Aim(target_m, phases, 2.0 * math.pi / latch.steps, found)
 
     def _client_mistakes(self) -> ClientMistakes | None:
-        """Return what looks for a mistake, if a latch is wrong."""
+        """Return the search for a client's coordinate mistake; None if no latch is wrong."""
         if not self._aims or not any(self._statuses[status] for status in WRONG):
             return None
         made = client_rearrangements(self._model, self._channels, self._axes)
@@ -206,7 +208,7 @@ class Watch:
         return ClientMistakes(self._model, made, axes, [*self._aims.values()])
 
     def _hints(self, mistakes: ClientMistakes | None) -> Iterator[str]:
-        """Yield what may explain where the foci are and is not proven, and why others are not."""
+        """Yield possible but unproven explanations of wrong foci."""
         yield from (f"not verified: {note}" for note in self._notes)
         count = self._model.array.count
         if count < _LEAST_ELEMENTS and self._expectation is None and Unnamed.kind in self._kinds:

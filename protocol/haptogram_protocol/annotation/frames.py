@@ -82,10 +82,12 @@ class FrameAnnotator:
             yield Annotated(self._begin, self._size, "", f"no frame: {fault}", fault)
 
     def _keep(self, piece: bytes) -> None:
+        """Buffer bytes of the current frame, up to a limit."""
         self._partial += piece[: MAX_ENCODED_BYTES + 1 - len(self._partial)]
         self._size += len(piece)
 
     def _close(self) -> Iterator[Annotated]:
+        """Yield the annotation of a complete frame."""
         piece, size = self._partial, self._size
         begin, self._begin = self._begin, self._begin + size + len(DELIMITER)
         self._partial, self._size = b"", 0

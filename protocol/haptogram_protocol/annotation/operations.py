@@ -63,6 +63,7 @@ class OperationAnnotator:
             yield Annotated(self._advance(size), size, "", text, fault)
 
     def _take(self, found: list[Operation] | list[Reply]) -> Iterator[Annotated]:
+        """Yield the annotation of each decoded operation or reply."""
         behind = min(len(found) - 1, self._size - 1)
         sizes = [self._size - behind] + [1] * behind + [0] * (len(found) - 1 - behind)
         fault = self._odd()
@@ -83,7 +84,7 @@ class OperationAnnotator:
         return begin
 
     def _odd(self) -> str:
-        """Return the counts of this end since the last piece, in words."""
+        """Return the error counts since the last piece, as text."""
         counters = self._end.counters
         if counters == self._counted:
             return ""

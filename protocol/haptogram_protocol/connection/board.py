@@ -406,4 +406,5 @@ class BoardConnection:
 
 
 def _at_once(t_rx_us: int) -> int:
+    """Return the apply time of an IMMEDIATE frame: its arrival."""
     return t_rx_us

@@ -320,7 +320,7 @@ class HostConnection:
         if waiting is None or not _is_answer_to_pending_request(message, waiting.request):
             detail = f"{message.TYPE.name} {header.seq} answers no request that waits"
             return self._drop("duplicate", detail, t_rx_us)
-        if not self._from_here(header, message, waiting):
+        if not self._is_of_session(header, message, waiting):
             detail = f"response of session {header.session:#06x}, not of {self.session:#06x}"
             return self._drop("stale_session", detail, t_rx_us)
         rtt_us = self._pending.answered(waiting, t_rx_us)
@@ -336,8 +336,8 @@ class HostConnection:
             message, header.seq, waiting.request, rtt_us, t_rx_us, header.time_us
         )
 
-    def _from_here(self, header: Header, message: Message, waiting: PendingRequest) -> bool:
-        """Return True if a response is for this session: MUTE in any, ERROR in none.  HG-3.7."""
+    def _is_of_session(self, header: Header, message: Message, waiting: PendingRequest) -> bool:
+        """Return True if a response belongs to this session.  HG-3.7."""
         if isinstance(message, HelloReply):
             return message.nonce == self.session
         anywhere = waiting.request in (MessageType.MUTE, MessageType.HELLO)

@@ -211,7 +211,7 @@ def _check_interactlab_operation(message: QueueFrame) -> None:
 
 
 def _number_of_bits(bits: bytes) -> int:
-    """Return the number whose lowest bit comes first."""
+    """Return the integer of bits, least significant first."""
     return sum(bit << place for place, bit in enumerate(bits))
 
 

@@ -144,6 +144,7 @@ class Autd3Device:
         return min((time for time in times if time is not None), default=None)
 
     def _do(self, operation: Operation, now_ns: int) -> operations.ErrorCode:
+        """Execute an operation; return its error code."""
         if error := operations.autd3_refusal(operation):
             return error
         doers: dict[type, Callable[[Any, int], operations.ErrorCode]] = {

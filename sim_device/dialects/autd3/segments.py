@@ -151,7 +151,7 @@ class Autd3SwapChain:
 
 
 def _start_of_segment(sampling: Autd3Sampling, mode: int, value_ns: int, period: int) -> int | None:
-    """Return the period in which a segment starts that waits since *period*."""
+    """Return the period in which a queued segment starts; None if its mode sets no time."""
     if mode == TransitionMode.SYNC_INDEX:
         return sampling.next_lap(period)
     if mode == TransitionMode.SYSTEM_TIME:

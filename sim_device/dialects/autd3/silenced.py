@@ -48,6 +48,7 @@ class Autd3SilencedUnit(Autd3Unit):
         return self._start_us(min(waits)) if waits else None
 
     def _look(self, period: int, cause: str | None = None) -> None:
+        """Update the targets in *period*, and latch the next step towards them."""
         if self._asked is not None and self._asked <= period:
             self._asked = None
         self._move_to(period)
@@ -67,7 +68,7 @@ class Autd3SilencedUnit(Autd3Unit):
         self._changes = min(changes, default=None)
 
     def _move_to(self, period: int) -> None:
-        """Make the steps of all periods up to *period*."""
+        """Advance the silencer to *period*."""
         at = period if self._moved is None else self._moved + 1
         while at <= period:
             self._aim([device.output(at) for device in self._devices])
@@ -82,6 +83,7 @@ class Autd3SilencedUnit(Autd3Unit):
         self._moved = max(period, period if self._moved is None else self._moved)
 
     def _aim(self, outputs: list[Output]) -> None:
+        """Set the target phases and levels of the silencer."""
         if outputs == self._aims:
             return
         self._aims, self._targets = outputs, []

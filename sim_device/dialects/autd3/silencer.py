@@ -87,7 +87,7 @@ class _SilencerValues:
         return int((in_quick + -(-left // np.maximum(slow, 1))).max())
 
     def _travel(self, target: _Numbers, periods: int, steps: int) -> _Numbers:
-        """Return how far the channels may go, and note what is left of the longer steps."""
+        """Return the remaining distance of each channel, and set its step size."""
         change = np.abs(target - self._target) * _ONE
         if self._round_circle:
             change = np.where(change >= _HALF, _CIRCLE - change, change)
@@ -101,6 +101,7 @@ class _SilencerValues:
         return travel
 
     def _gap(self) -> _Numbers:
+        """Return target minus current value; phases by the shorter way round."""
         gap = self._target * _ONE - self._current
         if self._round_circle:
             gap = np.where(gap < -_HALF, gap + _CIRCLE, np.where(gap > _HALF, gap - _CIRCLE, gap))

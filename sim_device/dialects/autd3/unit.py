@@ -109,6 +109,7 @@ class Autd3Unit(LatchingUnit):
         return []
 
     def _place(self, poses: tuple[messages.Pose, ...]) -> Reply:
+        """Set the poses of the devices."""
         if refused := self._refuse_number(len(poses)):
             return refused
         self.poses = poses
@@ -132,7 +133,7 @@ class Autd3Unit(LatchingUnit):
         )
 
     def _look(self, period: int, cause: str | None = None) -> None:
-        """Take down what the devices radiate in *period*."""
+        """Latch the outputs of the devices in *period*, if they have changed."""
         was_due = self._changes is not None and self._changes <= period
         if self._asked is not None and self._asked <= period:
             self._asked = None
@@ -145,7 +146,7 @@ class Autd3Unit(LatchingUnit):
         self._changes = min((change for change in changes if change is not None), default=None)
 
     def _cause(self, outputs: list[Output]) -> str | None:
-        """Return what is new since the last latch, or None."""
+        """Return the cause of the change since the last latch; None if there is none."""
         pairs = list(zip(outputs, self._outputs, strict=True))
         for output, last in pairs:
             if output.patterns is not last.patterns:
@@ -157,7 +158,7 @@ class Autd3Unit(LatchingUnit):
         return None
 
     def _latch(self, outputs: list[Output], period: int, cause: str) -> bool:
-        """Take down *outputs*; return False if the pulses stay as they are."""
+        """Latch *outputs*; return False if the pulses are unchanged."""
         self._outputs = outputs
         pulses = self._pulses_of(tuple(outputs))
         if pulses == self._pulses and cause in ("index", "modulation"):
@@ -172,7 +173,7 @@ class Autd3Unit(LatchingUnit):
         return True
 
     def _pulses_of(self, outputs: tuple[Output, ...]) -> PulseDrive:
-        """Return the pulses of all devices; a sequence comes round to those that it had."""
+        """Return the pulses of all devices, cached by their outputs."""
         if outputs not in self._known:
             if len(self._known) >= MAX_KNOWN:
                 self._known.clear()

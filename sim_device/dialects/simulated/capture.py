@@ -53,7 +53,7 @@ class SimulatedCapture:
             self._write_header(names)
 
     def _end_of_file_ns(self) -> int:
-        """Return the time at which the capture goes on."""
+        """Return the time at which the appended capture continues."""
         size = self._file.seek(0, os.SEEK_END)
         self._file.seek(max(0, size - 100))
         _, mark, last = self._file.read().rpartition("#")

@@ -79,7 +79,7 @@ class SimulatedPins:
         self._rest = yield from self._repeat(self._rest)
 
     def _repeat(self, block: bytes) -> Generator[ShownDrive, None, bytes]:
-        """Take the periods that are like the last one; return the changes behind these."""
+        """Process periods equal to the last one; return the remaining changes."""
         while block.startswith(SAME):
             line, _, block = block.partition(b"\n")
             more = count_of_same(line)
@@ -132,7 +132,7 @@ class SimulatedPins:
         return weights
 
     def _check(self, words: list[list[bytes]]) -> None:
-        """Refuse the first line that is no change, or behind the period or the one before it."""
+        """Refuse malformed or out-of-order lines."""
         form, before_ns = (3, b"P", self._digits, b"", True), 0
         for word in words:
             time = word[1] if len(word) > 1 else b""

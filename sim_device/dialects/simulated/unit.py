@@ -81,7 +81,7 @@ class SimulatedUnit:
         _LOG.info("simulated by %s", hello.by or command)
 
     def _power_up(self) -> None:
-        """Let the board start, and take the drive that it has then for that of the power-up."""
+        """Boot the board; its drive then counts as the power-up drive."""
         self._run(self._boot_ns)
         shown = self._latches[-1:] or [PulseLatch(0, PulseDrive.off(self._pins.count, STEPS), "")]
         self._shown = dataclasses.replace(shown[0], t_latch_us=self._now_us, cause=POWER_UP)
@@ -155,7 +155,7 @@ class SimulatedUnit:
         self._process.close()
 
     def _run(self, until_ns: int, *, stops: bool = False) -> None:
-        """Let the process reach a time; with *stops* the first byte that it sends ends that."""
+        """Run the process to a time; with *stops* end at the first byte it sends."""
         while not self._is_lost and self._process.now_ns < until_ns:
             self._is_lost = True  # unless it answers
             text, sent = self._process.grant(until_ns)
@@ -168,6 +168,7 @@ class SimulatedUnit:
                 return
 
     def _take_down(self, capture: SimulatedCapture, text: bytes, sent: list[SentByte]) -> None:
+        """Write pin changes and sent bytes of the simulator to the capture."""
         capture.changed(text)
         for t_ns, value in sent:
             capture.carried("to_host", t_ns - self._byte_ns, value)
@@ -198,7 +199,7 @@ class SimulatedUnit:
         return self._boot_us - (self._boot_ns - t_ns) // _NS_PER_US
 
     def _last_of(self, unit: Unit) -> PulseDrive:
-        """Return what a unit that was powered up shows."""
+        """Return the drive of a unit after power-up."""
         return self._on_pins(unit.take_latches()[-1].pulses)
 
     def _on_pins(self, pulses: PulseDrive) -> PulseDrive:

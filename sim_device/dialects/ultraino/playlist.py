@@ -103,6 +103,7 @@ class ArduinoPlaylist:
         return pattern + 1 == len(self.durations) or not self.durations[pattern + 1]
 
     def _complete(self) -> None:
+        """Advance to the next pattern; return to the first one after the last."""
         self._passed = 0
         if self._is_last(self._pattern):
             self._pattern = self.pointer = 0
@@ -111,7 +112,7 @@ class ArduinoPlaylist:
             self.pointer += 1
 
     def _cycle(self) -> int:
-        """Return the periods of a whole pass through the list."""
+        """Return the length of the playlist in periods."""
         periods, pattern = self.durations[0] or _COUNTER, 0
         while not self._is_last(pattern):
             pattern += 1

@@ -51,7 +51,7 @@ def kernel_digest() -> str:
 
 
 def _are_cached() -> bool:
-    """Return True if a loop has been compiled on this machine."""
+    """Return True if compiled kernels are cached on this machine."""
     own = os.environ.get("NUMBA_CACHE_DIR")
     caches = os.path.join(os.environ.get("XDG_CACHE_HOME", "~/.cache"), "numba"), _MAC_CACHE
     folders = (
@@ -67,7 +67,7 @@ def _temporary_folder() -> Path:
 
 
 def _temporary_kernel_cache() -> Path:
-    """Return a folder that only this user can write to: what lies in it will be executed."""
+    """Return a cache folder that only this user can write to."""
     folder = _temporary_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
     status = folder.lstat()

@@ -86,6 +86,7 @@ class NumbaEngine(SingleEngine):
         return 256
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
+        """Return a mask of the points in reach and in front; None if all points are usable."""
         usable, refused = np.empty(len(points), dtype=np.bool_), 0
         for part in memory_chunks(len(points), CALL_POINTS):
             refused += self._kernels.usable_points_kernel(

@@ -48,7 +48,7 @@ class Numpy32Engine(SingleEngine):
         return self._size
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
-        """Return the points neither far away, nor behind, nor so near that r^2 loses digits."""
+        """Return a mask of the points in range, in front and outside the near-field limit."""
         distance = np.linalg.norm(points - self._model.array.centre_m, axis=1)
         # r >= |x| - |s|: outside of twice the aperture no r is below half of the largest term.
         nearest = max(2.0 * self._radius_m, self.clearance_m)
@@ -87,7 +87,7 @@ class Numpy32Engine(SingleEngine):
         return np.ascontiguousarray(waves.transpose(0, 2, 1), dtype=np.float32)
 
     def _polar(self, points: FloatArray) -> tuple[SingleArray, SingleArray, ComplexArray]:
-        """Return (M, N) real and imaginary parts, and the (M,) phasors they still lack."""
+        """Return (M, N) real and imaginary parts of the waves, and their (M,) phase factors."""
         places = (points - self._model.array.centre_m) / self._model.wavelength_m
         square = (places**2).sum(axis=1)
         distance = np.sqrt(square)

@@ -92,7 +92,7 @@ class SingleEngine(ABC):
         self._reach_of_many_m = self._reach_m(self.REACH.many)
 
     def _reach_m(self, wavelengths: float) -> float:
-        """Return the distance from the array's centre up to which the errors keep the promise."""
+        """Return the largest distance from the array's centre within the error bound."""
         absorption = self._model.medium.absorption_np_m
         lossy_m = 2.0 * _MAX_LOSS / absorption if absorption > 0.0 else math.inf
         return min(wavelengths * self._model.wavelength_m, lossy_m) - self._radius_m
@@ -165,7 +165,7 @@ class SingleEngine(ABC):
         return result
 
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
-        """Return the pressure of radiated drives at points that are all served.
+        """Return the pressure at usable points.
 
         *careful*: so few elements are active that their rounding errors do not average out.
         """
@@ -186,7 +186,7 @@ class SingleEngine(ABC):
     @property
     @abstractmethod
     def _wave_points(self) -> int:
-        """The largest number of points that `_waves` takes."""
+        """The largest number of points per call of `_waves`."""
 
     @abstractmethod
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
@@ -196,7 +196,7 @@ class SingleEngine(ABC):
     def _one_drive(
         self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
     ) -> None:
-        """Set the pressure of one drive."""
+        """Compute the pressure of one drive."""
 
     @abstractmethod
     def _waves(self, points: FloatArray) -> SingleArray:
@@ -204,7 +204,7 @@ class SingleEngine(ABC):
 
 
 def _effective_drive_count(drives: ComplexArray) -> float:
-    """Return the number of elements that share the work, in the drive where they are fewest."""
+    """Return the smallest effective number of elements of any drive."""
     square = drives.real**2 + drives.imag**2  # half the time of abs()
     level = np.sqrt(square)
     if drives.ndim == 1:  # one call for a few points must not cost more than the points
@@ -214,6 +214,6 @@ def _effective_drive_count(drives: ComplexArray) -> float:
 
 
 def _real_form_of_drives(drives: ComplexArray) -> SingleArray:
-    """Return the (2F, 2N) real matrix that does to (real, imaginary) what *drives* do."""
+    """Return (2F, 2N) real matrices equivalent to multiplication by the complex *drives*."""
     real, imaginary = drives.real, drives.imag
     return as_single_precision(np.block([[real, -imaginary], [imaginary, real]]))

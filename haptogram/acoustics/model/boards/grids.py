@@ -112,6 +112,7 @@ def autd_row(devices: int) -> TransducerArray:
 
 
 def _sonicsurface_from(top_m: float) -> TransducerArray:
+    """Return the SonicSurface array with its first row at y = -*top_m*."""
     positions = np.empty((_SIDE**2, 3))
     for row, column in itertools.product(range(_SIDE), repeat=2):
         place = (column - (_SIDE - 1) / 2) * SONICSURFACE_PITCH_M

@@ -168,6 +168,7 @@ class _UltrainoReader:
         return element.value
 
     def _call(self, element: _Element) -> Any:
+        """Evaluate an element of Java's XML serialisation."""
         attributes, arguments = element.attributes, element.arguments
         if element.tag in _NUMBERS:
             return _as_ultraino_number("".join(element.text))
@@ -231,7 +232,7 @@ def _ultraino_transducers(root: Any) -> list[_UltrainoObject]:
 
 
 def _ultraino_part(built: _UltrainoObject, *names: str) -> _UltrainoObject:
-    """Return the part with one of *names*; an empty one, with Java's defaults, if it has none."""
+    """Return the named component of an Ultraino object; an empty one with defaults if absent."""
     parts = (built.values.get(name) for name in names)
     return next((part for part in parts if isinstance(part, _UltrainoObject)), _UltrainoObject())
 

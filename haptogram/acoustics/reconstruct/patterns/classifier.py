@@ -147,6 +147,7 @@ class PatternClassifier:
         return bool(np.ptp(self._local[:, 2]) < _PLANE_M)
 
     def _radiated(self, weights: ArrayLike) -> ComplexArray:
+        """Return the radiated weights; refuse a wrong number of elements."""
         drive = np.asarray(weights, dtype=np.complex128)
         if drive.shape != (self._model.array.count,):
             raise ConfigurationError(
@@ -162,10 +163,10 @@ class PatternClassifier:
         phases: PatternPhases,
         places: list[FloatArray],
     ) -> Pattern | None:
-        """Return the pattern around one point or several, if the drive makes one."""
+        """Return a single- or multi-focus pattern, if the phases match one."""
         if len(phases.phases_rad) < MIN_ACTIVE:
             return None
-        explained = self._near_the_last(phases)
+        explained = self._fit_from_last(phases)
         if explained is None:
             explained = self._found(phases, active, drive, places)
         if explained is not None:
@@ -181,7 +182,7 @@ class PatternClassifier:
         drive: ComplexArray,
         places: list[FloatArray],
     ) -> Explanation | None:
-        """Return the pattern around one point, as it is or with half a turn between two sides."""
+        """Return a single-focus pattern, with or without a half turn between the sides."""
         search, halves = self._search_for(active), self._half_turn(active)
         turned = drive.copy()
         if halves is not None:
@@ -195,7 +196,7 @@ class PatternClassifier:
         return None
 
     def _half_turn(self, active: BoolArray) -> FloatArray | None:
-        """Return what a trap between two sides adds to a focus; None: there is one side."""
+        """Return phase pi for the opposite side of the array; None if there is one side."""
         if len(self._sides) == 1:
             return None
         far = self._sides[1][active]
@@ -204,7 +205,7 @@ class PatternClassifier:
     def _best_of_standing(
         self, found: Explanation, phases: PatternPhases, active: BoolArray
     ) -> Explanation:
-        """Return the best of a focus and what is like it, half a wavelength along the axis at most.
+        """Return the best fit among neighbouring foci and traps of a standing wave.
 
         Between two sides a focus has neighbours: foci half a wavelength away, and traps, which have
         half a turn between the sides, a quarter away.
@@ -227,8 +228,8 @@ class PatternClassifier:
             return _as_trap(best[True], halves) or found
         return best[False]
 
-    def _near_the_last(self, phases: PatternPhases) -> Explanation | None:
-        """Return a pattern like the last one near its place, if it explains all elements."""
+    def _fit_from_last(self, phases: PatternPhases) -> Explanation | None:
+        """Return a fit warm-started at the last pattern, if it explains all elements."""
         last = self._last
         if last is None:
             return None
@@ -249,7 +250,7 @@ class PatternClassifier:
         return self._proven(phases, found) if found is not None and found.used.all() else None
 
     def _search_for(self, active: BoolArray) -> PatternSearch:
-        """Return the search volume of the side of which most elements radiate."""
+        """Return the search volume of the side with most active elements."""
         number = int(np.argmax([np.count_nonzero(active & side) for side in self._sides]))
         if number not in self._searches:
             self._searches[number] = PatternSearch(self._model, self._sides[number])
@@ -262,7 +263,7 @@ class PatternClassifier:
         search: PatternSearch,
         drive: ComplexArray,
     ) -> Explanation | None:
-        """Return a focus of nearly all elements at one of *places*, or in the middle of a bowl."""
+        """Return a focus of nearly all elements at a candidate position."""
         sounding = np.abs(drive) > _SILENT
         arrivals = np.where(sounding, np.exp(1j * np.angle(drive)), 0.0)
         for place in [*places, *search.foci_of_bowl(arrivals)]:
@@ -277,7 +278,7 @@ class PatternClassifier:
     def _searched_among(
         self, phases: PatternPhases, _: list[FloatArray], search: PatternSearch, drive: ComplexArray
     ) -> Explanation | None:
-        """Return the explanation with the fewest outliers among those of the likeliest starts."""
+        """Return the fit with the fewest outliers among the most likely starts."""
         active = np.abs(drive) > _SILENT
         arrivals = np.where(active, np.exp(1j * np.angle(drive)), 0.0)
         best: Explanation | None = None
@@ -293,6 +294,7 @@ class PatternClassifier:
     def _from_start(
         self, phases: PatternPhases, start: Start, search: PatternSearch, active: BoolArray
     ) -> Explanation | None:
+        """Fit a pattern from a start position."""
         place = self._model.array.local_m(start.position_m)
         axis = place[:2] if start.below else search.middle_m
         side, limit_rad = search.side[active], self._limit_rad
@@ -305,7 +307,7 @@ class PatternClassifier:
         return None if found is None else self._proven(phases, found)
 
     def _proven(self, phases: PatternPhases, found: Explanation) -> Explanation | None:
-        """Return the simplest name of what was found; None if chance may look the same."""
+        """Return the simplest pattern that fits significantly better than chance; else None."""
         if not self._is_usable(found):
             return None
         simplest = self._simplest(phases, found)
@@ -327,6 +329,7 @@ class PatternClassifier:
         return self._has_field(found.fit.position_m)
 
     def _has_field(self, local_m: FloatArray) -> bool:
+        """Return True if the field model is valid at a position."""
         place = self._model.array.world_m(local_m)
         return bool(points_with_field(self._model, place[None])[0])
 
@@ -363,7 +366,7 @@ class PatternClassifier:
         return OneFocus(**common)
 
     def _in_world(self, spread: FloatArray) -> Vector:
-        """Return a spread along the array's axes along those of the world."""
+        """Rotate standard deviations from the array's axes to the world's."""
         if np.isfinite(spread).all():
             return _pattern_vector(np.abs(spread @ np.abs(self._model.array.axes)))
         lost = (np.abs(self._model.array.axes[~np.isfinite(spread)]) > 1e-6).any(axis=0)
@@ -380,6 +383,7 @@ class PatternClassifier:
         return total / math.sqrt(2.0), (total / most if most > 0.0 else 0.0)
 
     def _unnamed(self, drive: ComplexArray, active: BoolArray) -> Unnamed:
+        """Return an unnamed pattern with the point of greatest pressure."""
         loudest = self._search_for(active).loudest(drive, 1)[0]
         return Unnamed(_pattern_vector(loudest), self._arrival(drive, loudest)[1])
 
@@ -389,7 +393,7 @@ def _rms_of(found: Explanation) -> float:
 
 
 def _as_trap(found: Explanation | None, halves: FloatArray) -> Explanation | None:
-    """Return a focus of turned phases as what it is without the turn."""
+    """Convert a focus fitted with a half turn between the sides into a trap."""
     if found is None or found.charge or found.normal is not None:
         return None
     return replace(found, added_rad=halves, normal=np.array([0.0, 0.0, 1.0]))

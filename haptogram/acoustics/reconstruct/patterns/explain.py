@@ -178,7 +178,7 @@ def _widened_pattern_fit(
     axis_m: FloatArray | None,
     side: BoolArray | None,
 ) -> FloatArray | None:
-    """Return the place that fits by the middle of the array, then by more and more of it, lead to.
+    """Fit the centre of the array first, then more and more elements.
 
     Of two arrays that look at each other one side comes first. Between them minima of the fit
     alternate every half of a wavelength, so several heights are tried for both.
@@ -214,7 +214,7 @@ def _pattern_by_more_elements(
 def _pattern_residual_of_all(
     phases: PatternPhases, point: PatternPointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residual of every element, and what the pattern adds to a focus."""
+    """Return the residual of every element, and the phase of the pattern relative to a focus."""
     distance = np.linalg.norm(point.position_m - phases.positions_m, axis=1)
     added = (
         charge * pattern_azimuths(phases.positions_m, point.axis_m)
@@ -263,7 +263,7 @@ def _turned_pattern_axis(vector: FloatArray, turn_rad: float) -> FloatArray:
 
 
 def _twin_trap_separated(along: FloatArray, flipped: BoolArray) -> float:
-    """Return the share of the elements that the best limit *along* a normal has on their side."""
+    """Return the share of elements on the correct side of the best dividing line."""
     order = np.argsort(along)
     below = np.cumsum(flipped[order])
     count, total = np.arange(1, len(order) + 1), int(flipped.sum())

@@ -134,7 +134,7 @@ def pattern_place_uncertainty(
 
 
 def _pattern_slopes(phases: PatternPhases, position_m: FloatArray) -> FloatArray:
-    """Return (A, 3) the change of the phases with the place, their mean taken out."""
+    """Return (A, 3) centred derivatives of the phases with respect to position."""
     rays = position_m - phases.positions_m
     rays = rays * (phases.wavenumber / np.maximum(np.linalg.norm(rays, axis=1), 1e-9))[:, None]
     slopes: FloatArray = rays - rays.mean(axis=0)
@@ -179,6 +179,7 @@ class _PatternProblem:
         return PatternPointFit(unknown[:3], self._axis_at(unknown), speed, residual)
 
     def _start(self, start_m: FloatArray) -> FloatArray:
+        """Return the initial parameter vector: position, axis and relative sound speed."""
         axis = start_m[:2] if self._axis is None else self._axis
         parts = [start_m]
         if self._free_axis:
@@ -193,7 +194,7 @@ class _PatternProblem:
         return unknown[:2] if self._axis is None else self._axis
 
     def _residual(self, unknown: FloatArray) -> tuple[FloatArray, float]:
-        """Return the residual of every element, and the cost with what is thought of the speed."""
+        """Return the residuals, and the cost including the prior of the sound speed."""
         phases = self._phases
         distance = np.linalg.norm(unknown[:3] - phases.positions_m, axis=1)
         speed = unknown[-1] if self._free_speed else 0.0
@@ -227,6 +228,7 @@ class _PatternProblem:
     def _step(
         self, slopes: FloatArray, residual: FloatArray, unknown: FloatArray, damping: float
     ) -> FloatArray:
+        """Return the Levenberg-Marquardt step."""
         square, wanted = slopes.T @ slopes, slopes.T @ residual
         if self._free_speed:
             square[-1, -1] += self._prior

@@ -156,6 +156,7 @@ def pattern_dict(pattern: Pattern) -> dict[str, object]:
 
 
 def _plain_pattern(value: object) -> object:
+    """Convert tuples to lists and non-finite floats to None, for JSON."""
     if isinstance(value, tuple):
         return [_plain_pattern(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -150,10 +150,12 @@ class PatternSearch:
         return [self._cells[cell] for cell in self._leaders(np.abs(sums), count)]
 
     def _sums_around_the_middle(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        """Return coherent sums per cell and charge, vortex axis through the array centre."""
         powers = np.stack([heard * self._turns.conj() ** charge for charge in CHARGES], axis=1)
         return self._phasors @ powers
 
     def _sums_below(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        """Return coherent sums per cell and charge, vortex axis through the cell."""
         sums = np.empty((len(self._cells), len(CHARGES)), dtype=np.complex64)
         for first in range(0, len(self._cells), _AT_A_TIME):
             part = slice(first, first + _AT_A_TIME)

@@ -84,7 +84,7 @@ def _next_focus_of_pattern(
 def _climb_to_pattern_focus(
     model: AcousticModel, drive: ComplexArray, start_m: FloatArray
 ) -> FloatArray:
-    """Return a point nearby where more of *drive* arrives in phase, by ever smaller steps."""
+    """Return a nearby pressure maximum, by steps of decreasing size."""
     ways = np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
     place, step_m = start_m, _CLIMB_M
     for _ in range(3 * _CLIMBS):
@@ -102,7 +102,7 @@ def _climb_to_pattern_focus(
 def _unexplained_by_pattern(
     model: AcousticModel, phasors: ComplexArray, active: BoolArray, places: FloatArray
 ) -> ComplexArray:
-    """Return the rest of the phasors when the waves from all places are taken out."""
+    """Return the phasors minus the least-squares waves of all foci."""
     waves = np.exp(1j * focus_phases(model, places))[:, active].T
     weights = np.linalg.lstsq(waves, phasors[active], rcond=1e-6)[0]
     rest = np.zeros_like(phasors)
@@ -139,6 +139,7 @@ def _foci_fit_or_none(
     active: BoolArray,
     limit_rad: float,
 ) -> FociFit | None:
+    """Fit several foci; return None if the problem is singular."""
     try:
         return fit_foci(model, waves, places, drive, active, limit_rad)
     except np.linalg.LinAlgError:  # an SVD that does not converge: no fit
@@ -148,7 +149,7 @@ def _foci_fit_or_none(
 def _foci_as_pattern(
     model: AcousticModel, drive: ComplexArray, places: FloatArray, fit: FociFit
 ) -> SeveralFoci | None:
-    """Return the foci, the strongest first; None if they are not several after all."""
+    """Return a multi-focus pattern, strongest focus first; None if the foci are not distinct."""
     apart = np.linalg.norm(places[:, None] - places, axis=2) + 1e3 * np.eye(len(places))
     if apart.min() < _APART * model.wavelength_m or not points_with_field(model, places).all():
         return None

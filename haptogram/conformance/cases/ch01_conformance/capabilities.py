@@ -72,6 +72,7 @@ def _is_advertised_drive_latched(board: BoardClient, message: m.Message) -> None
 
 
 def _traces_as_advertised(board: BoardClient, mode: m.TraceMode, kind: type[m.Message]) -> None:
+    """FAILED unless the advertised trace mode sends trace events."""
     since = board.arm(trace_mode=mode)
     latching.latch_now(board)
     board.link.barrier()

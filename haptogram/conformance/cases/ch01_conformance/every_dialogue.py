@@ -137,7 +137,7 @@ class DialogueDifferences:
 def _judge_random_dialogue(
     lockstep: Lockstep, number: int, coverage: DialogueCoverage, found: DialogueDifferences
 ) -> bool:
-    """Play one dialogue; note a short one if the board differs, and its clause did not before.
+    """Play one random dialogue; record its minimised form if it breaks a clause anew.
 
     Returns False if nothing is known: something was held up so that it was not compared, or
     differed and then did not.

@@ -99,7 +99,7 @@ def _runs_to_stuff(most: int) -> list[int]:
 
 
 def _runs_before_full_ends(shown: int, room: int) -> list[int]:
-    """Return runs behind whose zero *shown* codes and their CRC end with a full piece, or nearly.
+    """Return COBS run lengths whose frame of *shown* codes ends at or near a full block.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def _runs_before_full_ends(shown: int, room: int) -> list[int]:
 
 
 def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, m.Message, bytes]]:
-    """Yield drives with a zero behind each run: its length, the frame, the registers."""
+    """Yield drives with a zero after each COBS run length: length, frame, registers."""
     count = board.identity.transducers
     graded = board.has(m.Feature.AMPLITUDE)
     room = 2 * count if graded else count
@@ -152,7 +152,7 @@ def every_drive_is_stuffed(board: BoardClient) -> None:
 
 
 def _ask_with_stuffing(board: BoardClient, count: int, name: str) -> m.DriveReply:
-    """Return the reply to a READ_DRIVE of *count*; FAILED if what comes instead is damaged."""
+    """Return the READ_DRIVE reply for *count* elements; FAILED if it arrives damaged."""
     wire, seq = board.link.request_wire(m.ReadDrive(m.DriveKind.LATCHED, 0, count))
     since = board.link.mark()
 
@@ -252,7 +252,7 @@ def wrong_checksums_renew_no_lease(board: BoardClient) -> None:
 
 
 def _bytes_like_mute(board: BoardClient) -> Iterator[tuple[str, bytes]]:
-    """Yield bytes between delimiters that hold a MUTE, or most of one: what is wrong, the bytes."""
+    """Yield malformed frames that contain all or most of a MUTE: description, bytes."""
     noise = malformed_noise(board.random, MAX_ENCODED_BYTES)
     for session in (board.link.session, 0):
         body = board.link.body(m.Mute.TYPE, seq=board.link.seq + 1, session=session)

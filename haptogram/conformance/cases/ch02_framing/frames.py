@@ -245,14 +245,14 @@ def every_pause_ends_no_frame(board: BoardClient) -> None:
 
 
 def _pauses_ms(board: BoardClient) -> tuple[int, ...]:
-    """Return the pauses; without the longest if STATUS that nothing ends would flood the line."""
+    """Return the pauses to test; without the longest if STATUS would flood the line."""
     if not board.wire.is_virtual:
         return _PAUSES_AT_WALL_MS
     return _PAUSES_MS[:-1] if board.config.status_period_ms else _PAUSES_MS
 
 
 def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) -> None:
-    """FAILED unless bytes with a pause in them, and the PING behind them, are each counted once."""
+    """FAILED unless a frame sent with a pause inside, and the next PING, are counted once each."""
     name, counter, make = paused
     counts = {counter: 1} | {"requests": 1 + (counter == "requests")}
     text = f"with a pause of {pause_ms} ms {place}" if pause_ms else "without a pause"

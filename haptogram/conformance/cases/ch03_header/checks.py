@@ -170,8 +170,8 @@ def _hello_in_burst(board: BoardClient) -> bytes:
     return sent
 
 
-def _switches_on(board: BoardClient) -> Iterator[tuple[str, _Between]]:
-    """Yield what might switch the output on behind a MUTE: its name, and what makes its frames."""
+def _enabling_requests(board: BoardClient) -> Iterator[tuple[str, _Between]]:
+    """Yield requests that could enable the output after a MUTE: name, frame builder."""
     link = board.link
 
     def arm() -> bytes:
@@ -204,7 +204,7 @@ def every_burst_of_mutes(board: BoardClient) -> None:
     """
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     for way in board.wire.ways_of_mute():
-        for name, make in _switches_on(board):
+        for name, make in _enabling_requests(board):
             for stages, others in itertools.product(board.sample(_STAGES), (False, True)):
                 text = f"{name}{' of no session' * others}, between {stages + 1} MUTE {way}"
                 _judge_burst_of_mutes(board, text, make, stages, others=others)
@@ -213,7 +213,7 @@ def every_burst_of_mutes(board: BoardClient) -> None:
 def _judge_burst_of_mutes(
     board: BoardClient, name: str, make: _Between, stages: int, *, others: bool
 ) -> None:
-    """Send the burst from an ARMED, sounding board; FAILED unless it ends MUTED, and arms again.
+    """Send a burst of MUTEs to a sounding board; FAILED unless it mutes and can rearm.
 
     MUTE has no session, or another one, if *others*.
     """
@@ -221,7 +221,7 @@ def _judge_burst_of_mutes(
     latching.latch_now(board)
     sessions = itertools.cycle((0, board.link.session ^ _STALE) if others else (None,))
     before = board.status().counters
-    at_one_moment = _is_one_moment(board)
+    at_one_moment = _is_line_time_zero(board)
     burst = [_mute_in_burst(board, next(sessions))]
     for _ in range(stages):
         burst += [*make(), _mute_in_burst(board, next(sessions))]
@@ -236,8 +236,8 @@ def _judge_burst_of_mutes(
         latching.latch_now(board)
 
 
-def _is_one_moment(board: BoardClient) -> bool:
-    """Return whether bytes take no time; wait then for a moment at which nothing is latched."""
+def _is_line_time_zero(board: BoardClient) -> bool:
+    """Return whether line time is zero; then wait until the middle of a carrier period."""
     if not board.clock.is_one_moment(_LONGEST):
         return False
     carrier_us = board.clock.carrier_us

@@ -70,7 +70,7 @@ def crc_of_every_type(board: BoardClient) -> None:
 
 
 def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
-    """Return every type of a host with a payload: as of zeros, valid, and long."""
+    """Return each host message type with zero, valid and oversized payloads."""
     fixed = [(int(kind.TYPE), bytes(kind.LAYOUT.size)) for kind in request_types_of_host()]
     messages = [kind.make() for kind in stream_kinds(board)]
     messages.append(m.UploadChunk(0, board.random.randbytes(_LONG)))
@@ -80,7 +80,7 @@ def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
 
 
 def _damaged_of_every_type(body: bytes) -> bytes:
-    """Return a body with one bit inverted behind its type, and the CRC that it had before."""
+    """Return a frame body with one bit flipped after its type, and the CRC from before."""
     whole = bytearray(malformed_frames.malformed_with_crc(body))
     whole[len(body) - 1] ^= 0x08
     return bytes(whole)
@@ -283,8 +283,8 @@ class _Frame:
         return {"seq": self.seq, "session": self.session, "flags": self.flags}
 
 
-def _spoil(board: BoardClient, frame: _Frame, defects: Iterable[str]) -> _Frame:
-    """Return a frame with these defects."""
+def _frame_with_defects(board: BoardClient, frame: _Frame, defects: Iterable[str]) -> _Frame:
+    """Return a frame with the given defects."""
     draw, stream = board.random, frame.kind in m.STREAM_RANGE
     used = board.link.stream_next - 1 if stream else board.link.seq
     varies = frame.kind == m.UploadChunk.TYPE
@@ -315,7 +315,7 @@ def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Fr
 
 
 def _pairs_of_defects(defects: Iterable[str], *, thorough: bool) -> list[tuple[str, ...]]:
-    """Return every two defects in order, each alone and all together; if quick, neighbours only."""
+    """Return all pairs of defects, singles and all together; neighbours only if quick."""
     every = tuple(defects)
     if not thorough:
         return [*itertools.pairwise(every), every]
@@ -350,7 +350,7 @@ def judge_two_defects_of_requests(
             first = defects[0]
             if isinstance(message, m.UploadChunk) and first == "number":
                 continue  # HG-4.10: carried out every time
-            frame = _spoil(board, right, defects)
+            frame = _frame_with_defects(board, right, defects)
             code, detail = _OF_REQUESTS[first], _detail_of_defect(board, frame, first, right)
             with named(_name_with_defects(message.TYPE.name, defects)):
                 board.link.refused_raw(frame.kind, frame.payload, code, detail, **frame.header)
@@ -361,7 +361,7 @@ def defects_leave_the_number(board: BoardClient) -> None:
     """a request of every type that is refused for one defect leaves its number free for the next"""
     for message in valid_requests_to_send(board, _SEQUENCE):
         for defect in list(_OF_REQUESTS)[:-1]:
-            frame = _spoil(board, _right_request(board, message), [defect])
+            frame = _frame_with_defects(board, _right_request(board, message), [defect])
             with named(f"{_name_with_defects(message.TYPE.name, [defect])}, then its number"):
                 board.link.ask_raw(frame.kind, frame.payload, **frame.header)
                 board.link.ping(frame.seq)
@@ -384,7 +384,7 @@ def judge_two_defects_of_stream(
         for defects in _pairs_of_defects(_OF_STREAM, thorough=thorough):
             payload, seq = message.serialize(), link.stream_next & 0xFFFF
             right = _Frame(message.TYPE, payload, seq, link.session, m.Flag.IMMEDIATE)
-            frame = _spoil(board, right, defects)
+            frame = _frame_with_defects(board, right, defects)
             link.stream_next += not {*defects} & {"session", "number"}
             name = _name_with_defects(kind.name, defects)
             with named(name), board.counting(**{_OF_STREAM[defects[0]]: 1}):

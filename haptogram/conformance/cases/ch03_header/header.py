@@ -251,6 +251,7 @@ def values_are_little_endian(board: BoardClient) -> None:
 
 
 def _check_counted_values(board: BoardClient) -> None:
+    """FAILED unless the frame counter grows by one per request."""
     first, second = board.status().counters.frames, board.status().counters.frames
     check((second - first) & 0xFFFFFFFF == 1, f"frames: {first:#x}, one request later {second:#x}")
 
@@ -315,6 +316,7 @@ def refuses_wrong_lengths(board: BoardClient) -> None:
 
 
 def _near_lengths(kind: type[m.Message]) -> set[int]:
+    """Return the lengths one byte shorter and one byte longer than a message."""
     return {kind.LAYOUT.size - 1, kind.LAYOUT.size + 1} - {-1}
 
 
@@ -373,7 +375,7 @@ def reads_unaligned_values(board: BoardClient) -> None:
 
 
 def _requests_with_values(board: BoardClient) -> Iterator[m.Message]:
-    """Yield a request that the board takes of every type, and kind, with such a byte."""
+    """Yield valid READ_DRIVE, SET_CONFIG and upload requests."""
     yield from (m.ReadDrive(kind, 0, 1) for kind in drive_kinds(board))
     if board.has(m.Feature.CONFIG):
         yield m.SetConfig(board.config)
@@ -382,6 +384,7 @@ def _requests_with_values(board: BoardClient) -> Iterator[m.Message]:
 
 
 def _uploads_with_values(board: BoardClient) -> list[m.UploadBegin]:
+    """Return UPLOAD_BEGIN requests of each kind."""
     return [form.request(form.frame_bytes) for form in uploads.upload_forms(board, _UPLOADED)]
 
 

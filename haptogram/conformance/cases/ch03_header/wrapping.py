@@ -168,7 +168,7 @@ def _wrong_latch_numbers(
 
 
 def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -> None:
-    """FAILED unless numbers on both sides of each power of two are told whole."""
+    """FAILED unless frame numbers around each power of two are reported in full."""
     mode = latching.ask_for_board_latches_if_supported(board)
     board.arm()
     latching.latch_now(board)

@@ -308,7 +308,7 @@ def responses_precede_playback_ended(board: BoardClient) -> None:
 def _responses_in_order(
     board: BoardClient, message: m.Message, due: tuple[type[m.Message], ...], *, session: int | None
 ) -> None:
-    """Send a request; FAILED unless its reply and events come in the order *due*."""
+    """Send a request; FAILED unless reply and events arrive in the order *due*."""
     since = board.link.mark()
     board.link.ask(message, session=session)
     board.wire.idle_beyond(_EVENTS_US)

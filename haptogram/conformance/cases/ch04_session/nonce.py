@@ -132,7 +132,7 @@ def new_nonce_keeps_settings(board: BoardClient) -> None:
 
 
 def _judge_kept_settings(board: BoardClient, name: str) -> None:
-    """FAILED unless a new session keeps configuration, correction and counters, and is off."""
+    """FAILED unless configuration, correction and counters survive a new session."""
     before, config = board.status(), board.config
     reply = board.hello()
     check_fields(reply, f"{name}: HELLO_REPLY", config_crc=before.config_crc)
@@ -306,7 +306,7 @@ def every_repeated_hello_reply_stays(board: BoardClient) -> None:
 
 
 def _paths_of_sessions(board: BoardClient) -> dict[str, str]:
-    """Return all paths, at a wall clock the one that opens A again."""
+    """Return the orders in which sessions are opened; at wall-clock time only one."""
     return _PATHS if board.wire.is_virtual else {"BA": _PATHS["BA"]}
 
 
@@ -359,8 +359,8 @@ def _no_upload_in_session(board: BoardClient) -> None:
         board.link.refused(m.UploadCommit(_UPLOADED), m.ErrorCode.BAD_STATE)
 
 
-def _numbers_of_session_anew(board: BoardClient) -> None:
-    """FAILED unless frames count from 0xFFF0, events from 0, and the division begins anew."""
+def _check_numbers_restart(board: BoardClient) -> None:
+    """FAILED unless sequence numbers and the trace divider restart with a new session."""
     can_trace = board.has(m.Feature.CONFIG)
     modes = trace_modes(board, m.TraceMode.DRIVE, m.TraceMode.CRC)[:1] if can_trace else []
     since = board.arm(trace_mode=modes[0]) if modes else board.arm()
@@ -380,7 +380,7 @@ _OWNED: Final = (
     _no_latch_in_session,
     _no_ring_in_session,
     _no_upload_in_session,
-    _numbers_of_session_anew,
+    _check_numbers_restart,
 )
 
 
@@ -396,7 +396,7 @@ def every_possession_ends_with_session(board: BoardClient) -> None:
 def _judge_possession(
     board: BoardClient, path: str, judge: Callable[[BoardClient], None], ahead_us: int = 0
 ) -> None:
-    """Let a session own all that it can, open those of *path*, and judge that something is gone."""
+    """Let a session own every resource, open the sessions of *path*, judge what was freed."""
     if board.has(m.Feature.TRACE_RING | m.Feature.CONFIG):
         board.configure(trace_mode=m.TraceMode.RING)
     if board.has(m.Feature.SEQUENCE_PHASES):

@@ -183,7 +183,7 @@ def _largest_remembered_request(board: BoardClient) -> Iterator[m.Message]:
 
 
 def _fill_ring(board: BoardClient) -> None:
-    """Latch so often in a second at most that the ring fills a frame, if the board can."""
+    """Fill the trace ring with latches, if the board is fast enough."""
     if not board.has(m.Feature.TRACE_RING | m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES):
         return
     board.arm(trace_mode=m.TraceMode.RING)
@@ -196,7 +196,7 @@ def _fill_ring(board: BoardClient) -> None:
 def _judge_remembered_reply(
     board: BoardClient, messages: Iterable[m.Message], betweens: dict[str, Between]
 ) -> None:
-    """FAILED unless requests get their replies again behind each of *betweens*."""
+    """FAILED unless repeated requests get the cached reply after each intervening action."""
     for message in messages:
         board.arm()
         first = board.link.ask_at_once(message)
@@ -306,7 +306,7 @@ def every_refusal_leaves_the_number(board: BoardClient) -> None:
 
 
 def _requests_with_other_bytes(board: BoardClient, body: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield bodies with the number of *body* that differ from it in one field, all legal."""
+    """Yield valid bodies with the number of *body* that differ in one field."""
     for low in _LOW_FLAGS:
         yield f"flag {low:#x}", body[:1] + bytes([body[1] ^ low]) + body[2:]
     for at in range(4, 8):
@@ -405,7 +405,7 @@ class NumberUse:
 
 
 def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
-    """Yield requests that are judged alike whatever their number is."""
+    """Yield requests that are accepted or refused regardless of their sequence number."""
     mute, ping, chunk = int(m.Mute.TYPE), int(m.Ping.TYPE), int(m.UploadChunk.TYPE)
     stale: dict[str, Any] = {"session": board.link.session ^ _STALE}
     closed, flagged = {"session": 0}, {"flags": _UNKNOWN_FLAG}
@@ -434,13 +434,14 @@ def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
 
 
 def _uses_of_later_numbers(board: BoardClient) -> Iterator[NumberUse]:
-    """Yield every request that is remembered, carried out and refused."""
+    """Yield every request whose number is used up: executed, refused and cached."""
     for message in (*valid_requests_to_send(board, _SEQUENCE), *refused_requests_to_send(board)):
         if not isinstance(message, m.UploadChunk):
             yield _remembered_use(message)
 
 
 def _remembered_use(message: m.Message) -> NumberUse:
+    """Return a request whose reply the board caches for repetition."""
     header = {"flags": flags_at_once(message)}
     name = message.TYPE.name
     return NumberUse(name, message.TYPE, message.serialize(), header, True, True)
@@ -463,7 +464,7 @@ def every_newest_number_stays(board: BoardClient) -> None:
 
 
 def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
-    """FAILED unless behind a request the numbers up to the newest are used, and the next is not."""
+    """FAILED unless, after a request, numbers up to the newest are refused as used."""
     board.link.ask(m.Arm())
     delayed = board.link.seq
     if not use.is_remembered:

@@ -195,7 +195,7 @@ def every_sum_of_streamed_points(board: BoardClient) -> None:
 def _groups_of_full_points(
     board: BoardClient, number: int
 ) -> Iterator[tuple[str, tuple[m.FocalPoint, ...]]]:
-    """Yield points of full amplitude: their sum on each side of each axis, small, and any."""
+    """Yield groups of full-amplitude points: equal, half in antiphase, and random."""
     place = random_point_to_send(board)
     for quarter in range(4):
         lag = (0x4000 * quarter + board.random.randrange(0x4000)) & 0xFFFF
@@ -261,7 +261,7 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
 
 
 def _judge_latched_foci(board: BoardClient, mode: Mode, targets_m: Sequence[_Target]) -> None:
-    """Latch a frame for each focus and read its drive back, then judge them.
+    """Latch one frame per focus, read the drives back, then judge them.
 
     A hold may be shorter than that: where the loops of the search are compiled first, it takes
     seconds.

@@ -71,6 +71,7 @@ class Drop:
 
 
 def _stale_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    """Yield frames of other sessions."""
     one_bit_off = (board.link.session ^ 1 << bit for bit in range(16))
     for session in (board.link.session ^ _STALE, 0, *one_bit_off):
         for seq in (board.link.stream_next, board.link.stream_next - 1):
@@ -78,16 +79,19 @@ def _stale_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]
 
 
 def _old_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    """Yield frames with old sequence numbers."""
     for back in (1, 2, 3, 15, 16, 17, 31, 32):
         yield board.link.stream_wire(kind.make(), seq=board.link.stream_next - back)
 
 
 def _flagged_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    """Yield frames with unknown flags."""
     for flags in (0x20, 0x40, 0x80, 0xE0 | m.Flag.IMMEDIATE):
         yield board.link.stream_wire(kind.make(), flags=flags)
 
 
 def _wrong_length_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    """Yield frames of wrong length."""
     message = kind.make()
     payload = message.serialize()
     wrong = [payload + b"\x00", payload[:-1], payload[:1], b""]
@@ -99,22 +103,26 @@ def _wrong_length_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable
 
 
 def _any_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    """Yield a valid frame, without and with a time."""
     yield board.link.stream_wire(kind.make())
     yield board.link.stream_wire(kind.make(), board.clock.device_us() + _AHEAD_US)
 
 
 def _disordered_drop(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
+    """Yield frames due no later than the last queued one."""
     for early_us in (0, 1, 1000, 100_000):
         yield board.link.stream_wire(kind.make(), last_us - early_us)
 
 
 def _late_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    """Yield frames due before the late window."""
     now_us = board.clock.device_us() - board.config.late_window_us
     for late_us in (1, 1000, 70_000, 1_000_000, 2**30):
         yield board.link.stream_wire(kind.make(), now_us - late_us)
 
 
 def _drop_beyond_window(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
+    """Yield frames scheduled beyond the horizon."""
     horizon_us = board.identity.max_horizon_us
     now_us = board.clock.device_us()
     for ahead_us in (horizon_us + 500_000, 2 * horizon_us, 2**31 - 10_000_000):
@@ -123,6 +131,7 @@ def _drop_beyond_window(board: BoardClient, kind: StreamKind, _: int) -> Iterabl
 
 
 def _overflow_drop(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
+    """Yield frames that a full queue drops."""
     horizon_us = board.identity.max_horizon_us
     yield board.link.stream_wire(kind.make(), last_us + 1)  # for the latch of the last one
     yield board.link.stream_wire(kind.make(), last_us + 1000)

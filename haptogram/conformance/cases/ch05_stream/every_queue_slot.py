@@ -68,7 +68,7 @@ def every_format_flushes_a_full_queue(board: BoardClient) -> None:
 
 
 def _arrival_of_frame_us(board: BoardClient) -> int:
-    """Return when PHASES that are sent now come, by the rate of the line."""
+    """Return the arrival time of a PHASES frame sent now, at the rate of the line."""
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
     board.clock.device_us()
     return board.clock.device_estimate_us() + board.wire.period_us(size)
@@ -78,7 +78,7 @@ def _arrival_of_frame_us(board: BoardClient) -> int:
 
 
 def _queued_codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
-    """Return every kind of codes, each behind the one that sets amplitudes."""
+    """Return every kind of stream frame, each preceded by one that sets amplitudes."""
     graded = [kind for kind in kinds if kind.name == "DRIVES"]
     full = [kind for kind in kinds if kind.name.startswith("PHASES")]
     return [kind for each in full for kind in (*graded, each)]
@@ -175,7 +175,7 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
 
 
 def _times_of_immediate_frames(board: BoardClient) -> dict[str, int]:
-    """Return times that no board looks at, by their names."""
+    """Return times that an IMMEDIATE frame carries and the board ignores, by name."""
     now_us = board.clock.device_us()
     return {
         "5 s ahead": now_us + _FAR_US,
@@ -225,7 +225,7 @@ def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
 def _send_behind_immediate(
     board: BoardClient, first: m.Message, second: m.Message, name: str, *, is_past: bool
 ) -> tuple[int, int]:
-    """Send a frame with IMMEDIATE and one behind it.
+    """Send an IMMEDIATE frame and a second frame after it.
 
     Returns
     -------

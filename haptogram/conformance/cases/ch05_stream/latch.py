@@ -94,7 +94,7 @@ def latches_all_elements_at_once(board: BoardClient) -> None:
 
 
 def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
-    """Read back again and again while every carrier period brings another drive."""
+    """Read back repeatedly while every carrier period latches another drive."""
     rate = max(1, board.identity.max_frame_rate_hz)
     step_us = board.clock.on_carrier(-(-1_000_000 // rate))
     number = min(_BURST, board.identity.queue_depth)
@@ -179,7 +179,7 @@ def immediate_frames_flush_the_queue(board: BoardClient) -> None:
 
 
 def _off_in_a_burst(board: BoardClient, name: str) -> bytes:
-    """Return the request *name*, which switches the output off; HELLO opens its session."""
+    """Return the frame of a request that switches the output off."""
     if name == _HELLO:
         nonce = board.new_nonce()
         request, _ = board.link.request_wire(board.hello_message(nonce), session=0)
@@ -190,7 +190,7 @@ def _off_in_a_burst(board: BoardClient, name: str) -> bytes:
 
 
 def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
-    """Return the frame *name*, which flushes the queue."""
+    """Return a stream frame that flushes the queue."""
     if name == "IMMEDIATE":
         return board.link.stream_wire(board.flat_phases())
     if name == "PLAY":
@@ -200,6 +200,7 @@ def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
 
 
 def _time_behind_burst_us(board: BoardClient) -> int:
+    """Return a time after the arrival of a burst."""
     return board.clock.device_estimate_us() + _AHEAD_US
 
 
@@ -435,7 +436,7 @@ def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
 
 
 def _play_and_stop_in_a_burst(board: BoardClient) -> None:
-    """Let PLAY come with a frame, then STOP and a frame on a latch of the playback."""
+    """Send PLAY together with a frame, then STOP and a frame at the time of a playback latch."""
     playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
     play = playback.play_request(board, _SEQUENCE, loops=0, unattended_ms=2000)
     for off_us in board.sample(_ROUNDED_US):

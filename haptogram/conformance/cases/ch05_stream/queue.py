@@ -236,7 +236,7 @@ def every_order_of_times_in_a_period(board: BoardClient) -> None:
 def _judge_orders(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """FAILED unless of each order the frames in order are taken, and the last of them latched."""
+    """FAILED unless frames sent in order are accepted, and the last one is latched."""
     kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
     messages = [[next(kinds).make() for _ in order.ranks] for order in orders]
     every = [message for some in messages for message in some]
@@ -267,7 +267,7 @@ def _judge_orders(
 def _judge_shorter_burst(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """Judge half of the orders at a time: the line is slow, or the horizon near."""
+    """Split the orders in half for a slow line or a short horizon, and judge each half."""
     require(len(orders) != 1, "no three frames reach this board within its horizon")
     half = len(orders) // 2
     _judge_orders(board, orders[:half], turn, mode)
@@ -334,7 +334,7 @@ def _play_and_stop(board: BoardClient) -> None:
 
 
 def _queue_flushes(board: BoardClient) -> dict[str, Callable[[BoardClient], object]]:
-    """Return what flushes the queue, by its name; the sequence that it plays is stored."""
+    """Return the actions that flush the queue, by name."""
     flushes: dict[str, Callable[[BoardClient], object]] = {
         "MUTE": BoardClient.mute,
         "DISARM": BoardClient.disarm,
@@ -348,7 +348,7 @@ def _queue_flushes(board: BoardClient) -> dict[str, Callable[[BoardClient], obje
 
 
 def _flush_queue(board: BoardClient, flush: Callable[[BoardClient], object], name: str) -> None:
-    """Flush the queue of an ARMED board, and arm it again; FAILED if a frame waits behind that."""
+    """Flush the queue, then arm the board; FAILED if a frame is still queued."""
     board.link.barrier()  # or MUTE may overtake them
     flush(board)
     if board.check_status(f"behind {name}", queued=0).state is not OutputState.ARMED:

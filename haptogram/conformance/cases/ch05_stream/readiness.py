@@ -179,7 +179,7 @@ def _modes_of_trace(board: BoardClient) -> list[m.TraceMode]:
 
 
 def _margins_around_borders_us(board: BoardClient) -> list[int]:
-    """Return the margins at and beside every border: in time, a carrier period, the late window.
+    """Return margins at and next to each limit: on time, one carrier period, the late window.
 
     At a wall clock, where no frame arrives to the microsecond, those at the borders.
     """
@@ -191,7 +191,7 @@ def _margins_around_borders_us(board: BoardClient) -> list[int]:
 def _judge_margins(
     board: BoardClient, kinds: Iterable[StreamKind], margins_us: Iterable[int]
 ) -> int:
-    """Send frames of *kinds* for these margins; FAILED unless each fares as its own one demands.
+    """Send frames with these margins; FAILED unless each is latched or dropped accordingly.
 
     Returns
     -------
@@ -215,7 +215,7 @@ def _judge_margins(
 
 
 def _judge_margin(board: BoardClient, kind: str, message: m.Message, ahead_us: int) -> int:
-    """Send a frame for so far ahead of readiness; FAILED unless it fares as its margin demands.
+    """Send a frame with a given margin; FAILED unless it is latched or dropped accordingly.
 
     Returns
     -------

@@ -107,7 +107,7 @@ def clock_counts_beyond_32_bits(board: BoardClient) -> None:
 
 
 def _pong_to_last(board: BoardClient, *wires: bytes) -> m.Pong:
-    """Send frames without a pause, a PING last; return its answer."""
+    """Send frames back to back with a final PING; return its reply."""
     return board.link.reply_in(board.link.exchange(*wires)[-1], m.Pong)
 
 

@@ -98,10 +98,12 @@ class Effect:
 
 
 def _greet_again(board: BoardClient) -> None:
+    """Send HELLO with the same nonce."""
     board.hello(board.link.session)
 
 
 def _configure_again(board: BoardClient) -> None:
+    """Send SET_CONFIG with the same values."""
     board.link.ask(m.SetConfig(board.config))
 
 
@@ -146,6 +148,7 @@ def _input(clause: str, name: str, message: m.Message, **header: int) -> Effect:
 
 
 def _foreign_mute(board: BoardClient) -> None:
+    """Send MUTE from another session."""
     board.mute(session=board.link.session ^ _FOREIGN)
 
 
@@ -200,7 +203,7 @@ _ARM: Final = next(event for event in _EVENTS if event.name == "ARM")
 
 
 def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held:
-    """Return what a board holds after an event; FAILED if an old number is taken again."""
+    """Return the board's observable state after an event; FAILED if it accepts an old number."""
     since = board.link.mark()
     if last_us:  # dropped for its order: the margins tell of it
         board.link.stream(board.shortest_stream(), last_us)
@@ -216,7 +219,7 @@ def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held
 
 
 def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situation) -> None:
-    """FAILED with the name of the first event that changes what it must leave."""
+    """FAILED with the name of the first event that changes state it must preserve."""
     before: Held | None = None
     last_us = brought_us = 0
     config = board.config
@@ -247,7 +250,7 @@ def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situat
 def _judge_arm_behind_effect(
     board: BoardClient, effect: Effect, before: Held, config: m.Config
 ) -> None:
-    """FAILED if ARM behind an event changes anything but the state: nothing sounds again.
+    """FAILED if ARM after an event changes anything but the output state.
 
     Timers that the event has shortened are as in *config* again: on a slow line the readings take
     longer than they last.
@@ -325,6 +328,7 @@ class Moment:
 
 
 def _output_with_queue(board: BoardClient) -> None:
+    """Latch a frame, then fill the queue."""
     latching.latch_now(board)
     OUTPUT_STATES[QUEUES](board)
     board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
@@ -353,6 +357,7 @@ def _ramp_moment(
     queued: int = 0,
     frames: int | None = None,
 ) -> Moment:
+    """Return a test moment during an amplitude ramp."""
     needs = _FADES if frames is None else _PLAYS | _FADES
     return Moment(name, _RAMPS | config, bring, queued, frames, needs, _RAMP_MS)
 
@@ -397,6 +402,7 @@ class End:
 
 
 def _mute_output_as_another(board: BoardClient) -> None:
+    """Send MUTE from another session."""
     board.mute(session=board.link.session ^ _OTHER_SESSION)
 
 
@@ -432,7 +438,7 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
 
 
 def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -> None:
-    """Judge; once more, twice at most, if the moment was over too soon."""
+    """Judge the end of the output, with up to two retries if the host was late."""
     for _ in range(_TRIES - 1):
         with contextlib.suppress(HeldUpError):
             _judge_end_of_output(board, end, moment)
@@ -456,7 +462,7 @@ def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) 
 
 
 def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> None:
-    """FAILED if something that was under way goes on: a timer, a ramp, the queue, a playback."""
+    """FAILED if a timer, ramp, queue or playback continues after the output went off."""
     before = len(board.link.events(m.StateChanged, since))
     board.arm()
     with board.counting(latched=0):

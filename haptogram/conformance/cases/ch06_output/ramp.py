@@ -172,7 +172,7 @@ def output_ramps_end_playback(board: BoardClient) -> None:
 
 
 def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
-    """Return amplitudes at and beside the ceiling, and the least and greatest, one after another.
+    """Return test amplitudes around the ceiling and the extremes, one per transducer.
 
     An array of fewer transducers has the first of them.
     """
@@ -227,6 +227,7 @@ def _latch_before_ramp(board: BoardClient, *, plays: bool) -> bytes:
 
 
 def _below_ceiling(amplitudes: bytes, ceiling: int) -> bytes:
+    """Return the amplitudes limited to the ceiling."""
     return bytes(min(code, ceiling) for code in amplitudes)
 
 
@@ -268,7 +269,7 @@ def every_ceiling_within_a_ramp(board: BoardClient) -> None:
 
 
 def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
-    """Yield whether a drive is played; at a wall clock streamed ones alone."""
+    """Yield False for streamed and True for played drives; at wall-clock time only streamed."""
     yield False
     if board.has(m.Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
         playback.send_phases_to_store(board, _SEQUENCE, frames=1)
@@ -278,7 +279,7 @@ def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
 def _judge_ramp_with_settings(
     board: BoardClient, ceiling: int, steps: Sequence[Mapping[str, Any]], *, plays: bool
 ) -> None:
-    """Set the configuration again and again during a ramp of the hold, and judge what is left."""
+    """Change the configuration repeatedly during a hold ramp, and judge the result."""
     ramp_ms = _length_of_long_ramp_ms(board)
     before = {"hold_ms": _SHORT_MS, "ramp_ms": ramp_ms, "amplitude_ceiling": ceiling}
     since = board.arm(**before)
@@ -318,7 +319,7 @@ def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
 
 
 def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: int) -> None:
-    """Set another ceiling in a ramp, and judge what is radiated when the ramp is undone."""
+    """Change the ceiling during a ramp, and judge the output after the ramp is cancelled."""
     long = {"hold_ms": 5000, "host_timeout_ms": 10_000, "ramp_ms": _LONG_MS}
     short = {
         "hold": {"hold_ms": _SHORT_MS},
@@ -397,7 +398,7 @@ class TimerPair:
 
 
 def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> None:
-    """Judge pairs of both other timers."""
+    """Judge the ramp for pairs of the hold with each other timer."""
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     others = timer_kinds(board, LEASE, UNATTENDED)
     ramp_ms = min(_LONG_MS, _ramp_time_ms(board, length_ms))
@@ -408,13 +409,13 @@ def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> 
 
 
 def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
-    """Return a length of time, or a longer one on a slow line, or for a slow board."""
+    """Return a duration, extended for a slow line or board."""
     slow_line, slow_board = board.wire.period_us(200), board.clock.ready_us(0)
     return length_ms * max(1, slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
 
 
 def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
-    """FAILED unless the ramp ends when it was due, with the timer that has run out, and once."""
+    """FAILED unless the ramp ends once, on time and with the reason of the expired timer."""
     since = board.link.mark()
     with board.counting(timeouts=1):
         begins_us, both_us = _begin_ramp_of_pair(board, pair)
@@ -432,7 +433,7 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
 
 
 def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
-    """Let both timers run; return when the ramp begins, and when something renews one of them."""
+    """Start both timers; return the time of the ramp, and of a renewal."""
     hold_ms = _ramp_time_ms(board, _SHORT_HOLD_MS if pair.is_hold_first else _LONG_HOLD_MS)
     other_ms = _ramp_time_ms(board, _OTHER_MS)
     settings: dict[str, Any] = {"hold_ms": hold_ms, "ramp_ms": pair.ramp_ms}

@@ -54,6 +54,7 @@ def _output_state(board: BoardClient) -> StateAndReason:
 
 
 def _state_text(found: StateAndReason) -> str:
+    """Return an output state and its reason as text."""
     return f"{found[0].name} ({found[1].name})"
 
 
@@ -100,7 +101,7 @@ def keeps_the_reason_of_the_state(board: BoardClient) -> None:
 
 
 def _judge_requests(board: BoardClient, *, with_reason: bool) -> None:
-    """FAILED unless requests lead where they have to, from each state that requests lead to."""
+    """FAILED unless each request leads from each state to the specified one."""
     for bring, due in _asked_output_states(board):
         for one in _inputs_to_output_states(board):
             if one[1] is not None:
@@ -191,7 +192,7 @@ def every_mute_in_every_output_state(board: BoardClient) -> None:
 def _judge_input_to_output_state(
     board: BoardClient, due: StateAndReason, one: _Input, *, with_reason: bool = True
 ) -> None:
-    """FAILED unless the board is in the state *due*, and an input leads where it has to."""
+    """FAILED unless the board is in state *due*, and an input causes the specified transition."""
     name, event, happen = one
     parts = 2 if with_reason else 1
     before = _output_state(board)
@@ -227,7 +228,7 @@ def _mute_of_sessions(board: BoardClient, sessions: tuple[int, ...]) -> None:
 
 
 def _judge_rest_behind_mutes(board: BoardClient, since: int, before: m.Counters, name: str) -> None:
-    """FAILED if MUTE, with nothing queued, counts or reports what did not happen."""
+    """FAILED if a MUTE with an empty queue changes other counters or sends events."""
     grown = board.counted_since(before)
     wrong = {key: n for key, n in grown.items() if n and key not in ("frames", "requests")}
     check(not wrong, f"{name} counts {wrong}")
@@ -248,7 +249,7 @@ def _asked_output_states(board: BoardClient) -> Iterator[_Origin]:
 
 
 def _origins_of_output_states(board: BoardClient) -> Iterator[_Origin]:
-    """Yield all that leads to a state, timers too."""
+    """Yield everything that leads to an output state, timers included."""
     yield from _asked_output_states(board)
     for timer in timer_kinds(board, HOLD, LEASE, UNATTENDED):
         yield partial(_mute_by_timer, board, timer), (OutputState.MUTED, timer.reason)
@@ -266,7 +267,7 @@ def _sound_for_output_state(board: BoardClient) -> None:
 
 
 def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
-    """Let one timer run out."""
+    """Let one timer expire so that the board mutes."""
     long = {LEASE.name: 10_000, HOLD.name: 10_000}
     since = board.arm(**long | ({} if timer is UNATTENDED else {timer.name: _SHORT_MS}))
     if timer is UNATTENDED:
@@ -314,7 +315,7 @@ def recover_from_hardware_fault(board: BoardClient) -> None:
 
 
 def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
-    """Let the hardware fail in each state; yield its name, and the piece at which it was ARMED."""
+    """Raise a hardware fault in each state; yield its name and the receive mark of ARM."""
     for name, bring in output_states(board):
         since = board.arm()
         bring(board)
@@ -374,7 +375,7 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
 
 
 def _judge_inputs_in_fault(board: BoardClient, *, with_reason: bool) -> None:
-    """FAILED unless in FAULT inputs lead where they have to, and DISARM leads out."""
+    """FAILED unless inputs cause the specified transitions in FAULT, and DISARM leaves it."""
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     fault = OutputState.FAULT, MuteReason.FAULT
     again: _Input = "a second fault", None, partial(fail_hardware, board)

@@ -172,7 +172,7 @@ def _other_config_that_shows(board: BoardClient) -> m.Config:
 
 
 def _drives_as_configured(board: BoardClient) -> list[bytes]:
-    """Return the drives latched and radiated for a point, or for phases: they tell the settings."""
+    """Return the latched and radiated drives, which depend on the configuration."""
     board.arm()
     has_points = board.has(m.Feature.POINTS)
     latching.latch_now(board, m.Points((_FOCUS,)) if has_points else board.flat_phases(0x40))

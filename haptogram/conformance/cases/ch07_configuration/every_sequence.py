@@ -131,7 +131,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
 
 
 def _period_to_trace(board: BoardClient) -> int:
-    """Return a period in which a slow line brings the trace of a latch beside the replies."""
+    """Return a playback period long enough to send trace and replies on a slow line."""
     return board.wire.period_us(_TRACED_BYTES, 2000)
 
 
@@ -235,7 +235,7 @@ def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
 
 
 def _played_forms(board: BoardClient) -> list[uploads.UploadForm]:
-    """Return the forms of sequences that the board plays."""
+    """Return the sequence forms that the board can play."""
     board.need_any(m.Feature.SEQUENCE_PHASES | m.Feature.SEQUENCE_POINTS)
     return [form for form in uploads.upload_forms(board, _PLAYED) if form.target]
 
@@ -328,7 +328,7 @@ def _begin_traced_playback(board: BoardClient) -> int:
 
 
 def _store_mixed_frames(board: BoardClient, form: uploads.UploadForm, wanted: int) -> list[bytes]:
-    """Store a sequence of *wanted* frames, or as many as find room, of a few shapes; return it."""
+    """Store a sequence of up to *wanted* frames with a few distinct patterns; return it."""
     wanted = min(wanted, form.most_frames(board))
     frames = uploads.frames_with_room(board, form.kind, form.target, wanted, form.frame_bytes)
     shapes = [_random_frame(board, form) for _ in range(_SHAPES_MIXED)]
@@ -340,7 +340,7 @@ def _store_mixed_frames(board: BoardClient, form: uploads.UploadForm, wanted: in
 def _judge_frames_of_long_playback(
     board: BoardClient, sequence: int, stored: list[bytes], name: str
 ) -> None:
-    """FAILED unless stored frames that are alike, and only these, are latched alike."""
+    """FAILED unless equal stored frames, and only these, give equal latches."""
     since = _begin_traced_playback(board)
     ended = playback.play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
     check_fields(ended, f"{name}: PLAYBACK_ENDED", loops=1, frames=len(stored))
@@ -378,7 +378,7 @@ def many_playback_frames_are_counted(board: BoardClient) -> None:
 
 
 def _check_playback_in_the_ring(board: BoardClient) -> None:
-    """FAILED unless the ring numbers the last latches, and one late frame, beyond 16 bits."""
+    """FAILED unless ring records are numbered beyond 16 bits, with the late frame."""
     last = board.link.stream_next
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()

@@ -103,7 +103,7 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
 
 
 def _settings_beside_timers(board: BoardClient) -> list[dict[str, Any]]:
-    """Return changes of every field, with timers that nothing here runs into."""
+    """Return changes of every field, with timers that cannot expire here."""
     lengths = [{name: ms} for name in ("hold_ms", "host_timeout_ms") for ms in (2000, 10_000)]
     found = [*every_other_setting(board), *lengths]
     if board.has(m.Feature.AMPLITUDE):
@@ -228,7 +228,7 @@ def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
 
 
 def _all_of(settings: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return all changes in one; of the same field the last one."""
+    """Merge all changes; the last one of a field counts."""
     return {name: value for changes in settings for name, value in changes.items()}
 
 
@@ -315,6 +315,7 @@ def configuration_changes_a_running_lease(board: BoardClient) -> None:
 def _lease_with_configuration(
     board: BoardClient, timer: TimerKind, changes: Mapping[str, Any]
 ) -> None:
+    """Change the configuration while a timer runs; judge when it expires."""
     length_ms = board.clock.timer_ms(_LENGTH_MS, 0)
     before = {"host_timeout_ms": length_ms, "hold_ms": 5000, "ramp_ms": 0}
     after = before | dict(changes)

@@ -33,7 +33,7 @@ _LEAST_BYTES: Final = 40  # of an upload with pieces, if the board has room
 
 
 def _sequence_form(board: BoardClient) -> uploads.UploadForm:
-    """Return the first form of a sequence; of a board that takes none, that of a correction."""
+    """Return the first supported upload form of a sequence; else that of the correction."""
     return max(uploads.upload_forms(board), key=lambda form: form.target > 0)
 
 
@@ -73,7 +73,7 @@ def refuses_uploads_of_broken_size(board: BoardClient) -> None:
 
 
 def _judge_sizes(board: BoardClient, form: uploads.UploadForm) -> None:
-    """FAILED unless 1 to 3 whole frames are taken, and sizes near that refused."""
+    """FAILED unless uploads of 1 to 3 whole frames are accepted and other sizes are refused."""
     most, unit = board.identity.max_upload_bytes, form.frame_bytes
     for frames in range(1, 1 + _FRAMES if form.target else 2):
         if frames * unit <= most:
@@ -144,7 +144,7 @@ def takes_chunks_in_order(board: BoardClient) -> None:
 
 
 def _send_chunk(board: BoardClient, chunk: m.UploadChunk, due: int) -> None:
-    """FAILED unless a chunk is taken and so many bytes are there then."""
+    """FAILED unless a chunk is accepted and the board reports *due* bytes received."""
     reply = board.link.call(chunk, m.UploadChunkReply)
     check_fields(reply, f"{len(chunk.data)} bytes at {chunk.offset}", received=due)
 
@@ -201,7 +201,7 @@ def takes_chunks_that_fit(board: BoardClient) -> None:
 def _judge_chunks(
     board: BoardClient, form: uploads.UploadForm, size: int, spans: Iterable[tuple[int, int]]
 ) -> None:
-    """FAILED unless of chunks of an upload those that fit, and begin with it, are taken."""
+    """FAILED unless upload chunks are accepted only inside the upload and from its start."""
     for offset, length in spans:
         form.begin(board, bytes(size))
         chunk = m.UploadChunk(offset, bytes(length))
@@ -326,7 +326,7 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
 
 
 def _replaced_forms(board: BoardClient) -> Iterator[tuple[uploads.UploadForm, int]]:
-    """Yield forms, and numbers of frames, in an order in which each stands behind each."""
+    """Yield upload forms and frame counts such that each form follows every other."""
     found = uploads.upload_forms(board, _REPLACED, sorted({1, board.most_points}))
     forms = [form for form in found if form.target]
     pairs = list(zip(forms, (2, 3, 1), strict=False))

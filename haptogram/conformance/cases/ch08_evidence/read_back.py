@@ -285,12 +285,13 @@ def _wait_with_a_frame(board: BoardClient) -> None:
 
 
 def _wait_with_a_playback(board: BoardClient) -> None:
+    """Schedule a playback in the future."""
     board.arm()
     playback.play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=2000)
 
 
 def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
-    """Yield what a board may be in before its first latch, one behind the other."""
+    """Yield the states of a board before its first latch, in succession."""
     yield "as the session begins", BoardClient.status
     yield "a frame dropped while DISARMED", lambda board: board.link.stream(board.flat_phases(9))
     yield "ARMED", BoardClient.arm

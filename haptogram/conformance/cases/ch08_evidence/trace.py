@@ -68,7 +68,7 @@ def every_trace_undivided(board: BoardClient) -> None:
 
 
 def _latch_and_play(board: BoardClient, number: int) -> list[m.LatchKey]:
-    """Latch so many frames, then two passes of a sequence where it is taken; return the keys."""
+    """Latch *number* frames, then play a sequence twice if supported; return the latch keys."""
     due = [m.LatchKey(0, 0, latching.latch_now(board)) for _ in range(number)]
     if board.has(m.Feature.SEQUENCE_PHASES):
         playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
@@ -238,7 +238,7 @@ def traces_give_way(board: BoardClient) -> None:
 
 
 def _show_under_ceiling(board: BoardClient, **changes: Any) -> None:
-    """Let the radiated drive differ from the latched one in every phase and loud amplitude."""
+    """Configure ceiling and correction so that radiated and latched drives differ."""
     if board.has(m.Feature.AMPLITUDE):
         changes = {"amplitude_ceiling": _CEILING} | changes
     if board.has(m.Feature.CORRECTION):

@@ -77,7 +77,7 @@ def _check_nothing_clears_counters(board: BoardClient) -> None:
 
 
 def _counts_of_junk(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
-    """Yield counters with a short frame that each counts and no answer tells of."""
+    """Yield each counter with a bad frame that increments it without a reply."""
     link, used = board.link, board.link.stream_next - 1
     damaged = malformed_by_counter(link)
     damaged["duplicate"] = link.stream_raw(m.Phases.TYPE, b"", seq=used)
@@ -91,7 +91,7 @@ def _counts_of_junk(board: BoardClient) -> Iterator[tuple[str, Callable[[], byte
 
 
 def _count_much_junk(board: BoardClient, number: int) -> None:
-    """FAILED unless each counter grows by *number* with so many frames."""
+    """FAILED unless each counter grows by *number* after that many bad frames."""
     board.wire.require_carried(2 * 8 * number * _LONGEST, board.wire.limits.case_us)
     board.link.stream(board.flat_phases())  # the first number is used
     board.link.barrier()
@@ -134,7 +134,7 @@ def every_request_leaves_event_numbers(board: BoardClient) -> None:
 
 
 def _requests_at_events(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield what sends each request that is carried out or refused, and HELLO again, by name."""
+    """Yield functions that send each valid or refused request, and HELLO again, by name."""
     messages: list[m.Message] = [*valid_requests_to_send(board, _SEQUENCE), m.Mute()]
     for message in messages:
         if not isinstance(message, m.Play):
@@ -213,6 +213,7 @@ def _move_all_counters(board: BoardClient) -> None:
 
 
 def _run_out_lease(board: BoardClient) -> None:
+    """Wait until the lease has expired."""
     board.arm(host_timeout_ms=_LEASE_MS)
     board.link.await_event(m.StateChanged, board.link.mark(), (_LEASE_MS + 200) * _MS)
     board.configure()
@@ -238,7 +239,7 @@ def _check_margins(
 
 
 def _judge_margins_of(board: BoardClient, good: m.Message, margins: Sequence[int]) -> None:
-    """FAILED unless STATUS tells of frames with these margins, once, and of none before them."""
+    """FAILED unless STATUS reports the margins of these frames once."""
     board.hello()
     board.arm()
     board.status()
@@ -318,7 +319,7 @@ def every_request_keeps_margins(board: BoardClient) -> None:
 
 
 def _check_margins_behind(board: BoardClient, messages: list[m.Message]) -> None:
-    """FAILED unless the margins of three frames are those sent, behind *messages*."""
+    """FAILED unless STATUS reports the margins of three frames sent after *messages*."""
     board.hello()
     board.arm()
     board.status()

@@ -98,7 +98,7 @@ def every_playback_last_seq(board: BoardClient) -> None:
 
 
 def _read_last_latch(board: BoardClient) -> dict[str, object]:
-    """Return what status and read-back tell of the last latch, by its name."""
+    """Return the last latch as reported by STATUS and read-back, by name."""
     status = board.status()
     told: dict[str, object] = {"seq": status.last_seq, "latch_us": status.last_latch_us}
     return told | (
@@ -107,7 +107,7 @@ def _read_last_latch(board: BoardClient) -> dict[str, object]:
 
 
 def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield what a host or a timer does that latches nothing; the board is ARMED and sounding."""
+    """Yield actions of host or timers that latch nothing, by name."""
     ask, stream, frame = board.link.ask, board.link.stream, board.flat_phases(9)
     for message in valid_requests_to_send(board, _SEQUENCE):
         if not isinstance(message, m.Play | m.Disarm):
@@ -127,6 +127,7 @@ def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
 
 
 def _run_out_hold(board: BoardClient) -> None:
+    """Wait until the hold has expired."""
     since = board.link.mark()
     board.configure(hold_ms=1)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
@@ -241,13 +242,14 @@ def _play_in_time(board: BoardClient, _: m.Message) -> None:
 
 
 def _await_end(board: BoardClient, since: int) -> None:
+    """Wait for the end of the playback."""
     latches = _LOOPS * _FRAMES
     traces_us = board.wire.period_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
     playback.await_playback_end(board, since, latches * playback.period_to_play(board) + traces_us)
 
 
 def _paths_of_latches(board: BoardClient) -> Iterator[_Path]:
-    """Yield every path to a latch that the board has."""
+    """Yield every way in which the board can latch a frame."""
     yield _Path("a frame latched at once", latching.latch_now)
     yield _Path("a frame latched in time", latching.latch_in_time)
     if board.has(m.Feature.CONFIG):
@@ -265,7 +267,7 @@ def _paths_of_latches(board: BoardClient) -> Iterator[_Path]:
 
 
 def _last_stored_frame(board: BoardClient) -> bytes:
-    """Store a sequence where the board takes any; return its last frame."""
+    """Store a sequence if supported; return its last frame."""
     if not board.has(m.Feature.SEQUENCE_PHASES):
         return b""
     return playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)[-1]
@@ -294,7 +296,7 @@ def every_latch_changes_the_status(board: BoardClient) -> None:
 def _judge_latch_on_path(
     board: BoardClient, path: _Path, stored: bytes, mode: m.TraceMode, text: str
 ) -> None:
-    """FAILED unless status, read-back and trace tell of a latch on a path; see _latch_on_path."""
+    """FAILED unless status, read-back and trace report a latch on a path; see _latch_on_path."""
     before, since = board.status(), board.link.mark()
     last = _latch_on_path(board, path, stored)
     after = board.status()

@@ -54,7 +54,7 @@ def only_traces_give_way(board: BoardClient) -> None:
 
 
 def _flood_uplink(board: BoardClient, mode: m.TraceMode) -> None:
-    """Let a playback fill the uplink until the unattended time mutes the board, then read it."""
+    """Let a playback saturate the uplink until the unattended timer mutes; then read all."""
     period_ms = board.quick_status_ms
     board.configure(trace_mode=mode, status_period_ms=period_ms)
     board.hello()
@@ -95,7 +95,7 @@ def full_uplink_keeps_numbers(board: BoardClient) -> None:
 
 
 def _fill_uplink(board: BoardClient, state: OutputState, mode: m.TraceMode) -> None:
-    """Let STATUS fill the uplink, then a timer mute the board; FAILED if a number is left out.
+    """Let STATUS saturate the uplink until a timer mutes; FAILED if an event number is missing.
 
     With a trace a sequence plays meanwhile.
     """

@@ -30,7 +30,7 @@ _Beyond: TypeAlias = tuple[str, m.Message, m.ErrorCode, int | None, dict[str, An
 
 
 def _values_beyond(least: int, most: int, bits: int) -> list[int]:
-    """Return the values of a field that are not within limits, but for a bit or the sign; and 0.
+    """Return out-of-range values that differ from a valid one in a bit or the sign, and 0.
 
     Examples
     --------
@@ -46,6 +46,7 @@ def _values_beyond(least: int, most: int, bits: int) -> list[int]:
 
 
 def _settings_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    """Yield SET_CONFIG requests with one value outside its limits, and the expected error."""
     for name, (least, most) in CONFIG_BOUNDS.items():
         for value in _values_beyond(least, most, _WIDTHS[name]):
             if name == "status_period_ms" and value == 0:

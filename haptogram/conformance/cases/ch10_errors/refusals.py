@@ -204,7 +204,7 @@ def every_refusal_changes_nothing(board: BoardClient) -> None:
     for situation in refusal_situations(board):
         _judge_refusals_in_situation(board, situation)
         if board.has(m.Feature.SEQUENCE_PHASES):
-            _goes_on_after_refusal(board, situation.name)
+            _check_upload_resumes(board, situation.name)
 
 
 def _judge_refusals_in_situation(board: BoardClient, situation: Situation) -> None:
@@ -244,8 +244,8 @@ def held_after_refusals(
     return judged_held_state(board, since)
 
 
-def _goes_on_after_refusal(board: BoardClient, name: str) -> None:
-    """FAILED unless the upload under way can be completed, and both sequences are played."""
+def _check_upload_resumes(board: BoardClient, name: str) -> None:
+    """FAILED unless the pending upload can be completed, and both sequences play."""
     data = pending_before_refusal(board)
     uploads.send_upload_chunks(board, data)
     taken = board.link.ask(m.UploadCommit(PENDING)).message
@@ -294,7 +294,7 @@ def every_refusal_leaves_the_timers(board: BoardClient) -> None:
 def _judge_timer_behind_refusals(
     board: BoardClient, refusals: Sequence[Refusal], *, plays: bool
 ) -> None:
-    """FAILED unless the timer of the host, renewed once more, runs out with its own length."""
+    """FAILED unless the lease, renewed before refused requests, expires on time."""
     lease_ms = board.clock.timer_ms(_LEASE_MS, 4 * board.identity.transducers)
     board.hello()
     since = board.arm(host_timeout_ms=2 * lease_ms if plays else lease_ms, hold_ms=10_000)
@@ -320,7 +320,7 @@ def every_refusal_has_its_error_code(board: BoardClient) -> None:
 
 
 def _allowed_readings(board: BoardClient) -> list[m.Message]:
-    """Return every request that only asks."""
+    """Return every read-only request."""
     return [one for one in valid_requests_to_send(board, _ABSENT) if not isinstance(one, _CHANGING)]
 
 

@@ -195,7 +195,7 @@ def _muted_by_lease_after_ms(
     *,
     plays: bool,
 ) -> float:
-    """Return the time in ms from the start of the timer to its mute, with a frame meanwhile.
+    """Return the time in ms from the start of the lease to its mute, with a frame between.
 
     The request *first*, if there is one, starts the timer anew, and is the remembered one.
     """
@@ -220,7 +220,7 @@ def _muted_by_lease_after_ms(
 
 
 def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callable[[], bytes]]]:
-    """Yield frames of the session that renew the lease: their names, and what makes them."""
+    """Yield stream frames that renew the lease: name, builder."""
     kinds, make = stream_kinds(board), partial(_frame_that_renews, board)
     for stream_kind in kinds:
         frame = stream_kind.make()
@@ -252,7 +252,7 @@ def _requests_that_renew(board: BoardClient, *, plays: bool) -> list[m.Message]:
 def _repeated_renewals(
     board: BoardClient, *, plays: bool
 ) -> Iterator[tuple[str, Callable[[], bytes], m.Message]]:
-    """Yield requests by name, what makes them again with the number of the last, and themselves.
+    """Yield requests that are sent again with the same number: name, builder, message.
 
     The same bytes are answered from memory, others are refused.
     """

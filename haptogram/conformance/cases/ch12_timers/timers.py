@@ -297,7 +297,7 @@ def every_drop_on_both_sides_of_the_wrap(board: BoardClient) -> None:
 
 
 def _play_across_timer_wrap(board: BoardClient) -> None:
-    """Play frames whose start lies behind the wrap, then one from before it to behind it."""
+    """Play frames that start after the clock's wrap, then frames that span it."""
     lead_us = board.clock.ready_us(100 * _MS + 2 * board.wire.limits.lead_us)
     for offset_us in (30 * _MS, -30 * _MS):
         playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
@@ -354,7 +354,7 @@ def every_other_frame_leaves_the_hold(board: BoardClient) -> None:
 
 
 def _length_of_hold_ms(board: BoardClient) -> int:
-    """Return a hold that is longer than what is sent within it takes on the line."""
+    """Return a hold longer than the line needs for the frames of the case."""
     return min(_MOST_HOLD_MS, _time_of_all_ms(board))
 
 
@@ -365,7 +365,7 @@ def _time_of_all_ms(board: BoardClient) -> int:
 
 
 def _hold_late_us(board: BoardClient, names: Sequence[str]) -> int:
-    """Return how late the hold mutes, with requests or dropped frames of a kind meanwhile."""
+    """Return how late the hold mutes while requests or dropped frames arrive."""
     hold_ms = _length_of_hold_ms(board)
     board.hello()
     since = board.arm(hold_ms=hold_ms)

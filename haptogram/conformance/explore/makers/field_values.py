@@ -56,7 +56,7 @@ def field_values(identity: m.HelloReply, messages: Iterable[m.Message]) -> Itera
         for value, offset, size in _numbers(message, HEADER_BYTES):
             is_first = (type(message), offset) not in met
             met.add((type(message), offset))
-            others = _beside(value, 8 * size) | limits
+            others = _nearby_values(value, 8 * size) | limits
             if size == 1 and is_first:
                 others = set(range(256))
             for other in others - {value}:
@@ -89,8 +89,8 @@ def _numbers(record: Record, base: int) -> Iterator[tuple[int, int, int]]:
             yield int(getattr(record, name)), base + field.offset, field.size
 
 
-def _beside(value: int, bits: int) -> set[int]:
-    """Return values near this one, at both ends, and those that a mask turns into it."""
+def _nearby_values(value: int, bits: int) -> set[int]:
+    """Return nearby values, multiples, and values that differ in one masked bit."""
     near = {value - 1, value + 1, 2 * value - 1, 2 * value, value + value // 2}
     masked = {value | 1 << bit for bit in (range(4, 8) if bits == 8 else (bits // 2, bits - 1))}
     return {0, 1, _NO_VALUE, (1 << bits) - 1, *near, *masked}

@@ -136,6 +136,7 @@ class RandomFrames(DialogueMaker):
         return DialogueAction(0, f"HELLO {which}", body)
 
     def _ahead_us(self, at: At) -> int:
+        """Return how far a frame is scheduled ahead, in us."""
         horizon_us = self._identity.max_horizon_us
         if at is None:  # its time counts for nothing
             return self._pick((0, -3 * SLOT_US, 8 * SLOT_US, 1 << 31, self._across(1 << 32)))

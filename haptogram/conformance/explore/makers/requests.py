@@ -115,6 +115,7 @@ class RandomRequests(RandomUploads):
         return reads
 
     def _whole_drives(self) -> list[m.ReadDrive]:
+        """Return READ_DRIVE requests for all elements."""
         kinds = (kind for kind, needed in READ_CAPABILITIES.items() if self._can & needed)
         return [m.ReadDrive(kind, 0, self._identity.transducers) for kind in kinds]
 

@@ -137,6 +137,7 @@ class SceneInputs:
     # --- steps to a state ------------------------------------------------------------------------
 
     def _steps(self) -> _Makers:
+        """Return the single actions of scenes, by name."""
         makers = self.makers
         return {
             "a frame due now": partial(self.frame, 0.0),
@@ -164,6 +165,7 @@ class SceneInputs:
         }
 
     def _rows(self) -> dict[str, Callable[[], list[DialogueAction]]]:
+        """Return the action sequences of scenes, by name."""
         makers, configs = self.makers, self.makers.configs
         return {
             "nothing": list,
@@ -191,6 +193,7 @@ class SceneInputs:
     # --- frames of the stream --------------------------------------------------------------------
 
     def _frames(self) -> _Makers:
+        """Return the builders of stream frames, by name."""
         conditions = self.makers.conditions
         found: _Makers = {name: partial(self._odd_frame, *odd) for name, odd in _FRAMES.items()}
         found["a refused frame"] = lambda: self.makers.frame(self.makers.refused(), 0.5)
@@ -200,15 +203,18 @@ class SceneInputs:
         return found
 
     def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> DialogueAction:
+        """Return a stream frame at a time, each given field set to one of its choices."""
         return self.frame(at, **{name: self._pick(values) for name, values in choices.items()})
 
     # --- requests --------------------------------------------------------------------------------
 
     def _requests(self) -> _Makers:
+        """Return the builders of requests, by name."""
         messages = self.makers.messages().items()
         return {name: partial(self._plain, make) for name, make in messages}
 
     def _playbacks(self) -> _Makers:
+        """Return the builders of playback requests, by name."""
         makers = self.makers
         found: _Makers = {
             "PLAY": makers.any_play,
@@ -218,9 +224,11 @@ class SceneInputs:
         return found if makers.plays else {}
 
     def _plain(self, make: Callable[[], m.Message]) -> DialogueAction:
+        """Return the action that sends a request."""
         return self.makers.frame(make())
 
     def _configs(self) -> _Makers:
+        """Return the builders of configurations, by name."""
         configs = self.makers.configs
         changes: dict[str, Callable[[], m.Config]] = {
             "another configuration": configs.config,
@@ -235,6 +243,7 @@ class SceneInputs:
     # --- what is odd about a request -------------------------------------------------------------
 
     def _odd_requests(self) -> _Makers:
+        """Return the builders of malformed requests, by name."""
         makers = self.makers
         found: _Makers = {f"any with {one}": partial(self._any_with, one) for one in DEFECTS}
         found |= {f"type {kind:#x}": partial(self._unknown, kind) for kind in _UNKNOWN_TYPES}
@@ -259,9 +268,11 @@ class SceneInputs:
         return self.makers.defective(self.makers.messages()[name](), *defects)
 
     def _any_with(self, defect: str) -> DialogueAction:
+        """Return a random request with the given defect."""
         return self.defective(self._pick(list(self.makers.messages())), defect)
 
     def _unknown(self, kind: int) -> DialogueAction:
+        """Return a frame of an unknown message type."""
         size = self._pick((0, 1, 20, 256, 1000, _LARGEST - 1, _LARGEST))
         payload = self._pick((b"\0", b"U")) * size  # the one is stuffed, the other not
         session = self._pick((0, 0, *WRONG_SESSIONS))
@@ -273,6 +284,7 @@ class SceneInputs:
         )
 
     def _damaged(self, damage: int) -> DialogueAction:
+        """Return a frame with the given damage."""
         told = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
         return told._replace(name=f"damage {damage}", damage=damage)
 
@@ -305,9 +317,11 @@ class SceneInputs:
 
 
 def _alone(make: Callable[[], DialogueAction]) -> list[DialogueAction]:
+    """Return a list of one action."""
     return [make()]
 
 
 def _names_of_row(row: str) -> list[list[str]]:
+    """Split the description of a scene into the action names of each slot."""
     slots = (slot.split("+") for slot in row.split("|"))
     return [[name.strip() for name in names if name.strip()] for names in slots]

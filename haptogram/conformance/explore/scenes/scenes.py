@@ -55,7 +55,7 @@ class RandomScenes(SceneMaker):
         self._kinds = self._shares()
 
     def _shares(self) -> dict[Callable[[], ActionSlots], float]:
-        """Return how often scenes of each kind are played."""
+        """Return the probability weight of each kind of scene."""
         makers, conditions = self._makers, self._makers.conditions
         moments, memories = MomentScenes(self._inputs), MemoryScenes(self._inputs)
         if makers.configs.with_timers:
@@ -97,7 +97,7 @@ class RandomScenes(SceneMaker):
     # --- with timers that end ------------------------------------------------------------------
 
     def _renewals(self) -> ActionSlots:
-        """Return leases of about a slot, each with a frame that renews it or does not."""
+        """Return scenes in which a frame does or does not renew a short lease."""
         found = self._inputs.slots("timers 1 - -")
         for _ in range(_RENEWALS):
             (name,) = self._next("renewals", lambda: ((name,) for name in self._inputs.names))
@@ -105,13 +105,14 @@ class RandomScenes(SceneMaker):
         return found[:-1]
 
     def _timed_pair(self) -> ActionSlots:
+        """Return two random states with timers in succession, then silence."""
         return [
             *self._pair("states with timers", self.timed),
             *self._silent(self._random.choice(_SILENT)),
         ]
 
     def _watched(self) -> ActionSlots:
-        """Return one field set in a state with a timer, at times again, and read-backs meanwhile.
+        """Return scenes that set one field in a timed state, and read back after each change.
 
         Neither ends the ramp of a hold.
         """
@@ -130,7 +131,7 @@ class RandomScenes(SceneMaker):
         return found
 
     def _filled(self) -> ActionSlots:
-        """Return something that sounds or plays, and the same input in each slot behind it.
+        """Return a running output with the same input in each slot, and one different input.
 
         In one of them comes another input.
         """
@@ -150,23 +151,24 @@ class RandomScenes(SceneMaker):
     # --- without ---------------------------------------------------------------------------------
 
     def _quick_pair(self) -> ActionSlots:
+        """Return two random states in succession, sometimes followed by frames."""
         found = self._pair("states", self.quick)
         if self._random.random() < _GOES_ON:
             found += self._inputs.slots("ARM + frames")
         return found
 
     def _pair(self, kind: str, states: list[str]) -> ActionSlots:
-        """Return a state and one input: each state meets each group of inputs once."""
+        """Return a state followed by one input; each state meets each group of inputs once."""
         groups = self._inputs.groups
         state, group = self._next(kind, lambda: product(states, groups))
         return [*self._state(state), self._inputs.told(self._random.choice(groups[group]))]
 
     def _late_until_status(self) -> ActionSlots:
-        """Return a late frame, and silence until a STATUS has told its margin."""
+        """Return a late frame, then silence until a STATUS reports its margin."""
         return self._inputs.slots("ARM + a late frame" + " |" * _STATUS_SLOTS)
 
     def _long(self) -> ActionSlots:
-        """Return more latches and events than 8 or 10 bits count, or more bytes than 16 bits."""
+        """Return scenes that overflow 8- and 10-bit counters, or a 16-bit byte count."""
         rows = ["traces + a long PLAY", "a ring + a long PLAY"]
         rows += ["traces + a long upload + a short PLAY"] * self._makers.conditions.exact
         (row,) = self._next("long", lambda: ((row,) for row in rows))
@@ -175,12 +177,12 @@ class RandomScenes(SceneMaker):
         return [*slots, *self._silent(_LONG_SLOTS)]
 
     def _defects(self) -> ActionSlots:
-        """Return requests with a defect each."""
+        """Return scenes of malformed requests."""
         names = (self._next("defects", self._inputs.defects) for _ in range(_DEFECTS))
         return [[self._inputs.defective(*name)] for name in names]
 
     def _values(self) -> ActionSlots:
-        """Return slots of frames with a field that has any value, and a probe behind each."""
+        """Return slots with random field values in stream frames, each followed by a probe."""
         conditions = self._makers.conditions
         most = _BYTES // (64 + 2 * conditions.identity.transducers)
         number = max(1, min(_VALUE_FRAMES[conditions.exact], most))
@@ -191,4 +193,5 @@ class RandomScenes(SceneMaker):
         return found
 
     def _silent(self, slots: int) -> ActionSlots:
+        """Return slots without any action."""
         return [list[DialogueAction]() for _ in range(slots)]

@@ -153,7 +153,7 @@ def faults_of_pins(drives: PinDrives, places: Sequence[int], judged: Bools) -> d
 
 
 def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault | None:
-    """Return a fault that the drives of this element alone explain; None: none does."""
+    """Return a fault that an element's own drives explain, if any."""
     run = drives.run
     meant = run.weights[:, place]
     seen = drives.weights[frames, place]
@@ -184,7 +184,7 @@ def _count_of_wrong_pins(wrong: Bools) -> str:
 
 
 def _rest_of_pin_faults(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault:
-    """Return what remains: the sign of the phase, an amplitude, a phase."""
+    """Return the fault of a pin by exclusion: sign, amplitude or phase."""
     meant = drives.run.weights[:, place]
     if _share_of_pins(drives.right(np.conj(meant), place)[frames]) >= _MOST:
         return PinFault(PinFaultKind.SIGN, "opposite sign of the phase")
@@ -246,7 +246,7 @@ def _pins_of_other_elements(
 def _near_pin(
     drives: PinDrives, place: int, frames: NDArray[np.intp], meant: ComplexArray
 ) -> Bools:
-    """Return (F, N) whether one pin shows each of the (F, N) drives *meant*."""
+    """Return (F, N) whether a pin's measured drive is nearer than a limit to each candidate."""
     seen = drives.weights[frames, place][:, None]
     product = seen * np.conj(meant)
     # The angle of the product is within the limit: compared by its cosine.

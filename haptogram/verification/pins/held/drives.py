@@ -137,6 +137,7 @@ def held_pin_drives(record: PinRecord, *, window: float | None = None) -> HeldDr
 
 
 def _bounds_of_groups(before: FloatArray, window: float) -> Iterator[tuple[int, int]]:
+    """Yield index ranges of values that follow each other within *window*."""
     if not len(before):
         return
     cuts = np.flatnonzero(np.diff(before) > window) + 1
@@ -198,7 +199,7 @@ def _joined_held_drives(
     pins: list[PinPulses],
     groups: list[tuple[PinLatch, _Ints]],
 ) -> HeldDrives:
-    """Return the drives between *groups* of changes, those that are the same joined."""
+    """Return the drives between *groups* of changes; equal neighbours are merged."""
     bounds = np.array([0.0, *(max(one.begin, one.end) for one, _ in groups), record.end])
     ends = np.array([*(one.begin for one, _ in groups), record.end])
     lows = bounds[:-1] + 1.0  # the pulse that a latch cut is over
@@ -233,7 +234,7 @@ def _joined_held_drives(
 
 
 def _joined_latch(latches: list[PinLatch]) -> PinLatch:
-    """Return several groups of changes, with no drive held between them, as one latch."""
+    """Merge groups of changes without a drive between them into one latch."""
     if len(latches) == 1:
         return latches[0]
     last = max(latches, key=lambda one: len(one.places))

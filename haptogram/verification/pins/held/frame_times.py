@@ -48,7 +48,7 @@ def frames_at_held_drives(
         )
     firsts, pairs = matched_drives(held, meant)
     if not len(pairs):
-        pairs = _pairs_as_they_come(held.weights, meant[firsts])
+        pairs = _pair_in_order(held.weights, meant[firsts])
     latched = [one.begin if one.is_steady else one.end for one in held.latches]
     begins = np.array([held.begins[0], *latched])
     starts = _starts_of_frames(
@@ -64,7 +64,8 @@ def frames_at_held_drives(
     return frames, np.repeat(shown, np.diff(np.append(firsts, len(meant))), axis=0)
 
 
-def _pairs_as_they_come(seen: ComplexArray, meant: ComplexArray) -> _Ints:
+def _pair_in_order(seen: ComplexArray, meant: ComplexArray) -> _Ints:
+    """Pair measured and expected frames in order, aligned at the end."""
     sounding = np.flatnonzero(seen.any(axis=1))
     frames = np.flatnonzero(meant.any(axis=1))
     count = min(len(sounding), len(frames))
@@ -74,7 +75,7 @@ def _pairs_as_they_come(seen: ComplexArray, meant: ComplexArray) -> _Ints:
 
 
 def _starts_of_frames(frames: _Ints, starts: FloatArray, end: float, count: int) -> FloatArray:
-    """Return the (F,) starts of all frames, from those of some and the *end* of the last one.
+    """Return the (F,) start times of all frames, interpolated from those of some.
 
     Those before the first and behind the last of these follow each other as most do: a capture may
     show a part of a run.

@@ -67,7 +67,7 @@ def _matches_of_drives(seen: ComplexArray, meant: ComplexArray) -> Iterator[Floa
 
 
 def _pairs_in_order(match: FloatArray) -> tuple[float, _Ints]:
-    """Return how much drives and frames agree, and which do: (K, 2), both ascending."""
+    """Return the agreement of drives and frames, and the matched pairs (K, 2)."""
     gain = np.maximum(match - _LEAST_MATCH, 0.0)
     rows = [np.zeros(match.shape[1] + 1)]
     for row in gain:

@@ -100,6 +100,7 @@ class Autd3BoardEnd:
         raise no_dialect_bytes_for(message, _WIRE)
 
     def _read_all(self, received: bytes, found: list[Operation]) -> None:
+        """Decode all complete messages in *received*."""
         at = 0
         self._needed = 1
         while at < len(received) and not self._ended:
@@ -132,7 +133,7 @@ class Autd3BoardEnd:
         return readers[kind](received, at)
 
     def _read_stranger(self, received: bytes, at: int) -> tuple[Operation | None, int]:
-        """Give up at what is no handshake; name the versions that begin otherwise."""
+        """Reject bytes that are no handshake; name other known protocol versions."""
         start = received[at : at + _STRANGER_BYTES]
         served = "served is the link of autd3 38"
         for magic, name in _STRANGERS.items():

@@ -106,7 +106,7 @@ class FpgaBoardEnd:
             if here > at:
                 self._take_codes(data[at:here], found)
             if self._run:
-                self._end_run(found)
+                self._emit_run(found)
             operation = commands[data[here]]
             self._count_command(operation)
             self._cursor.command(operation)
@@ -128,7 +128,7 @@ class FpgaBoardEnd:
     # --- frames ----------------------------------------------------------------------------------
 
     def _count_command(self, operation: Operation) -> None:
-        """Count the bytes of the frame and what it lacks, if *operation* ends one."""
+        """Count statistics of a frame that *operation* ends."""
         if (count := self._counts.get(type(operation))) is not None:
             count(operation)
         elif self._frames.frame_bytes:
@@ -155,7 +155,7 @@ class FpgaBoardEnd:
         self._frames.frame_bytes += 1
 
     def _count_end_of_frame(self, board: int) -> None:
-        """Count the frame of *board* behind which another one starts."""
+        """Count a frame of *board* that was followed by another without swap."""
         whole = self._whole_frames(board)
         if 0 < self._cursor.written[board] < self._rules.channels:
             self.counters["frames_cut_short"] += 1
@@ -175,13 +175,13 @@ class FpgaBoardEnd:
         self._frames = _FramesSinceSwap([0] * len(frames.replaced))
 
     def _whole_frames(self, board: int) -> int:
-        """Return the whole frames that *board* has taken since the last swap."""
+        """Return the number of complete frames of *board* since the last swap."""
         return self._frames.replaced[board] + self._cursor.written[board] // self._rules.channels
 
     # --- codes -----------------------------------------------------------------------------------
 
     def _take_codes(self, codes: bytes, found: list[Operation]) -> None:
-        """Put *codes* behind the run, which ends with every last channel."""
+        """Append *codes* to the current run of channels."""
         cursor, channels = self._cursor, self._rules.channels
         self._frames.frame_bytes += len(codes)
         if not cursor.listening:
@@ -198,10 +198,10 @@ class FpgaBoardEnd:
             at += len(part)
             cursor.advance_to(at)
             if len(part) == room:
-                self._end_run(found)
+                self._emit_run(found)
 
     def _count_codes(self, codes: bytes, at: int) -> None:
-        """Count those of *codes* that are out of place behind *at* others, or out of range."""
+        """Count misplaced or out-of-range *codes*."""
         rules, frames, cursor = self._rules, self._frames, self._cursor
         if strange := codes.translate(None, self._fitting[cursor.kind]):
             self.counters["codes_out_of_range"] += len(strange)
@@ -212,8 +212,8 @@ class FpgaBoardEnd:
             frames.beyond += beyond
             self.counters["codes_beyond_array"] += beyond
 
-    def _end_run(self, found: list[Operation]) -> None:
-        """Give the codes of the run."""
+    def _emit_run(self, found: list[Operation]) -> None:
+        """Emit the current run of codes."""
         cursor, rules = self._cursor, self._rules
         codes = bytes(self._run)
         first = (cursor.at - len(codes)) % rules.channels

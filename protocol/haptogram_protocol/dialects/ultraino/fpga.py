@@ -66,12 +66,12 @@ RULES_128: Final = FpgaByteRules(
 
 
 def _ultraino_board_end(*, fb: str = FALLS_THROUGH) -> FpgaBoardEnd:
-    """Return the end of a board that takes FB as *fb* says."""
+    """Return the board-side decoder for the given byte format of the firmware."""
     return FpgaBoardEnd(_simple_ultraino_dialect(fb))
 
 
 def _ultraino_host_end(*, fb: str = FALLS_THROUGH) -> FpgaHostEnd:
-    """Return the host's end for a board that takes FB as *fb* says."""
+    """Return the host-side encoder for the given byte format of the firmware."""
     return FpgaHostEnd(_simple_ultraino_dialect(fb))
 
 
@@ -82,12 +82,12 @@ def _simple_ultraino_dialect(fb: str) -> FpgaByteRules:
 
 
 def _chained_ultraino_board_end(*, boards: int = 2) -> FpgaBoardEnd:
-    """Return the end of a chain of *boards*, 1 to 16."""
+    """Return the board-side decoder for a chain of *boards*, 1 to 16."""
     return FpgaBoardEnd(chained_ultraino_rules(boards), boards)
 
 
 def _chained_ultraino_host_end(*, boards: int = 2) -> FpgaHostEnd:
-    """Return the host's end for a chain of *boards*, 1 to 16."""
+    """Return the host-side encoder for a chain of *boards*, 1 to 16."""
     return FpgaHostEnd(chained_ultraino_rules(boards), boards)
 
 

@@ -61,6 +61,7 @@ def _in_front_kernel(point: F8, fronts: F8) -> bool:
 
 @jit_checked
 def _is_clear_kernel(point: F8, positions: F8, bounds: F8, limit: float) -> bool:
+    """Return True if a point keeps the minimum distance from all elements."""
     for i in range(3):
         if abs(point[i] - bounds[i]) >= bounds[3 + i]:
             return True
@@ -115,7 +116,7 @@ def block_kernel(
 
 @jit
 def _loss_kernel(absorption: float, near: float, far: float, careful: bool, loss: F4) -> None:
-    """Set the cubic in r that meets exp(-absorption r) at the Chebyshev nodes of [near, far].
+    """Fit a cubic in r to exp(-absorption r) at the Chebyshev nodes of [near, far].
 
     Not *careful*: the quadratic at three nodes.
     """

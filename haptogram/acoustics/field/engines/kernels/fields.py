@@ -82,7 +82,7 @@ def _lattice_block_kernel(
     places: Any, careful: Any, gain: Any, loss: Any, gx: Any, gy: Any, nodes: Any, drive: Any,
     depth: Any, height: Any, rows: Any, a: Any, scratch: Any, t: Any, m: Any, sums: Any,
 ) -> Any:  # fmt: skip
-    """Set the sums of all waves at a block of points; what comes after *drive* is scratch."""
+    """Sum the waves of a lattice at a block of points; arguments after *drive* are scratch."""
     re, im = sums[0], sums[1]
     re[:], im[:] = ZERO, ZERO
     _lattice_rows_kernel(places, gy, careful, rows, depth, height)
@@ -102,7 +102,7 @@ def _lattice_block_kernel(
 
 @jit_inline
 def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
-    """Return the number of waves held after one more: all are added as soon as they are enough."""
+    """Return the number of buffered waves after one more; sum them when the buffer is full."""
     if held + 1 < WAVES:
         return held + 1
     add_waves_kernel(t, m, re, im)
@@ -111,6 +111,7 @@ def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 
 @jit_inline
 def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
+    """Add the buffered waves to the sums."""
     if held:
         m[held:] = ZERO
         add_waves_kernel(t, m, re, im)
@@ -120,7 +121,7 @@ def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 def _lattice_rows_kernel(
     places: F8, gy: F8, careful: bool, rows: F4, depth: F8, height: F4
 ) -> None:  # fmt: skip
-    """Set the squares of y - gy and of z."""
+    """Compute (y - gy)^2 for each row, and z^2."""
     depth[:] = 0.0
     for j in range(gy.size):
         _squares_kernel(places[1], gy[j], depth, careful, rows[0, j], rows[1, j])
@@ -131,7 +132,7 @@ def _lattice_rows_kernel(
 
 @jit_inline
 def _squares_kernel(x: Any, s: Any, rest: Any, careful: Any, high: Any, low: Any) -> Any:
-    """Set (x - s)^2 + *rest*; if *careful*, also what rounding took from it."""
+    """Compute (x - s)^2 + *rest*; if *careful*, also its rounding error."""
     for p in range(x.size):
         high[p] = (x[p] - s) * (x[p] - s) + rest[p]
     if careful:
@@ -212,7 +213,7 @@ def _free_block_kernel(
     places: Any, pairs: Any, careful: Any, flat: Any, constants: Any, gain: Any, loss: Any,
     elements: Any, drive: Any, offset: Any, scratch: Any, t: Any, m: Any, sums: Any,
 ) -> Any:  # fmt: skip
-    """Set the sums of all waves at a block of points; what comes after *drive* is scratch."""
+    """Sum the waves of free elements at a block of points; last arguments are scratch."""
     re, im = sums[0], sums[1]
     re[:], im[:] = ZERO, ZERO
     held = 0
@@ -228,7 +229,7 @@ def _free_block_kernel(
 
 @jit
 def _split_kernel(places: F8, pairs: F4) -> None:
-    """Set the (6, B) pairs of float32 whose sums are *places*: high parts, then low ones."""
+    """Split *places* into (6, B) float32 pairs: high parts, then low parts."""
     for i in range(3):
         for p in range(places.shape[1]):
             pairs[i, p] = places[i, p]
@@ -290,7 +291,7 @@ def _offsets_kernel(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) ->
 def _exact_offsets_kernel(
     places: Any, s: Any, square: Any, low: Any, height: Any, ahead: Any
 ) -> Any:  # fmt: skip
-    """Set the same in double precision, and what rounding took from r^2."""
+    """Compute the offsets in double precision, and the rounding error of r^2."""
     x, y, z = places[0], places[1], places[2]
     for p in range(x.size):
         dx, dy, dz = x[p] - s[0], y[p] - s[1], z[p] - s[2]

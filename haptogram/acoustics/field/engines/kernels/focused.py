@@ -69,7 +69,7 @@ def _residuals_kernel(
 
 @jit_sums
 def _products_kernel(rays: F8, mean: F8, products: F8) -> None:
-    """Set *products* (3,): of the residuals and the slopes, the mean taken out."""
+    """Compute *products* (3,): the residuals times the centred slopes."""
     x, y, z = 0.0, 0.0, 0.0
     for n in range(rays.shape[1]):
         e = rays[4, n]
@@ -83,7 +83,7 @@ def _products_kernel(rays: F8, mean: F8, products: F8) -> None:
 def _fit_kernel(
     places: F8, point: F8, per_wavelength: float, rays: F8, matrix: F8, inverse: F8, least: float
 ) -> float:
-    """Move *point* to the best fit; return its RMS residual in turns, or -1: it did not settle.
+    """Move *point* to the best fit; return its RMS residual in turns, -1 if it diverged.
 
     Afterwards *matrix* and *inverse* are those of the slopes there.
     """

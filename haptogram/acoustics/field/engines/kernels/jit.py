@@ -22,7 +22,7 @@ _SOURCES: Final = kernel_digest()
 def _numba_jit(
     *, is_entry: bool = False, **options: Any
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Return `numba.njit` with the types of what it wraps (numba is not typed).
+    """Return `numba.njit` with type annotations that mypy understands.
 
     Only an entry is called from Python and cached. All others are compiled into their callers:
     what Python would call, and files of their own, take a third of the time of compilation.

@@ -36,7 +36,7 @@ HOLD, UNOBSERVED, PEAKLESS, FAILED = 0, 1, 2, 3
 
 @jit_sums
 def _turns_to_target_kernel(places: F8, target: F8, per_wavelength: float, codes: F8) -> float:
-    """Set the ideal phases of *places* in turns; return half the range of the errors of *codes*."""
+    """Compute ideal phases in turns; return half the peak-to-peak error of *codes*."""
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     re, im = 0.0, 0.0
     for n in range(px.size):
@@ -72,7 +72,7 @@ def _bound_kernel(
     waves: F8, distance: F8, matrix: F8, inverse: F8, wavenumber: float, limit: float,
     distance_m: float, observed: F8, found: F8,
 ) -> bool:  # fmt: skip
-    """Set the bound of the focus; return whether every coordinate is observed.
+    """Compute the uncertainty of the focus; return whether all coordinates are observable.
 
     *observed*: the least share of the eigenvalues, the share of the distance from which on the
     second order counts, how much that is, and the share at which a focus is lost.
@@ -94,7 +94,7 @@ def _bound_kernel(
 
 @jit_checked
 def _is_in_place_kernel(offset: F8, axis: F8, found: F8) -> bool:
-    """Set how far a focus is off across and along; return whether rounding explains it."""
+    """Compute the miss across and along the beam; return whether rounding explains it."""
     along = offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2]
     square, inside = 0.0, True
     for i in range(3):

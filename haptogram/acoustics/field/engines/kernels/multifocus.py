@@ -93,6 +93,7 @@ def gerchberg_saxton_kernel(
 
 @jit_sums
 def _received_kernel(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
+    """Return real and imaginary pressure at one focus."""
     p, q = ZERO, ZERO
     for n in range(re.size):
         p += re[n] * drive_re[n] - im[n] * drive_im[n]
@@ -102,7 +103,7 @@ def _received_kernel(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
 
 @jit_inline
 def _send_back_kernel(re: Any, im: Any, p: Any, q: Any, drive_re: Any, drive_im: Any) -> Any:
-    """Add conj(g) (p + j q)."""
+    """Add conj(g) (p + j q): back-propagation from one focus."""
     for n in range(re.size):
         drive_re[n] = drive_re[n] + re[n] * p + im[n] * q
         drive_im[n] = drive_im[n] + re[n] * q - im[n] * p

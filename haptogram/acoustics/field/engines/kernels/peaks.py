@@ -32,7 +32,7 @@ def _levels_kernel(
     places: F8, start: F8, axes: F8, a: float, b: float, step: float, both: bool, medium: F8,
     level: F8,
 ) -> bool:  # fmt: skip
-    """Set ln |p|^2 at a place, then next to it along the axes and at four corners."""
+    """Compute ln |p|^2 on a stencil: centre, axis neighbours and four corners."""
     for i in range(9 if both else 3):
         u = a + step * ((i == 1) - (i == 2) + (i == 5) - (i == 6) + (i == 7) - (i == 8))
         v = b + step * ((i == 3) - (i == 4) + (i == 5) - (i == 6) - (i == 7) + (i == 8))
@@ -119,7 +119,7 @@ def climb_kernel(
 def _response_kernel(
     sides: F8, p: F8, h00: float, h01: float, h11: float, step: float, both: bool
 ) -> tuple[float, float]:
-    """Return the sums over the elements of the displacement of a peak per radian of phase.
+    """Return the sensitivity of the peak position to phase errors, summed over elements.
 
     *sides* (4, 6, N): waves next to the peak along the axes; *p* (4, 2): their sums.
     """

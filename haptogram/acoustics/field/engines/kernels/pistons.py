@@ -21,7 +21,7 @@ MOST_LOSS: Final = 0.25  # nepers
 
 
 def _power_series(terms: list[float], degree: int, high: float) -> tuple[float, ...]:
-    """Return the coefficients of lower degree by which a power series is met on [0, high]."""
+    """Return the coefficients of the economised power series on [0, high]."""
     angles = math.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)
     nodes = (1.0 - np.cos(angles)) * high / 2.0
     fit = Chebyshev.fit(nodes, Polynomial(terms)(nodes), degree, domain=[0.0, high])

@@ -149,14 +149,14 @@ class ArduinoBoardEnd:
         found += _SWAP_AND_FORWARD
 
     def _count_replaced(self, frames: int) -> None:
-        """Count whole frames ahead of the one that a swap shows."""
+        """Count complete frames that were overwritten before a swap."""
         self.counters["frames_without_commit"] += frames
         if not self._is_partial:  # halves that had no room were whole frames
             beyond = sum(memory.beyond for memory in self._memories)
             self.counters["halves_beyond_memory"] -= beyond
 
     def _restart(self, found: list[Operation]) -> bool:
-        """Let every board write slot 0 next; return True if a pattern had not ended."""
+        """Reset all boards to slot 0; return True if a pattern was incomplete."""
         self._patterns = self._commanded = self._patterns_by_then = 0
         are_short = [memory.restart(found) for memory in self._memories]  # every one restarts
         return any(are_short)
@@ -190,6 +190,6 @@ class ArduinoBoardEnd:
         self._uncommitted = True
 
     def _pass_on_strange(self, part: bytes, found: list[Operation]) -> None:
-        """Send on as byte - 1, which the boards behind do once more; 14 of them never find a 1."""
+        """Forward unknown bytes along the chain, decremented by each board."""
         self.counters["bytes_strange"] += len(part)
         found += [_FORWARDS[byte - self._boards] for byte in part]

@@ -48,7 +48,7 @@ class PatternMemory:
             halves = halves[:-lost]
         self.halves += halves
         while len(self.halves) >= size:
-            self._give(self.halves[:size], found)
+            self._emit_pattern(self.halves[:size], found)
             del self.halves[:size]
         return max(0, lost)
 
@@ -59,12 +59,13 @@ class PatternMemory:
         """
         is_short = bool(self.halves)
         if is_short:
-            self._give(self.halves, found)
+            self._emit_pattern(self.halves, found)
             self.halves.clear()
         self.patterns = self.beyond = 0
         return is_short
 
-    def _give(self, halves: bytearray, found: list[Operation]) -> None:
+    def _emit_pattern(self, halves: bytearray, found: list[Operation]) -> None:
+        """Append a decoded pattern to *found*."""
         digits = halves.translate(_HIGH_NIBBLE).decode("ascii")
         slots = bytes.fromhex(digits + "0" * (len(digits) % 2))
         found.append(SetPattern(self._board, self.patterns, slots))
