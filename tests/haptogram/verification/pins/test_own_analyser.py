@@ -188,6 +188,20 @@ def test_samples_lost_beside_an_element_fail_no_board(lost, step, tmp_path):
     assert pins.findings == {}
 
 
+@pytest.mark.parametrize(("rate_hz", "jitter_ns"), [(24e6, 60), (100e6, 20), (500e6, 5)])
+@pytest.mark.parametrize("fault", [{"shifted": {3: 0.25}}, {"drop": {3: 0.6}}, {}])
+def test_jitter_of_an_element_that_is_the_reference_hides_no_fault(
+    fault, rate_hz, jitter_ns, tmp_path
+):
+    random, board = drawn(1)
+    board.amplitudes = np.ones_like(board.amplitudes)
+    for name, value in fault.items():
+        setattr(board, name, value)
+    analyser = Analyser(rate_hz, jitter_ns=jitter_ns)
+    pins = judged(board, analyser, tmp_path / "pins.vcd", random, reference="p0")
+    assert pins.verdict is (Verdict.FAIL if fault else Verdict.PASS)
+
+
 @pytest.mark.parametrize("reference", ["clk", "p0"])
 def test_a_latch_that_comes_early_is_wrong(reference, tmp_path):
     random = np.random.default_rng(9)
