@@ -3,6 +3,9 @@
 import dataclasses
 import itertools
 import re
+import shlex
+import sys
+from pathlib import Path
 
 import pytest
 from boards import BAUD, Dying, Wrapped, port, run, virtual
@@ -16,6 +19,7 @@ from haptogram.conformance.judge.timers import judge_in_time
 from haptogram.conformance.outcome import CaseEndedError, check, inconclusive
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
+from haptogram.conformance.run.spawning import SpawnAccess
 from haptogram.conformance.verdict import Behaviour, CaseResult, suite_exit_status
 from haptogram.records.frame import Evidence
 from haptogram.report.conformance.text import folded_transcript, marked_transcript, suite_text
@@ -262,6 +266,18 @@ def test_a_board_that_floods_has_failed_and_the_suite_ends():
     suite = run(flood, "HG-2.3", "HG-2.6", timeout_s=0.2)
     assert any("is flooded" in result.detail for result in suite.results if result.is_failure)
     assert suite.exit_status == 1
+
+
+@pytest.mark.nightly
+def test_a_flood_at_a_wall_clock_ends_cases_and_not_the_suite(monkeypatch):
+    monkeypatch.setattr(wire, "_FLOOD_BYTES", 1500)
+    words = [sys.executable, str(Path(__file__).with_name("right_boards.py")), "--serve"]
+    access = SpawnAccess(
+        shlex.join([*words, "--first", "2"]), baudrate=3_000_000, boot_timeout_s=60
+    )
+    suite = run(access, "HG-5.1", "HG-5.2", seed=2)
+    assert "is flooded" in {r.case: r.detail for r in suite.results}["HG-5.2/6-slots"]
+    assert suite.cut_short == ""
 
 
 class Flooding(Wrapped):
