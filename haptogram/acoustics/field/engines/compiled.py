@@ -53,13 +53,11 @@ def kernel_digest() -> str:
 def _are_cached() -> bool:
     """Return True if compiled kernels are cached on this machine."""
     own = os.environ.get("NUMBA_CACHE_DIR")
-    caches = os.path.join(os.environ.get("XDG_CACHE_HOME", "~/.cache"), "numba"), _MAC_CACHE
-    folders = (
-        [Path(own)]
-        if own
-        else [_SOURCES, *map(Path, map(os.path.expanduser, caches)), _temporary_folder()]
-    )
-    return any(next(f.rglob(f"*_kernel-{kernel_digest()}*.nbi"), None) for f in folders)
+    user = os.path.join(os.environ.get("XDG_CACHE_HOME", "~/.cache"), "numba")
+    users = [Path(os.path.expanduser(folder)) for folder in (user, _MAC_CACHE)]
+    folders = [Path(own)] if own else [_SOURCES, *users, _temporary_folder()]
+    pattern = f"*_kernel-{kernel_digest()}*.nbi"
+    return any(next(folder.rglob(pattern), None) for folder in folders)
 
 
 def _temporary_folder() -> Path:
