@@ -14,6 +14,7 @@ _TIMES_IN_CARRIER: Final = 3  # in µs
 _IN_TIME_US: Final = 20_000  # from the readiness of a frame to its t_apply, at most
 _HALF_TURN_US: Final = 1 << 31  # of the 32 bits of a device time
 _PASSED_US: Final = 10_000_000  # between the choice of a t_apply and its arrival, at most
+_PING_US: Final = 200_000  # between two PINGs; HG-7.1/4: a lease is 500 ms at least
 _SPARE_US: Final = 200  # error of the host's estimate of the device clock, in virtual time
 
 
@@ -150,9 +151,9 @@ class ClockClient:
         self.end_exchange()
         left_us = max(0, t_device_us - self.device_estimate_us())
         if self._wire.is_virtual:
-            self._wire.idle(left_us + _SPARE_US)
+            self._idle_with_lease(left_us + _SPARE_US)
             return
-        self._wire.idle(left_us)
+        self._idle_with_lease(left_us)
         while (shown_us := self._link.ask_time()) is not None:
             if (left_us := t_device_us - self.unwrap(shown_us)) < 0:
                 return
@@ -183,14 +184,22 @@ class ClockClient:
             4 * self.carrier_us
         )
         if not slack_us:
-            self._wire.idle(self._wire.backlog_us + boundary_us)
+            self._idle_with_lease(self._wire.backlog_us + boundary_us)
             return
         # Only an answer shows that a board that had to wait has read the bytes, and how late it is.
         latched_us = self.device_us() + boundary_us
         given_up_us = self._wire.now_us() + boundary_us + slack_us // 10
-        self._wire.idle(boundary_us)
+        self._idle_with_lease(boundary_us)
         while self.device_us() < latched_us and self._wire.now_us() < given_up_us:
             pass
+
+    def _idle_with_lease(self, duration_us: int) -> None:
+        """Wait; a PING now and then keeps the lease of a board that takes long."""
+        until_us = self._wire.now_us() + duration_us
+        while until_us - self._wire.now_us() > _PING_US:
+            self._wire.idle(_PING_US)
+            self.device_us()
+        self._wire.idle(until_us - self._wire.now_us())
 
     # --- held up -------------------------------------------------------------------------------
 
