@@ -151,9 +151,9 @@ class ClockClient:
         self.end_exchange()
         left_us = max(0, t_device_us - self.device_estimate_us())
         if self._wire.is_virtual:
-            self._idle_with_lease(left_us + _SPARE_US)
+            self.idle_attended(left_us + _SPARE_US)
             return
-        self._idle_with_lease(left_us)
+        self.idle_attended(left_us)
         while (shown_us := self._link.ask_time()) is not None:
             if (left_us := t_device_us - self.unwrap(shown_us)) < 0:
                 return
@@ -184,17 +184,17 @@ class ClockClient:
             4 * self.carrier_us
         )
         if not slack_us:
-            self._idle_with_lease(self._wire.backlog_us + boundary_us)
+            self.idle_attended(self._wire.backlog_us + boundary_us)
             return
         # Only an answer shows that a board that had to wait has read the bytes, and how late it is.
         latched_us = self.device_us() + boundary_us
         given_up_us = self._wire.now_us() + boundary_us + slack_us // 10
-        self._idle_with_lease(boundary_us)
+        self.idle_attended(boundary_us)
         while self.device_us() < latched_us and self._wire.now_us() < given_up_us:
             pass
 
-    def _idle_with_lease(self, duration_us: int) -> None:
-        """Wait; a PING now and then keeps the lease of a board that takes long."""
+    def idle_attended(self, duration_us: int) -> None:
+        """Wait; a PING now and then keeps the lease, or a playback, of a board that takes long."""
         until_us = self._wire.now_us() + duration_us
         while until_us - self._wire.now_us() > _PING_US:
             self._wire.idle(_PING_US)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import random
 import time
 from typing import Final
@@ -68,13 +69,20 @@ class SuiteConnection:
         self.nonces: set[int] = set()
         self._access, self._thorough = access, thorough
         self._explore_us = round(explore_s * 1e6)
-        self._limits = ClientWaitLimits.of(timeout_s, virtual=access.virtual)
+        self._limits = self._usual = ClientWaitLimits.of(timeout_s, virtual=access.virtual)
         self._random = random.Random(seed)
         self._transport: Transport | None = None
         self._spent_us = self._connected_us = 0  # of boards before, and when this one came
         self._board: BoardClient | None = None
         self._findings = RuleFindings()
         self.rules = StandingRules(self._findings, is_lossless=access.virtual)
+
+    def extend_lead(self, factor: int) -> None:
+        """Send frames so many times as long before their t_apply as usual."""
+        lead_us = factor * self._usual.lead_us
+        self._limits = dataclasses.replace(self._usual, lead_us=lead_us)
+        if self._board is not None:
+            self._board.wire.limits = self._limits
 
     @property
     def board(self) -> BoardClient:

@@ -119,7 +119,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
     store.put(first, 1)
     if board.has(m.Feature.CORRECTION):
         uploads.upload_correction(board, bytes(board.identity.transducers))
-    board.wire.idle(_SEEN * period_us)
+    board.clock.idle_attended(_SEEN * period_us)
     board.mute()
     got = [
         latch.crc for latch in latching.latches_received_from_board(board, since, m.TraceMode.CRC)
