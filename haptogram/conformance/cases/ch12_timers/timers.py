@@ -174,8 +174,8 @@ def _wrapping_case(
 
     @case(f"{clause}-lengths", title, needs=timer.needs, depth=depth)
     def every_length(board: BoardClient) -> None:
-        most_ms = timer.most_ms(board)
-        for length_ms in wrapping_timer_lengths(least_ms, most_ms, thorough=board.thorough):
+        shortest_ms, most_ms = board.clock.timer_ms(least_ms), timer.most_ms(board)
+        for length_ms in wrapping_timer_lengths(shortest_ms, most_ms, thorough=board.thorough):
             _timer_stays(board, timer, length_ms)
 
     return every_length
