@@ -221,11 +221,14 @@ class BoardClient:
         return self.phases(bytes([code]) * self.identity.transducers)
 
     def shortest_stream(self) -> m.Message:
-        """Return the stream frame that takes the least time on the line."""
-        frames: list[m.Message] = [self.flat_phases()]
-        if self.has(m.Feature.POINTS):
-            frames.append(m.Points((m.FocalPoint(10_000, 5_000, 150_000, 0xFFFF, 0),)))
-        return min(frames, key=lambda frame: len(frame.serialize()))
+        """Return the stream frame that takes the least time on the line and to be computed."""
+        phases = self.flat_phases()
+        if not self.has(m.Feature.POINTS):
+            return phases
+        point = m.Points((m.FocalPoint(10_000, 5_000, 150_000, 0xFFFF, 0),))
+        shorter = len(phases.serialize()) - len(point.serialize())
+        is_shorter = self.wire.line_us(max(0, shorter)) > self.clock.point_time_us
+        return point if is_shorter else phases
 
     def bytes_of_frames(self, number: int) -> bytes:
         """Return as many bytes as so many frames of PHASES and a few requests are on the line."""
