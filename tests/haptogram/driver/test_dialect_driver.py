@@ -210,7 +210,7 @@ def test_what_the_wire_has_no_bytes_for_is_one_clear_error(name):
             "can be emulated and not driven",
         ),
         (
-            {"dialect": dataclasses.replace(DIALECTS["interactlab"], name="ours")},
+            {"dialect": dataclasses.replace(DIALECTS["interactlab"], name="ours", layout="")},
             "the array of dialect ours is not known here",
         ),
     ],
