@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Final
 
 from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
-from haptogram_protocol.messages import Hello, HelloReply, Mute, MuteReply
+from haptogram_protocol.messages import Hello, HelloReply, Mute, MuteReply, UploadCommit
 from sim_device.dialects.haptogram import VirtualHaptogramDialect
 from sim_device.mutants import Mutant
 
@@ -225,9 +225,10 @@ class SequencesOutliveAReset(_RemembersOverAReset):
         _, left = self._memory
         self.board._sequences.update(left or {})
 
-    def _commit_upload(self, message: Any, request: Any) -> Any:
-        reply = super()._commit_upload(message, request)
-        self._remember(dict(self.board._sequences))
+    def _reply_to(self, message: Any, request: Any) -> Any:
+        reply = super()._reply_to(message, request)
+        if isinstance(message, UploadCommit):
+            self._remember(dict(self.board._sequences))
         return reply
 
 

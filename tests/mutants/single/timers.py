@@ -184,9 +184,10 @@ class HoldTakenUpByConfig(BoardTimers):
 class RequestsRestartStatus(VirtualHaptogramDialect):
     """Starts the status period anew with ARM."""
 
-    def _arm(self, message: Arm, request: Any) -> Message:
-        reply = super()._arm(message, request)
-        self._schedule_status()
+    def _reply_to(self, message: Message, request: Any) -> Message:
+        reply = super()._reply_to(message, request)
+        if isinstance(message, Arm):
+            self._schedule_status()
         return reply
 
 
@@ -298,9 +299,10 @@ class TraceDriveUnderCeiling(VirtualHaptogramDialect):
 class ArmRestartsDivision(VirtualHaptogramDialect):
     """Begins to count latches for trace_divider anew with ARM."""
 
-    def _arm(self, message: Arm, request: Any) -> Message:
-        self._traced = 0
-        return super()._arm(message, request)
+    def _reply_to(self, message: Message, request: Any) -> Message:
+        if isinstance(message, Arm):
+            self._traced = 0
+        return super()._reply_to(message, request)
 
 
 class MarginSumOf32Bits(Board):
