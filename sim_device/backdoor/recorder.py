@@ -13,6 +13,7 @@ from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifie
 from haptogram.acoustics.reconstruct.patterns.found import Pattern
 from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, FrameKey, Observation
+from haptogram.records.latch import LatchRecord
 
 from ..board import events
 from ..board.settings import BoardSettings
@@ -153,6 +154,8 @@ class InlineReconstructionWorker:
     told : list of Observation, keyword-only, optional
         Takes the latches as a verdict has them. Then both they and the fields in the records come
         many at a time, at the latest with :meth:`settle`: they take a tenth of the time so.
+    direct : callable, keyword-only, optional
+        Takes the latches of Haptogram's own wire in place of their records.
     """
 
     def __init__(
@@ -162,8 +165,9 @@ class InlineReconstructionWorker:
         *,
         reconstruct: bool = True,
         told: list[Observation] | None = None,
+        direct: Callable[[LatchRecord], object] | None = None,
     ) -> None:
-        self._write = write
+        self._write, self._direct = write, direct
         self._told = told
         self._owed: list[tuple[events.Latch, records.Record]] = []
         wiring = settings.wiring
@@ -183,6 +187,9 @@ class InlineReconstructionWorker:
     def latch(self, latch: events.AnyLatch) -> None:
         """Take down a latch."""
         self._latched += 1
+        if self._direct is not None and isinstance(latch, events.Latch):
+            self._direct(LatchRecord.of(latch))
+            return
         if self._told is not None and isinstance(latch, events.Latch):
             self._defer_reconstruction(latch)
             return
