@@ -102,8 +102,7 @@ def board_geometry(board: Board, request: m.GetGeometry) -> m.GeometryReply:
 def board_drive(board: Board, request: m.ReadDrive) -> m.DriveReply:
     """Return the codes of some transducers, latched or radiated, as many as fit one frame."""
     if not READ_CAPABILITIES[request.kind] & board.settings.features:
-        text = f"no read-back of the {request.kind.name} drive"
-        raise RefusalError(m.ErrorCode.UNSUPPORTED, int(request.TYPE), text)
+        raise RefusalError(m.ErrorCode.UNSUPPORTED, int(request.TYPE))
     first, stop = _readout_span(request, board.settings.count, m.DriveReply, 2)
     latch = board.latched
     if request.kind is m.DriveKind.RADIATED:
@@ -159,7 +158,7 @@ def _readout_span(
 ) -> tuple[int, int]:
     """Return first and last-but-one of the transducers that a reply shows."""
     if request.first >= total:
-        raise RefusalError(m.ErrorCode.NOT_FOUND, total, f"no transducer {request.first}")
+        raise RefusalError(m.ErrorCode.NOT_FOUND, total)
     fits = _room_of_readout(reply) // unit
     return request.first, min(total, request.first + min(request.count, fits))
 

@@ -46,7 +46,7 @@ class RepetitionsOfNow(BoardConnection):
         if answered and (answered.seq, answered.crc) == (frame.header.seq, frame.crc):
             assert self._last is not None
             self._answer(*self._last, self.departure_us(frame.t_rx_us))
-            return self._drop(frame, "repeated", "answered anew")
+            return self._drop(frame, "repeated")
         return super()._judge_control_seq(frame)
 
 
@@ -179,8 +179,8 @@ class RepliesReturn(BoardConnection):
 class RepetitionsRenewNothing(BoardConnection):
     """Answers a repeated request from memory without renewing the lease."""
 
-    def _drop(self, frame: Any, reason: str, detail: str) -> Any:
-        event = super()._drop(frame, reason, detail)
+    def _drop(self, frame: Any, reason: str) -> Any:
+        event = super()._drop(frame, reason)
         return dataclasses.replace(event, renews_lease=False) if reason == "repeated" else event
 
 

@@ -117,7 +117,7 @@ class BoardConnection:
         body, t_rx_us = found
         if isinstance(body, RemoteProtocolError):
             self.count(body.reason)
-            return FrameDropped(body.reason, str(body), t_rx_us)
+            return FrameDropped(body.reason, t_rx_us)
         return self._judge(body, t_rx_us)
 
     def count(self, reason: str, number: int = 1) -> None:
@@ -141,11 +141,11 @@ class BoardConnection:
             return self._judge_stream(frame)
         if header.type in m.REQUEST_RANGE:
             return self._judge_request(frame)
-        return self._drop(frame, "unknown_type", f"type {header.type:#04x} is not for a board")
+        return self._drop(frame, "unknown_type")
 
-    def _drop(self, frame: ReceivedFrame, reason: str, detail: str) -> FrameDropped:
+    def _drop(self, frame: ReceivedFrame, reason: str) -> FrameDropped:
         self.count(reason)
-        return FrameDropped(reason, detail, frame.t_rx_us, frame.in_session)
+        return FrameDropped(reason, frame.t_rx_us, frame.in_session)
 
     # --- Stream (HG-5) -------------------------------------------------------------------------
 
@@ -154,17 +154,17 @@ class BoardConnection:
         # HG-5.6: whatever else is wrong with the frame, its number has been used.
         index = self._take_index(header.seq) if frame.in_session else None
         if header.type not in self._types:
-            return self._drop(frame, "unknown_type", f"stream type {header.type:#04x}")
+            return self._drop(frame, "unknown_type")
         if not frame.in_session:
-            return self._drop(frame, "stale_session", self._wrong_session(header))
+            return self._drop(frame, "stale_session")
         if index is None:
-            return self._drop(frame, "duplicate", f"stream seq {header.seq} was here before")
-        if flags := unknown_received_flags(header):
-            return self._drop(frame, "unsupported", f"flags {flags:#04x} are not known")
+            return self._drop(frame, "duplicate")
+        if unknown_received_flags(header):
+            return self._drop(frame, "unsupported")
         try:
             message = m.MESSAGES[header.type].deserialize(frame.payload)
         except RemoteProtocolError as error:
-            return self._drop(frame, error.reason, str(error))
+            return self._drop(frame, error.reason)
         return StreamReceived(
             cast(m.Phases | m.Drives | m.Points, message),  # the only types below 0x40
             index,
@@ -184,9 +184,6 @@ class BoardConnection:
         self._stream_expected = index + 1
         return index
 
-    def _wrong_session(self, header: m.Header) -> str:
-        return f"session {header.session:#06x}; the open one is {self.session:#06x}"
-
     # --- Requests (HG-4) -----------------------------------------------------------------------
 
     def _judge_request(self, frame: ReceivedFrame) -> BoardEvent:
@@ -194,14 +191,11 @@ class BoardConnection:
         if header.type == m.MessageType.MUTE:
             return self._request(frame, m.Mute())  # HG-6.4: no flag, length or session refuses it
         if header.type not in self._types:
-            detail = f"request type {header.type:#04x}"
-            return self._refuse(frame, m.ErrorCode.UNSUPPORTED, header.type, detail)
+            return self._refuse(frame, m.ErrorCode.UNSUPPORTED, header.type)
         if header.type != m.MessageType.HELLO and not frame.in_session:
-            detail = self._wrong_session(header)
-            return self._refuse(frame, m.ErrorCode.STALE_SESSION, self.session, detail)
+            return self._refuse(frame, m.ErrorCode.STALE_SESSION, self.session)
         if flags := unknown_received_flags(header):
-            detail = f"flags {flags:#04x} are not known"
-            return self._refuse(frame, m.ErrorCode.UNSUPPORTED, flags, detail)
+            return self._refuse(frame, m.ErrorCode.UNSUPPORTED, flags)
         return self._judge_payload(frame, m.MESSAGES[header.type])
 
     def _judge_payload(self, frame: ReceivedFrame, kind: type[m.Message]) -> BoardEvent:
@@ -210,7 +204,7 @@ class BoardConnection:
         except RemoteProtocolError as error:
             if error.reason == "bad_length":
                 length = 0 if kind.TAIL else kind.LAYOUT.size
-                return self._refuse(frame, m.ErrorCode.BAD_LENGTH, length, str(error))
+                return self._refuse(frame, m.ErrorCode.BAD_LENGTH, length)
             return self._judge_control_seq(frame) or self._refuse_value(frame, error)
         if isinstance(message, m.Hello):
             return self._judge_hello(frame, message)
@@ -219,22 +213,20 @@ class BoardConnection:
     def _refuse_value(self, frame: ReceivedFrame, error: RemoteProtocolError) -> BoardEvent:
         """Refuse a request for a value that no table has; the refusal is remembered.  HG-4.9/4."""
         self._take_control_seq(frame)
-        code, detail = m.ErrorCode.BAD_VALUE, error.offset
-        return self._refuse(frame, code, detail, str(error), is_remembered=True)
+        return self._refuse(frame, m.ErrorCode.BAD_VALUE, error.offset, is_remembered=True)
 
     def _judge_hello(self, frame: ReceivedFrame, hello: m.Hello) -> BoardEvent:
         if hello.major != m.VERSION_MAJOR:  # HG-4.4
             own = m.VERSION_MAJOR
-            detail = f"HELLO of version {hello.major}.{hello.minor}; the board has {own}"
-            return self._refuse(frame, m.ErrorCode.VERSION, own, detail)
+            return self._refuse(frame, m.ErrorCode.VERSION, own)
         if hello.nonce == 0:
             offset = m.Hello.WIRE["nonce"].offset
-            return self._refuse(frame, m.ErrorCode.BAD_VALUE, offset, "HELLO, nonce 0")
+            return self._refuse(frame, m.ErrorCode.BAD_VALUE, offset)
         if hello.nonce == self.session and self._greeting is not None:  # HG-4.6
             leaves_us = self.departure_us(frame.t_rx_us)
             wire = self._response(self._greeting, frame.header.seq, leaves_us)
             self._queue(wire, self._output_limit)
-            return self._drop(frame, "repeated", f"HELLO of the open session {hello.nonce:#06x}")
+            return self._drop(frame, "repeated")
         return self._request(frame, hello, new_session=True)
 
     def _judge_control_seq(self, frame: ReceivedFrame) -> FrameDropped | None:
@@ -244,10 +236,9 @@ class BoardConnection:
             return None
         if self._answered and (self._answered.seq, self._answered.crc) == (seq, frame.crc):
             self._queue(self._answered.wire, self._output_limit)
-            return self._drop(frame, "repeated", f"request {seq} was answered before")
+            return self._drop(frame, "repeated")
         if m.signed_difference(seq, self._control_newest, 16) <= 0:
-            detail = f"request {seq} after request {self._control_newest}"
-            return self._refuse(frame, m.ErrorCode.SEQUENCE_REUSED, seq, detail)
+            return self._refuse(frame, m.ErrorCode.SEQUENCE_REUSED, seq)
         return None
 
     def _request(
@@ -278,7 +269,6 @@ class BoardConnection:
         frame: ReceivedFrame,
         code: m.ErrorCode,
         number: int,
-        detail: str,
         *,
         is_remembered: bool = False,
     ) -> FrameDropped:
@@ -289,7 +279,7 @@ class BoardConnection:
         self._queue(wire, self._output_limit)
         if is_remembered:
             self._answered = _Answered(frame.header.seq, frame.crc, wire)
-        return self._drop(frame, "requests", detail)
+        return self._drop(frame, "requests")
 
     # --- Out -----------------------------------------------------------------------------------
 

@@ -259,34 +259,33 @@ class HostConnection:
             return events.NEED_DATA
         body, t_rx_us = found
         if isinstance(body, RemoteProtocolError):
-            return self._drop(body.reason, str(body), t_rx_us)
+            return self._drop(body.reason, t_rx_us)
         return self._judge(body, t_rx_us)
 
-    def _drop(self, reason: str, detail: str, t_rx_us: int) -> events.FrameDropped:
+    def _drop(self, reason: str, t_rx_us: int) -> events.FrameDropped:
         self.counters[reason] += 1
-        return events.FrameDropped(reason, detail, t_rx_us)
+        return events.FrameDropped(reason, t_rx_us)
 
     def _judge(self, body: bytes, t_rx_us: int) -> events.HostEvent:
         self.counters["frames"] += 1
         try:
             header, message = m.parse_body(body)
         except RemoteProtocolError as error:
-            return self._drop(error.reason, str(error), t_rx_us)
-        if flags := header.flags & m.MUST_UNDERSTAND:
-            return self._drop("unsupported", f"flags {flags:#04x} are not known", t_rx_us)
+            return self._drop(error.reason, t_rx_us)
+        if header.flags & m.MUST_UNDERSTAND:
+            return self._drop("unsupported", t_rx_us)
         if header.type in m.RESPONSE_RANGE:
             return self._judge_response(header, message, t_rx_us)
         if header.type in m.EVENT_RANGE:
             return self._judge_event(header, message, t_rx_us)
-        return self._drop("unknown_type", f"{message.TYPE.name} is not for a host", t_rx_us)
+        return self._drop("unknown_type", t_rx_us)
 
     def _judge_event(self, header: m.Header, message: m.Message, t_rx_us: int) -> events.HostEvent:
         if header.session != self.session:
-            detail = f"event of session {header.session:#06x}, not of {self.session:#06x}"
-            return self._drop("stale_session", detail, t_rx_us)
+            return self._drop("stale_session", t_rx_us)
         ahead = m.signed_difference(header.seq, self._event_expected, 16)
         if ahead < 0:
-            return self._drop("duplicate", f"event {header.seq} was here before", t_rx_us)
+            return self._drop("duplicate", t_rx_us)
         self.counters["gap"] += ahead
         self._event_expected += ahead + 1
         return events.EventReceived(message, header, t_rx_us, ahead)
@@ -296,11 +295,9 @@ class HostConnection:
     ) -> events.HostEvent:
         waiting = self._pending.get(header.seq)
         if waiting is None or not _is_answer_to_pending_request(message, waiting.request):
-            detail = f"{message.TYPE.name} {header.seq} answers no request that waits"
-            return self._drop("duplicate", detail, t_rx_us)
+            return self._drop("duplicate", t_rx_us)
         if not self._is_of_session(header, message, waiting):
-            detail = f"response of session {header.session:#06x}, not of {self.session:#06x}"
-            return self._drop("stale_session", detail, t_rx_us)
+            return self._drop("stale_session", t_rx_us)
         rtt_us = self._pending.answered(waiting, t_rx_us)
         if isinstance(message, m.HelloReply):
             message = self._greeted(message)

@@ -250,7 +250,7 @@ class PlayStartOnOneSide(VirtualHaptogramDialect):
     def _play(self, play: Any, request: Any) -> Message:
         start_us = None if request.immediate else self._unwrap(request.t_wire_us)
         if start_us is not None and start_us >> 32 != self.board.now_us >> 32:
-            raise RefusalError(ErrorCode.BAD_VALUE, 0, "a start that has passed")
+            raise RefusalError(ErrorCode.BAD_VALUE, 0)
         return super()._play(play, request)
 
 
