@@ -191,9 +191,8 @@ class VirtualHaptogramDialect:
     def _content(self, message: m.Phases | m.Drives | m.Points) -> Content:
         count = self.board.settings.count
         if isinstance(message, m.Points):
-            _refuse_by_dialect_unless(
-                len(message.points) <= self.board.settings.max_points, "too many points"
-            )
+            if len(message.points) > self.board.settings.max_points:
+                raise RemoteProtocolError("too many points")
             return message.points
         codes = m.drive_codes(message, count)
         assert codes is not None  # of PHASES and DRIVES
@@ -302,11 +301,6 @@ class VirtualHaptogramDialect:
     def _status(self) -> answers.StatusFields:
         free = self.board.settings.rx_window
         return answers.board_status(self.board, self.counters, free_bytes=free)
-
-
-def _refuse_by_dialect_unless(holds: bool, text: str, reason: str = "bad_value") -> None:
-    if not holds:
-        raise RemoteProtocolError(text, reason=reason)
 
 
 def _event_of_notice(notice: Notice) -> m.Message | None:
