@@ -11,14 +11,15 @@ TYPE_CHECKING = False  # without typing: Ctrl-C is answered once .__main__ is lo
 if TYPE_CHECKING:
     from typing import Any, Final
 
-    from .backdoor.recorder import InlineReconstructionWorker
-    from .backdoor.worker import ReconstructionWorker
-    from .board.board import Board
-    from .board.events import Latch
-    from .board.settings import BoardSettings, board_settings
-    from .board.stream_queue import StreamFrame
-    from .protocol_haptogram import register_url_handler
-    from .simulation import Simulation
+    from .backdoor.recorder import InlineReconstructionWorker as InlineReconstructionWorker
+    from .backdoor.worker import ReconstructionWorker as ReconstructionWorker
+    from .board.board import Board as Board
+    from .board.events import Latch as Latch
+    from .board.settings import BoardSettings as BoardSettings
+    from .board.settings import board_settings as board_settings
+    from .board.stream_queue import StreamFrame as StreamFrame
+    from .protocol_haptogram import register_url_handler as register_url_handler
+    from .simulation import Simulation as Simulation
 
 _HOME: Final = {
     "Board": "board.board",
@@ -41,14 +42,4 @@ def __getattr__(name: str) -> Any:
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
 
 
-__all__ = [
-    "Board",
-    "BoardSettings",
-    "InlineReconstructionWorker",
-    "Latch",
-    "ReconstructionWorker",
-    "Simulation",
-    "StreamFrame",
-    "board_settings",
-    "register_url_handler",
-]
+__all__ = [*_HOME]

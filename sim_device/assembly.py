@@ -14,12 +14,7 @@ from haptogram_protocol.rules import unsupported_types
 
 from .board.board import Board, BoardParts
 from .board.clock import BoardClock
-from .board.output import BoardOutput
-from .board.registers import BoardFocuser
 from .board.settings import BoardSettings
-from .board.stream_queue import BoardQueue
-from .board.timers import BoardTimers
-from .board.uploads import BoardUploads
 from .dialects.emulation import Emulation
 from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
 from .dialects.simulated.board import SimulatedBoard
@@ -28,15 +23,10 @@ from .dialects.virtual_dialect import VirtualDialect
 
 
 @dataclass(frozen=True, slots=True)
-class BoardAssembly:
+class BoardAssembly(BoardParts):
     """The parts of a board with its end of the link; each is healthy unless another is given."""
 
     board: type[Board] = Board
-    output: type[BoardOutput] = BoardOutput
-    timers: type[BoardTimers] = BoardTimers
-    queue: type[BoardQueue] = BoardQueue
-    uploads: type[BoardUploads] = BoardUploads
-    focuser: type[BoardFocuser] = BoardFocuser
     dialect: type[VirtualHaptogramDialect] = VirtualHaptogramDialect
     connection: type[BoardConnection] = BoardConnection
     decoder: type[FrameDecoder] = FrameDecoder
@@ -48,15 +38,13 @@ class BoardAssembly:
         watch: Callable[[BoardEvent], None] | None = None,
     ) -> VirtualHaptogramDialect:
         """Return a board at the end of its line, powered up; *watch* sees the link's events."""
-        parts = BoardParts(self.output, self.timers, self.queue, self.uploads, self.focuser)
-
         link = self.connection(
             output_limit=OUTPUT_LIMIT,
             cobs=fastest_cobs(),  # a wrong decoder has its own
             decoder=None if self.decoder is FrameDecoder else self.decoder(),
             unsupported=unsupported_types(settings.features),
         )
-        return self.dialect(self.board(settings, parts), link, watch)
+        return self.dialect(self.board(settings, self), link, watch)
 
 
 HEALTHY: Final = BoardAssembly()

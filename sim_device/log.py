@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
 from haptogram_protocol.state import MuteReason, OutputState
 
@@ -103,41 +103,16 @@ class BoardCountLog:
 
 def describe_board_notice(notice: events.Notice) -> str:
     """Return *notice* in words."""
-    if isinstance(notice, events.SessionOpened):
-        return f"session {notice.session:#06x} opened"
-    if isinstance(notice, events.StateChange):
-        return _logged_board_state(notice.state, notice.reason)
-    if isinstance(notice, events.RampBegan):
-        return f"ramp to silence began: {_logged_board_reason(notice.reason)}"
-    if isinstance(notice, events.RadiatedAnew):
-        return "another ceiling or correction"
-    if isinstance(notice, events.RampEnded):
-        return "ramp undone: full output" if notice.restored else "ramp ended: silence"
-    if isinstance(notice, events.PowerDown):
-        return "told to end"
-    if isinstance(notice, events.Remark):
-        return notice.text
-    if isinstance(notice, events.StreamDropped):
-        return f"stream frame {notice.index} dropped: {notice.counter}"
-    if isinstance(notice, events.ClientLeft):
-        return "the client left"
-    if isinstance(notice, events.WireCompared):
-        return "the client speaks " + ("the board's wire" if notice.is_own else "an unknown wire")
-    if isinstance(notice, events.FaultsCounted):
-        return f"faults: {_logged_board_counts(notice)}"
-    if isinstance(notice, events.LineCounted):
-        return f"line: {_logged_board_counts(notice)}"
-    return _logged_board_playback(notice)
+    return _WORDS[type(notice)](notice)
 
 
 def _logged_board_counts(notice: events.FaultsCounted | events.LineCounted) -> str:
     return ", ".join(f"{name} {n}" for name, n in notice.counts.items())
 
 
-def _logged_board_state(state: OutputState, reason: MuteReason) -> str:
-    return state.name.lower() + (
-        "" if reason is MuteReason.NONE else f": {_logged_board_reason(reason)}"
-    )
+def _logged_board_state(change: events.StateChange) -> str:
+    why = "" if change.reason is MuteReason.NONE else f": {_logged_board_reason(change)}"
+    return change.state.name.lower() + why
 
 
 def _logged_board_playback(ended: events.PlaybackEnd) -> str:
@@ -145,5 +120,24 @@ def _logged_board_playback(ended: events.PlaybackEnd) -> str:
     return f"playback of sequence {ended.sequence} ended: {played}"
 
 
-def _logged_board_reason(reason: MuteReason) -> str:
-    return reason.name.lower().replace("_", " ")
+def _logged_board_reason(notice: events.StateChange | events.RampBegan) -> str:
+    return notice.reason.name.lower().replace("_", " ")
+
+
+_WORDS: Final[Mapping[type[events.Notice], Callable[[Any], str]]] = {
+    events.SessionOpened: lambda notice: f"session {notice.session:#06x} opened",
+    events.StateChange: _logged_board_state,
+    events.RampBegan: lambda notice: f"ramp to silence began: {_logged_board_reason(notice)}",
+    events.RadiatedAnew: lambda _: "another ceiling or correction",
+    events.RampEnded: lambda n: "ramp undone: full output" if n.restored else "ramp ended: silence",
+    events.PlaybackEnd: _logged_board_playback,
+    events.PowerDown: lambda _: "told to end",
+    events.Remark: lambda notice: notice.text,
+    events.StreamDropped: lambda n: f"stream frame {n.index} dropped: {n.counter}",
+    events.ClientLeft: lambda _: "the client left",
+    events.WireCompared: lambda notice: (
+        "the client speaks " + ("the board's wire" if notice.is_own else "an unknown wire")
+    ),
+    events.FaultsCounted: lambda notice: f"faults: {_logged_board_counts(notice)}",
+    events.LineCounted: lambda notice: f"line: {_logged_board_counts(notice)}",
+}

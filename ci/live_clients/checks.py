@@ -29,8 +29,8 @@ LONGER: Final = "12"  # times that the emulator goes on, to see all that a live 
 LEAST_COHERENCE: Final = 0.99
 # Cases whose drives change too fast for a latch each
 FLEETING: Final = {"foci", "circle", "modulation", "segments", "modulation_segments"}
-# Those of the silencer, and those that autd3's emulator shows by other laps than the HDL
-WITHOUT_DRIVES: Final = {"refusals", "silenced", "silenced_by_rates", "turns"}
+# Those of refusals, and those that autd3's emulator shows by other laps than the HDL
+WITHOUT_DRIVES: Final = {"refusals", "turns"}
 
 
 def check_pyautd3(environment: Environment, folder: Path) -> Iterator[Result]:

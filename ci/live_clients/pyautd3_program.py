@@ -9,7 +9,7 @@
                                                    one case, against whatever listens there
 
 A case is a function of a session, which sends, waits and knows the time. But for the cases of the
-silencer it is told to jump, as the virtual board does unless it is told otherwise.
+silencer it is told to jump, as the virtual board does.
 """
 
 from __future__ import annotations
@@ -197,41 +197,6 @@ def refusals(autd: Session) -> None:
     autd.wait(4)
 
 
-def silenced(autd: Session) -> None:
-    """Send gains, a modulation and a sequence through the silencer of the default.
-
-    No phase goes round the circle twice: autd3's emulator counts on, where the HDL begins again.
-    """
-    autd.send(autd3.Silencer())
-    random = np.random.default_rng(7)
-    for wait in (45, 17, 45):  # the second is on its way when the third comes
-        codes = random.integers((20, 0), (128, 256), (249, 2))
-
-        def drive(_: Any, codes: Any = codes) -> Callable[[Any], Any]:
-            return lambda element: autd3.Drive(
-                phase=autd3.Phase(int(codes[element.idx(), 0])),
-                intensity=autd3.Intensity(int(codes[element.idx(), 1])),
-            )
-
-        autd.send(Custom(drive))
-        autd.wait(wait)
-    autd.send(autd3.Sine(freq=200 * autd3.Hz, option=autd3.SineOption()))
-    autd.wait(30)
-    autd.send(FULL)
-    autd.send(sequence([TARGET_MM, TARGET_MM + 5, TARGET_MM - 5], 40))
-    autd.wait(100)
-
-
-def silenced_by_rates(autd: Session) -> None:
-    """Send gains through a silencer with a rate for each period."""
-    autd.send(autd3.Silencer(config=autd3.FixedUpdateRate(intensity=900, phase=700)))
-    autd.send(at(TARGET_MM))
-    autd.wait(70)
-    autd.send(at(TARGET_MM + 9))
-    autd.wait(60)
-
-
-SILENCED = (silenced, silenced_by_rates)
 CASES: dict[str, Callable[[Session], None]] = {
     case.__name__: case
     for case in (
@@ -244,14 +209,13 @@ CASES: dict[str, Callable[[Session], None]] = {
         turns,
         modulation_segments,
         refusals,
-        *SILENCED,
     )
 }
 
 
 def prepared(case: Callable[[Session], None], autd: Session) -> None:
     """Run *case* with a silencer that lets everything jump."""
-    if case is not refusals and case not in SILENCED:
+    if case is not refusals:
         autd.send(JUMP)
     autd.send(FULL)
     autd.wait(4)

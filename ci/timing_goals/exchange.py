@@ -39,11 +39,13 @@ from haptogram_protocol.messages import (
     Config,
     ConfigReply,
     GetConfig,
+    GetStatus,
     MuteReply,
     Ping,
     Pong,
     SetConfig,
     SetConfigReply,
+    StatusReply,
     Trace,
     TraceMode,
 )
@@ -183,7 +185,9 @@ class Exchanger:
         frames = [self._frames[number % len(self._frames)] for number in range(count)]
         schedule = Schedule.at_rate(rate_hz, None, queue_depth=self._depth)
         begin_ns = link.now_ns()
-        self._streamer.stream(frames, schedule, StreamPacing(), None)
+        self._streamer.stream(
+            frames, schedule, StreamPacing(), None, lambda: link.request(GetStatus(), StatusReply)
+        )
         link.run_until(link.now_ns() + _SETTLING_NS)
         seconds = (link.now_ns() - begin_ns) / 1e9
         return Exchange(count, self._verified(), seconds, np.zeros(0))

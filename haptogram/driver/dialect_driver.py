@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,10 +54,6 @@ _SETTLING_NS: Final = 5_000_000  # from the last byte on the line until a board 
 _WITHOUT_A_LINE_BAUD: Final = 1_000_000  # of a port that takes no notice of it
 _PROGRESS_HZ: Final = 20
 _EARLY: Final = 0.5  # of the silence after which a board forgets
-
-
-class NotOnThisWireError(ConfigurationError, AttributeError):
-    """A part of :class:`~haptogram.driver.driver.Driver` for which another wire has no bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,10 +138,6 @@ class DialectDriver(ClosedByWith):
     ...     report = driver.stream([(0.0, 0.0, 0.15), (0.01, 0.0, 0.15)], rate_hz=40)
     >>> report.frames, str(driver.observations[0].evidence)
     (2, 'wire')
-    >>> driver.arm()
-    Traceback (most recent call last):
-        ...
-    haptogram.driver.dialect_driver.NotOnThisWireError: arm: sonicsurface has no bytes for it
     """
 
     session = 0
@@ -163,10 +155,7 @@ class DialectDriver(ClosedByWith):
         channels: Sequence[int] | None = None,
         keep: int | None = MOST_KEPT,
         sink: Callable[[Intended | Observation], object] | None = None,
-        **others: object,
     ) -> None:
-        for name in others:
-            self._refuse(name, dialect)
         if isinstance(dialect, str):
             check_choice("dialect", dialect, tuple(DIALECTS))
             dialect = DIALECTS[dialect]
@@ -230,16 +219,6 @@ class DialectDriver(ClosedByWith):
             self._line.run_until(self._line.free_ns + _SETTLING_NS)
         finally:
             self._line.close()
-
-    def __getattr__(self, name: str) -> NoReturn:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        self._refuse(name, self.dialect)
-
-    def _refuse(self, name: str, dialect: str | Dialect) -> NoReturn:
-        """Raise NotOnThisWireError for an operation that the dialect lacks."""
-        wire = dialect.name if isinstance(dialect, Dialect) else dialect
-        raise NotOnThisWireError(f"{name}: {wire} has no bytes for it")
 
     # --- questions -----------------------------------------------------------------------------
 

@@ -96,11 +96,10 @@ class HostOutput:
         pacing = replace(pacing, refresh_ns=self._arming.refresh_ns)
         every = frames * loops
         self._make_ready(frames, schedule.lead_us + stream_preparation_ns(len(every)) // 1000)
-        done = self._streamer.stream(every, schedule, pacing, progress)
-        self._session.collect_ring()
-        for text in done.not_permitted:
+        report = self._streamer.stream(every, schedule, pacing, progress, self._ended)
+        for text in report.not_permitted:
             self._session.warn(text)
-        return done.report(self._session.clock.uncertainty_us, self._status())
+        return report
 
     def play(
         self, frames: list[Frame], timing: PlaybackTiming, progress: Progress | None
@@ -113,13 +112,13 @@ class HostOutput:
         self._player.store(data)
         self._arming.rearm_if_timed_out(timing.lead_us)  # an upload takes longer than a hold
         t0_us, end = self._player.play(frames, timing, self._intended, progress)
-        self._session.collect_ring()
+        status = self._ended()
         return PlayReport(
             frames=timing.loops * len(frames),
             latched=None if end is None else end.frames,
             t0_us=t0_us,
             clock_uncertainty_us=self._session.clock.uncertainty_us,
-            status=self._status(),
+            status=status,
         )
 
     def _make_ready(self, frames: list[Frame], first_us: int) -> None:
@@ -128,5 +127,7 @@ class HostOutput:
         self._configuration.agree_on_sound_speed(frames)
         self._arming.rearm_if_timed_out(first_us)
 
-    def _status(self) -> StatusReply:
+    def _ended(self) -> StatusReply:
+        """Take the latches of the trace ring, and ask the board how it went."""
+        self._session.collect_ring()
         return self._link.request(GetStatus(), StatusReply)

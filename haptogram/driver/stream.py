@@ -24,7 +24,12 @@ from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import next_boundary_on_device_clock_us
 from haptogram.driver.timing.lead import LeadMargin, LeadTrim
 from haptogram.driver.timing.pings import Pinger
-from haptogram.driver.timing.realtime import PeriodicLoop, TickLog, can_arrive_by_deadline
+from haptogram.driver.timing.realtime import (
+    PeriodicLoop,
+    TickLog,
+    TickStamps,
+    can_arrive_by_deadline,
+)
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.errors import LinkError
 from haptogram.machine.process import real_time_process
@@ -118,37 +123,6 @@ class StreamPacing:
     refresh_ns: int = _WATCH_NS
 
 
-@dataclass(frozen=True, slots=True)
-class Streamed:
-    """The host's part of a finished stream; attributes as in :class:`StreamReport`."""
-
-    ticks: TickLog
-    skipped: tuple[int, ...]
-    late_ticks: int
-    write_stalls: int
-    lead_us: int
-    lead_moves: int
-    not_permitted: tuple[str, ...]
-    t0_us: int
-
-    def report(self, clock_uncertainty_us: float, status: StatusReply) -> StreamReport:
-        """Return the report, with the error of the clock and the board's own counts."""
-        return StreamReport(
-            frames=self.ticks.count,
-            skipped=self.skipped,
-            lateness_us=self.ticks.lateness_us(),
-            late_ticks=self.late_ticks,
-            write_stalls=self.write_stalls,
-            lead_us=self.lead_us,
-            lead_moves=self.lead_moves,
-            ticks=self.ticks,
-            not_permitted=self.not_permitted,
-            clock_uncertainty_us=clock_uncertainty_us,
-            t0_us=self.t0_us,
-            status=status,
-        )
-
-
 class Streamer:
     """Sends frames over a link, on a schedule.
 
@@ -197,8 +171,9 @@ class Streamer:
         schedule: Schedule,
         pacing: StreamPacing,
         progress: Progress | None,
-    ) -> Streamed:
-        """Send *frames*.
+        ended: Callable[[], StatusReply],
+    ) -> StreamReport:
+        """Send *frames*; *ended* then asks the board how it went.
 
         Raises
         ------
@@ -225,16 +200,21 @@ class Streamer:
             run.wait_for_queue(due_us)
         if progress is not None:
             progress(len(frames), len(frames))
-        late = run.ticks.lateness_us() >= float(schedule.period_us)
-        return Streamed(
-            ticks=run.ticks,
+        stalls, lateness_us = self._link.stalls - stalls, run.ticks.lateness_us()
+        status = ended()
+        return StreamReport(
+            frames=run.ticks.count,
             skipped=tuple(run.skipped),
-            late_ticks=int(late.sum()),
-            write_stalls=self._link.stalls - stalls,
+            lateness_us=lateness_us,
+            late_ticks=int((lateness_us >= float(schedule.period_us)).sum()),
+            write_stalls=stalls,
             lead_us=run.lead_us,
             lead_moves=pacing.trim.moves if pacing.trim else 0,
+            ticks=run.ticks,
             not_permitted=tuple(refused),
+            clock_uncertainty_us=self._pinger.clock.uncertainty_us,
             t0_us=t0_us,
+            status=status,
         )
 
     def _start_us(self, schedule: Schedule, count: int) -> int:
@@ -343,15 +323,9 @@ class _StreamRun:
         elif self._trim is not None:
             late_ns = ready_ns - self._deadline_ns + link.transmission_ns(wire)
             self.lead_us = self._trim.add(late_ns // 1000, 1)
-        self.ticks.record(
-            deadline_ns=self._deadline_ns,
-            idle_ns=link.idle_since_ns,
-            wake_ns=self._wake_ns,
-            ready_ns=ready_ns,
-            room_ns=room_ns,
-            done_ns=link.now_ns(),
-            line_free_ns=link.line.free_ns,
-        )
+        done_ns, free_ns = link.now_ns(), link.line.free_ns
+        stamps = self._deadline_ns, link.idle_since_ns, self._wake_ns, ready_ns, room_ns
+        self.ticks.record(TickStamps(*stamps, done_ns, free_ns))
         if not in_time:
             return latest_us, None
         return latest_us, self._pinger.clock.to_device_us(max(link.now_ns(), link.line.free_ns))

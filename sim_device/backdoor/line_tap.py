@@ -12,10 +12,8 @@ from typing import Any, Protocol, TypeAlias
 from haptogram.records.latch import LatchRecord
 from haptogram.settings.board import BoardConfig
 
-from ..board.events import AnyLatch, Latch, Notice
 from ..board.settings import BoardSettings
 from .recorder import InlineReconstructionWorker
-from .records import Record
 
 
 class LineTapRecording(Protocol):
@@ -51,7 +49,7 @@ class LineTapRecording(Protocol):
 OpenRecording: TypeAlias = Callable[[Path, Mapping[str, Any]], LineTapRecording]
 
 
-class LineTap:
+class LineTap(InlineReconstructionWorker):
     """Writes down what a board does and what passes its port.
 
     Bytes have the time of the device clock at power-up plus what has passed since, so that they
@@ -78,11 +76,10 @@ class LineTap:
         paced: bool,
     ) -> None:
         self._recording = recording
-        self._latched = 0
         self._boot_ns = settings.boot_us * 1000
         options = {"seed": config.seed} | config.non_default()
         recording.opened(self._boot_ns, options, self._boot_ns, paced=paced)
-        self._records = InlineReconstructionWorker(settings, self._write, reconstruct=False)
+        super().__init__(settings, recording.record, reconstruct=False, direct=recording.latch)
 
     def to_board(self, t_ns: int, data: bytes, waited_ns: int) -> None:
         """Take down bytes that the board took at *t_ns* since power-up."""
@@ -96,25 +93,8 @@ class LineTap:
         """Take down that the host has closed the port."""
         self._recording.departed(self._boot_ns + t_ns)
 
-    def latch(self, latch: AnyLatch) -> None:
-        """Take down a latch."""
-        if isinstance(latch, Latch):
-            self._latched += 1
-            self._recording.latch(LatchRecord.of(latch))  # without a detour through JSON
-        else:
-            self._records.latch(latch)
-
-    def notice(self, notice: Notice) -> None:
-        """Take down a change of the output; counts belong to the last record."""
-        self._records.notice(notice)
-
     def close(self) -> str:
         """Write the end; return why the recording ended early, or nothing."""
-        self._records.finish()
+        self.finish()
         self._recording.close()
         return self._recording.failure
-
-    def _write(self, record: Record) -> None:
-        if "latched" in record:
-            record["latched"] += self._latched
-        self._recording.record(record)

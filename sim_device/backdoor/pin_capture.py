@@ -87,7 +87,7 @@ class BackdoorPinCapture:
     def latch(self, latch: events.AnyLatch) -> None:
         """Keep what is radiated from now on."""
         carrier = latch.carrier if isinstance(latch, events.PulseLatch) else CarrierState.STEADY
-        weights = _pin_weights_of(latch)[self._elements] / carrier.level
+        weights = latch.weights()[self._elements] / carrier.level
         if isinstance(latch, events.PulseLatch) and not self._acts and not weights.any():
             return  # power-up: the capture begins with the first sound
         if self._ramp is not None:
@@ -299,14 +299,6 @@ class BackdoorPinCapture:
             )
             yield late / self._period_us - passed, mixed
             passed = late / self._period_us
-
-
-def _pin_weights_of(latch: events.AnyLatch) -> ComplexArray:
-    if isinstance(latch, events.Latch):
-        return latch.radiated.weights()
-    if latch.radiated is None:
-        raise TypeError("a unit's own latch; only a dialect knows which emitters its pulses drive")
-    return latch.radiated
 
 
 def _pin_capture_code(number: int) -> str:

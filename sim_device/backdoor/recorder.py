@@ -8,11 +8,11 @@ from collections.abc import Callable, Hashable, Sequence
 from typing import Final, TypeVar
 
 from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
-from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import Pattern
 from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, FrameKey, Observation
+from haptogram.records.latch import LatchRecord
 
 from ..board import events
 from ..board.settings import BoardSettings
@@ -77,7 +77,7 @@ class BackdoorEstimator:
         steps = self._coarsest(latch)
         if steps not in self._classifiers:
             self._classifiers[steps] = PatternClassifier(self._model, steps)
-        return self._classifiers[steps].classify(_weights_of_latch_record(latch))
+        return self._classifiers[steps].classify(latch.weights())
 
     def _coarsest(self, latch: events.PulseLatch) -> int:
         known = (latch.pulses.steps, self._phase_steps, latch.phase_steps)
@@ -89,7 +89,7 @@ class BackdoorEstimator:
                 latch.radiated, ramping=latch.ramping, phase_bits=latch.commanded_bits
             )
         return self._reconstructor.reconstruct_weights(
-            _weights_of_latch_record(latch), step_rad=math.tau / self._coarsest(latch)
+            latch.weights(), step_rad=math.tau / self._coarsest(latch)
         )
 
 
@@ -106,19 +106,13 @@ def _remembered(
     return known[key]
 
 
-def _weights_of_latch_record(latch: events.PulseLatch) -> ComplexArray:
-    if latch.radiated is None:
-        raise TypeError("a unit's own latch; only a dialect knows which emitters its pulses drive")
-    return latch.radiated
-
-
 def _radiated_by_latch_record(latch: events.AnyLatch) -> Hashable:
     """Return the key that latches with the same radiated drive share."""
     if isinstance(latch, events.Latch):
         drive = latch.radiated  # as bytes, whose hash is computed once
         codes = (drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes(), drive.phase_bits)
         return *codes, latch.commanded_bits, latch.ramping
-    return _weights_of_latch_record(latch).tobytes(), latch.pulses.steps
+    return latch.weights().tobytes(), latch.pulses.steps
 
 
 def _observation_of_latch(
@@ -153,6 +147,8 @@ class InlineReconstructionWorker:
     told : list of Observation, keyword-only, optional
         Takes the latches as a verdict has them. Then both they and the fields in the records come
         many at a time, at the latest with :meth:`settle`: they take a tenth of the time so.
+    direct : callable, keyword-only, optional
+        Takes the latches of Haptogram's own wire in place of their records.
     """
 
     def __init__(
@@ -162,8 +158,9 @@ class InlineReconstructionWorker:
         *,
         reconstruct: bool = True,
         told: list[Observation] | None = None,
+        direct: Callable[[LatchRecord], object] | None = None,
     ) -> None:
-        self._write = write
+        self._write, self._direct = write, direct
         self._told = told
         self._owed: list[tuple[events.Latch, records.Record]] = []
         wiring = settings.wiring
@@ -183,6 +180,9 @@ class InlineReconstructionWorker:
     def latch(self, latch: events.AnyLatch) -> None:
         """Take down a latch."""
         self._latched += 1
+        if self._direct is not None and isinstance(latch, events.Latch):
+            self._direct(LatchRecord.of(latch))
+            return
         if self._told is not None and isinstance(latch, events.Latch):
             self._defer_reconstruction(latch)
             return

@@ -316,8 +316,7 @@ class Board:
         """Take the upload, whole; return how many frames, or transducers, it holds."""
         self._refuse_without_upload()
         if commit.target != self._uploads.target:
-            text = f"commit of {commit.target}, begun was {self._uploads.target}"
-            raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
+            raise RefusalError(ErrorCode.BAD_VALUE, 0)
         self._refuse_while_playing(commit.target)
         upload = self._uploads.commit()
         if upload.begin.kind is UploadKind.CORRECTION:
@@ -329,12 +328,11 @@ class Board:
 
     def _refuse_without_upload(self) -> None:
         if self._uploads.target is None:
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state), "no upload has begun")
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state))
 
     def _refuse_while_playing(self, sequence: int) -> None:
         if self._playback is not None and self._playback.sequence == sequence:
-            text = f"sequence {sequence} is playing"
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state), text)
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state))
 
     # --- playback ------------------------------------------------------------------------------
 
@@ -355,12 +353,10 @@ class Board:
             BAD_STATE unless armed and idle, NOT_FOUND, or BAD_VALUE.
         """
         if self.output.state is not OutputState.ARMED or self._playback is not None:
-            busy = "while a sequence plays" if self._playback else f"while {self.output.state.name}"
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state), f"PLAY {busy}")
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state))
         frames = self._sequences.get(sequence)
         if frames is None:
-            held = len(self._sequences)
-            raise RefusalError(ErrorCode.NOT_FOUND, held, f"no sequence {sequence}")
+            raise RefusalError(ErrorCode.NOT_FOUND, len(self._sequences))
         ready_us = self._ready_us(frames[0])
         self._check_period(period_us, frames[0])
         self._check_play(start_us, ready_us, unattended_ms)
@@ -376,22 +372,15 @@ class Board:
         points = 0 if isinstance(content, Drive) else len(content)
         too_fast = limits.max_playback_rate_hz * period_us < 1_000_000
         if too_fast or period_us < points * limits.point_time_us:
-            text = (
-                f"period of {period_us} µs, limit {limits.max_playback_rate_hz} Hz, and "
-                f"{limits.point_time_us} µs for each of {points} points"
-            )
-            raise RefusalError(ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset, text)
+            raise RefusalError(ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset)
 
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
         limits = self.settings
         if not 1 <= unattended_ms <= limits.max_unattended_ms:
-            text = f"unattended for {unattended_ms} ms, 1 to {limits.max_unattended_ms}"
-            offset = Play.WIRE["unattended_ms"].offset
-            raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
+            raise RefusalError(ErrorCode.BAD_VALUE, Play.WIRE["unattended_ms"].offset)
         last_us = self.output.now_us + limits.max_horizon_us
         if start_us is not None and not ready_us <= start_us <= last_us:
-            text = f"start at {start_us} µs, {ready_us} to {last_us} µs"
-            raise RefusalError(ErrorCode.BAD_VALUE, 0, text)
+            raise RefusalError(ErrorCode.BAD_VALUE, 0)
 
     def stop(self) -> None:
         """End playback, if any; the last drive is held for ``hold_ms``."""

@@ -38,21 +38,15 @@ def initial_board_config(settings: BoardSettings) -> Config:
 def check_board_config(config: Config, settings: BoardSettings) -> None:
     """Raise :class:`RefusalError` (BAD_VALUE with the field's offset) for a value out of bounds."""
     if int(TRACE_CAPABILITIES[config.trace_mode]) & ~int(settings.features):
-        text = f"no trace of mode {config.trace_mode.name}"
-        raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE["trace_mode"].offset, text)
+        raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE["trace_mode"].offset)
     for name, (low, high) in CONFIG_BOUNDS.items():  # in the order of the fields
         value = getattr(config, name)
         if name == "status_period_ms":
             low = _least_board_status_period_ms(settings.line.baud) if value else 0
-        _check_board_setting(name, value, low, high)
+        if not low <= value <= high:
+            raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE[name].offset)
 
 
 def board_config_crc(config: Config, correction: bytes) -> int:
     """Return the CRC-32 that names a configuration and a phase correction."""
     return zlib.crc32(config.pack() + correction)
-
-
-def _check_board_setting(name: str, value: int, low: int, high: int) -> None:
-    if not low <= value <= high:
-        text = f"{name} is {value}, must be {low} to {high}"
-        raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE[name].offset, text)

@@ -54,6 +54,10 @@ class Latch:
     ramping: bool
     t_received_us: int | None = None
 
+    def weights(self) -> ComplexArray:
+        """Return the (N,) complex weights of what is radiated."""
+        return self.radiated.weights()
+
 
 @dataclass(frozen=True, slots=True)
 class Modulation:
@@ -129,6 +133,12 @@ class PulseLatch:
     radiated: ComplexArray | None = None
     is_faulty: bool = False
     carrier: CarrierState = CarrierState.STEADY
+
+    def weights(self) -> ComplexArray:
+        """Return the (N,) complex weights of what is radiated; only a dialect knows them."""
+        if self.radiated is None:
+            raise TypeError("a latch of a unit, before its dialect has said what it radiates")
+        return self.radiated
 
 
 @dataclass(frozen=True, slots=True)

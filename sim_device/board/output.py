@@ -156,7 +156,7 @@ class BoardOutput:
         try:
             state = next_output_state(self.state, event)
         except LocalProtocolError as error:
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), str(error)) from error
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.state)) from error
         if state is not self.state:
             self.state, self.reason = state, reason
             self._new_notices.append(StateChange(self.now_us, state, reason, requested))

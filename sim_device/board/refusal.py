@@ -17,7 +17,7 @@ class RefusalError(HaptogramError):
         The number that belongs to the code.
     """
 
-    def __init__(self, code: ErrorCode, detail: int, message: str) -> None:
-        super().__init__(message)
+    def __init__(self, code: ErrorCode, detail: int) -> None:
+        super().__init__(f"{code.name}, detail {detail}")
         self.code = code
         self.detail = detail

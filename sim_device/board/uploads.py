@@ -94,7 +94,7 @@ class BoardUploads:
             UNSUPPORTED, BAD_VALUE, BAD_LENGTH or TOO_LARGE.
         """
         if not UPLOAD_CAPABILITIES[begin.kind] & self._settings.features:
-            raise RefusalError(ErrorCode.UNSUPPORTED, begin.TYPE, f"no {begin.kind.name} uploads")
+            raise RefusalError(ErrorCode.UNSUPPORTED, begin.TYPE)
         self._check_target(begin)
         self._check_size(begin, room)
         self._pending = _BoardUpload(begin)
@@ -110,17 +110,12 @@ class BoardUploads:
         """
         pending = self._expect()
         if len(chunk.data) > self._settings.max_chunk:
-            limit = self._settings.max_chunk
-            raise RefusalError(ErrorCode.BAD_LENGTH, limit, f"chunk of {len(chunk.data)} bytes")
+            raise RefusalError(ErrorCode.BAD_LENGTH, self._settings.max_chunk)
         if chunk.offset + len(chunk.data) > pending.begin.size:
-            end = chunk.offset + len(chunk.data)
-            raise RefusalError(
-                ErrorCode.BAD_VALUE, 0, f"chunk up to {end} of {pending.begin.size} bytes"
-            )
+            raise RefusalError(ErrorCode.BAD_VALUE, 0)
         received = len(pending.data)
         if chunk.offset > received:
-            text = f"chunk at {chunk.offset}, received are {received} bytes"
-            raise RefusalError(ErrorCode.INCOMPLETE, received, text)
+            raise RefusalError(ErrorCode.INCOMPLETE, received)
         pending.store(chunk.offset, chunk.data)
         return len(pending.data)
 
@@ -134,12 +129,10 @@ class BoardUploads:
         """
         pending = self._expect()
         if (received := len(pending.data)) < pending.begin.size:
-            text = f"{received} of {pending.begin.size} bytes have come"
-            raise RefusalError(ErrorCode.INCOMPLETE, received, text)
+            raise RefusalError(ErrorCode.INCOMPLETE, received)
         crc = zlib.crc32(pending.data)
         if crc != pending.begin.crc:
-            text = f"CRC-32 is {crc:08x}, announced {pending.begin.crc:08x}"
-            raise RefusalError(ErrorCode.CRC_MISMATCH, crc, text)
+            raise RefusalError(ErrorCode.CRC_MISMATCH, crc)
         return Upload(pending.begin, bytes(pending.data), self._frame_size(pending.begin))
 
     def _expect(self) -> _BoardUpload:
@@ -151,25 +144,20 @@ class BoardUploads:
         points = begin.points_per_frame
         most = self._settings.max_points if begin.kind is UploadKind.POINTS else 0
         if not min(most, 1) <= points <= most:
-            offset = UploadBegin.WIRE["points_per_frame"].offset
-            text = f"{points} points in a frame, at most {most}"
-            raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
+            raise RefusalError(ErrorCode.BAD_VALUE, UploadBegin.WIRE["points_per_frame"].offset)
         if (begin.target == 0) != (begin.kind is UploadKind.CORRECTION):
-            offset = UploadBegin.WIRE["target"].offset
-            text = f"{begin.kind.name} for {begin.target}"
-            raise RefusalError(ErrorCode.BAD_VALUE, offset, text)
+            raise RefusalError(ErrorCode.BAD_VALUE, UploadBegin.WIRE["target"].offset)
 
     def _check_size(self, begin: UploadBegin, room: int) -> None:
         limits, frame = self._settings, self._frame_size(begin)
         frames, rest = divmod(begin.size, frame)
         if not frames or rest or (begin.kind is UploadKind.CORRECTION and frames > 1):
-            text = f"{begin.size} bytes in frames of {frame}"
-            raise RefusalError(ErrorCode.BAD_LENGTH, frame, text)
+            raise RefusalError(ErrorCode.BAD_LENGTH, frame)
         if begin.size > (limit := min(limits.max_upload_bytes, room)):
-            raise RefusalError(ErrorCode.TOO_LARGE, limit, f"{begin.size} bytes, limit {limit}")
+            raise RefusalError(ErrorCode.TOO_LARGE, limit)
         is_sequence = begin.kind is not UploadKind.CORRECTION
         if is_sequence and frames > (limit := limits.max_sequence_frames):
-            raise RefusalError(ErrorCode.TOO_LARGE, limit, f"{frames} frames, limit {limit}")
+            raise RefusalError(ErrorCode.TOO_LARGE, limit)
 
     def _frame_size(self, begin: UploadBegin) -> int:
         if begin.kind is UploadKind.POINTS:

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, TypeAlias
 
-from haptogram_protocol import connection, messages
+from haptogram_protocol import connection
+from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import end_of_frame
 
-from ..board import readout
+from ..board import answers
 from ..board.board import Board
 from ..board.clock import earliest_board_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange, StreamDropped
@@ -24,8 +25,8 @@ from ..board.stream_queue import StreamFrame
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
 _STATUS_LIMIT: Final = OUTPUT_LIMIT * 3 // 4  # the last quarter is for responses: HG-9.6
 
-# What comes under which type: the table below sees to it, so that the type checker need not.
-_Handler: TypeAlias = Callable[[Any, connection.RequestReceived], messages.Message]
+# What comes under which type: the tables see to it, so that the type checker need not.
+_Handler: TypeAlias = Callable[[Any, connection.RequestReceived], m.Message]
 
 
 class VirtualHaptogramDialect:
@@ -71,27 +72,13 @@ class VirtualHaptogramDialect:
         self._is_next_known = False
         self._latches: list[Latch] = []
         self._notices: list[Notice] = []
-        self._handlers: dict[type[messages.Message], _Handler] = {
-            messages.Arm: self._arm,
-            messages.Mute: self._mute,
-            messages.Disarm: self._disarm,
-            messages.Ping: self._ping,
-            messages.GetStatus: lambda _, __: messages.StatusReply(*self._status()),
-            messages.GetConfig: lambda _, __: messages.ConfigReply(board.config_crc, board.config),
-            messages.SetConfig: self._set_config,
-            messages.GetGeometry: lambda message, _: readout.board_geometry(
-                board.settings, message
-            ),
-            messages.ReadDrive: lambda message, _: readout.board_drive(board, message),
-            messages.ReadTrace: lambda message, _: readout.board_trace(board, message),
-            messages.UploadBegin: self._begin_upload,
-            messages.UploadChunk: self._store_chunk,
-            messages.UploadCommit: self._commit_upload,
-            messages.Play: self._play,
-            messages.Stop: self._stop,
+        self._handlers: dict[type[m.Message], _Handler] = {
+            m.Mute: self._mute,
+            m.Ping: self._ping,
+            m.GetStatus: lambda _, __: m.StatusReply(*self._status()),
+            m.SetConfig: self._set_config,
+            m.Play: self._play,
         }
-
-    # --- time and bytes ------------------------------------------------------------------------
 
     @property
     def now_us(self) -> int:
@@ -174,7 +161,7 @@ class VirtualHaptogramDialect:
     @property
     def counters(self) -> dict[str, int]:
         """Every counter of HG-9.2 by name."""
-        return readout.board_counters(self.board, self._link.counters, self._trace_dropped)
+        return answers.board_counters(self.board, self._link.counters, self._trace_dropped)
 
     # --- events of the link --------------------------------------------------------------------
 
@@ -183,9 +170,7 @@ class VirtualHaptogramDialect:
             self.board.output.renew_lease()
         if isinstance(event, connection.StreamReceived):
             self._stream(event)
-        elif isinstance(event, connection.RequestReceived) and isinstance(
-            event.message, messages.Hello
-        ):
+        elif isinstance(event, connection.RequestReceived) and isinstance(event.message, m.Hello):
             self._greet(event.message, event)
         elif isinstance(event, connection.RequestReceived):
             self._answer(event)
@@ -203,35 +188,39 @@ class VirtualHaptogramDialect:
             now_us, session = self.board.now_us, self.board.session
             self._notices.append(StreamDropped(now_us, session, event.index, str(dropped)))
 
-    def _content(self, message: messages.Phases | messages.Drives | messages.Points) -> Content:
+    def _content(self, message: m.Phases | m.Drives | m.Points) -> Content:
         count = self.board.settings.count
-        if isinstance(message, messages.Points):
-            _refuse_by_dialect_unless(
-                len(message.points) <= self.board.settings.max_points, "too many points"
-            )
+        if isinstance(message, m.Points):
+            if len(message.points) > self.board.settings.max_points:
+                raise RemoteProtocolError("too many points")
             return message.points
-        codes = messages.drive_codes(message, count)
+        codes = m.drive_codes(message, count)
         assert codes is not None  # of PHASES and DRIVES
         return drive_of_registers(*codes)
 
-    def _greet(self, hello: messages.Hello, request: connection.RequestReceived) -> None:
+    def _greet(self, hello: m.Hello, request: connection.RequestReceived) -> None:
         self.board.open_session(hello.nonce)
         self._link.open_session(hello.nonce)
         self._traced = 0
         self._schedule_status()
-        reply = readout.board_identity(self.board)
+        reply = answers.board_identity(self.board)
         self._link.reply(request, reply, self._first_byte_us)  # before any event of the session
 
     def _answer(self, request: connection.RequestReceived) -> None:
         try:
-            reply = self._handlers[type(request.message)](request.message, request)
+            reply = self._reply_to(request.message, request)
         except RefusalError as refusal:
             self._link.refuse(request, refusal.code, refusal.detail, self._first_byte_us)
         else:
             self._link.reply(request, reply, self._first_byte_us)
 
+    def _reply_to(self, message: m.Message, request: connection.RequestReceived) -> m.Message:
+        if (own := self._handlers.get(type(message))) is not None:
+            return own(message, request)
+        return answers.ANSWERS[type(message)](self.board, message)
+
     def _unwrap(self, t_wire_us: int | None) -> int | None:
-        return None if t_wire_us is None else messages.unwrap(t_wire_us, self.board.now_us, 32)
+        return None if t_wire_us is None else m.unwrap(t_wire_us, self.board.now_us, 32)
 
     @property
     def _first_byte_us(self) -> int:
@@ -242,50 +231,21 @@ class VirtualHaptogramDialect:
 
     # --- requests ------------------------------------------------------------------------------
 
-    def _arm(self, _: messages.Arm, __: connection.RequestReceived) -> messages.Message:
-        self.board.arm()
-        return messages.ArmReply(self.board.state)
-
-    def _mute(self, _: messages.Mute, request: connection.RequestReceived) -> messages.Message:
+    def _mute(self, _: m.Mute, request: connection.RequestReceived) -> m.Message:
         self.board.mute(requested=request.renews_lease)  # another session's surprises the host
-        return messages.MuteReply(self.board.state)
+        return m.MuteReply(self.board.state)
 
-    def _disarm(self, _: messages.Disarm, __: connection.RequestReceived) -> messages.Message:
-        self.board.disarm()
-        return messages.DisarmReply(self.board.state)
-
-    def _ping(self, ping: messages.Ping, request: connection.RequestReceived) -> messages.Message:
+    def _ping(self, ping: m.Ping, request: connection.RequestReceived) -> m.Message:
         t_rx_us, t_tx_us = (t & 0xFFFFFFFF for t in (request.t_rx_us, self._first_byte_us))
-        return messages.Pong(echo=ping.echo, t_rx_us=t_rx_us, t_tx_us=t_tx_us)
+        return m.Pong(echo=ping.echo, t_rx_us=t_rx_us, t_tx_us=t_tx_us)
 
-    def _set_config(
-        self, message: messages.SetConfig, _: connection.RequestReceived
-    ) -> messages.Message:
+    def _set_config(self, message: m.SetConfig, _: connection.RequestReceived) -> m.Message:
         self.board.configure(message.config)
         self._traced = 0
         self._schedule_status()
-        return messages.SetConfigReply(self.board.config_crc, self.board.config)
+        return m.SetConfigReply(self.board.config_crc, self.board.config)
 
-    def _begin_upload(
-        self, begin: messages.UploadBegin, _: connection.RequestReceived
-    ) -> messages.Message:
-        self.board.begin_upload(begin)
-        settings = self.board.settings
-        return messages.UploadBeginReply(
-            max_chunk=settings.max_chunk, window=settings.upload_window
-        )
-
-    def _store_chunk(
-        self, chunk: messages.UploadChunk, _: connection.RequestReceived
-    ) -> messages.Message:
-        return messages.UploadChunkReply(received=self.board.store_chunk(chunk))
-
-    def _commit_upload(
-        self, commit: messages.UploadCommit, _: connection.RequestReceived
-    ) -> messages.Message:
-        return messages.UploadCommitReply(frames=self.board.commit_upload(commit))
-
-    def _play(self, play: messages.Play, request: connection.RequestReceived) -> messages.Message:
+    def _play(self, play: m.Play, request: connection.RequestReceived) -> m.Message:
         self.board.play(
             play.sequence,
             start_us=None if request.immediate else self._unwrap(request.t_wire_us),
@@ -293,11 +253,7 @@ class VirtualHaptogramDialect:
             loops=play.loops,
             unattended_ms=play.unattended_ms,
         )
-        return messages.PlayReply(self.board.state)
-
-    def _stop(self, _: messages.Stop, __: connection.RequestReceived) -> messages.Message:
-        self.board.stop()
-        return messages.StopReply(self.board.state)
+        return m.PlayReply(self.board.state)
 
     # --- events of the board -------------------------------------------------------------------
 
@@ -315,23 +271,23 @@ class VirtualHaptogramDialect:
         """Send a trace event for a latch, if tracing is on."""
         message = self._trace_message(latch)
         if message is not None:
-            flags = messages.Flag.LATE if latch.late else 0
+            flags = m.Flag.LATE if latch.late else 0
             t_us = latch.t_latch_us
             sent = self._link.send_event(message, now_us=t_us, flags=flags, droppable=True)
             self._trace_dropped += not sent
 
-    def _trace_message(self, latch: Latch) -> messages.Message | None:
+    def _trace_message(self, latch: Latch) -> m.Message | None:
         config, key = self.board.output.config, latch.key
-        if config.trace_mode is messages.TraceMode.DRIVE:
+        if config.trace_mode is m.TraceMode.DRIVE:
             self._traced += 1
             due = (self._traced - 1) % config.trace_divider == 0
-            data = readout.register_codes(latch.drive)
-            return messages.TraceDrive(key=key, data=data) if due else None
-        if config.trace_mode is not messages.TraceMode.CRC:
+            data = answers.register_codes(latch.drive)
+            return m.TraceDrive(key=key, data=data) if due else None
+        if config.trace_mode is not m.TraceMode.CRC:
             return None
         if key.sequence:
-            return messages.TracePlayback(key=key, crc=latch.drive.digest())
-        return messages.Trace(index=key.index, crc=latch.drive.digest())
+            return m.TracePlayback(key=key, crc=latch.drive.digest())
+        return m.Trace(index=key.index, crc=latch.drive.digest())
 
     def _schedule_status(self) -> None:
         period_us = self.board.config.status_period_ms * 1000
@@ -339,25 +295,20 @@ class VirtualHaptogramDialect:
 
     def _send_status(self, t_us: int) -> None:
         if self._link.output_bytes < _STATUS_LIMIT:
-            self._link.send_event(messages.Status(*self._status()), now_us=t_us)
+            self._link.send_event(m.Status(*self._status()), now_us=t_us)
         self._schedule_status()
 
-    def _status(self) -> readout.StatusFields:
+    def _status(self) -> answers.StatusFields:
         free = self.board.settings.rx_window
-        return readout.board_status(self.board, self.counters, free_bytes=free)
+        return answers.board_status(self.board, self.counters, free_bytes=free)
 
 
-def _refuse_by_dialect_unless(holds: bool, text: str, reason: str = "bad_value") -> None:
-    if not holds:
-        raise RemoteProtocolError(text, reason=reason)
-
-
-def _event_of_notice(notice: Notice) -> messages.Message | None:
+def _event_of_notice(notice: Notice) -> m.Message | None:
     """Return the event message for *notice*; None for changes that the host requested."""
     if isinstance(notice, StateChange) and not notice.requested:
-        return messages.StateChanged(state=notice.state, reason=notice.reason)
+        return m.StateChanged(state=notice.state, reason=notice.reason)
     if isinstance(notice, PlaybackEnd):
-        return messages.PlaybackEnded(
+        return m.PlaybackEnded(
             sequence=notice.sequence, loops=notice.loops, frames=notice.frames & 0xFFFFFFFF
         )
     return None

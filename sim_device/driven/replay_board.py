@@ -9,9 +9,7 @@ from haptogram.records.latch import LatchRecord
 from haptogram.settings.board import BoardConfig
 
 from ..backdoor.recorder import InlineReconstructionWorker
-from ..backdoor.records import Record
 from ..blueprint import blueprint_of
-from ..board.events import AnyLatch, Latch, Notice
 from ..simulation import Simulation
 
 Seen: TypeAlias = LatchRecord | Mapping[str, Any]
@@ -31,12 +29,16 @@ class VirtualReplayBoard:
     def __init__(self, config: BoardConfig, *, paced: bool) -> None:
         blueprint = blueprint_of(config)
         self._seen: list[Seen] = []
-        self._records = InlineReconstructionWorker(
-            blueprint.settings, self._keep, reconstruct=False
+        recorder = InlineReconstructionWorker(
+            blueprint.settings,
+            lambda record: self._seen.append(record),
+            reconstruct=False,
+            direct=lambda latch: self._seen.append(latch),
         )
         self._seen.clear()  # of the record of the board itself
+        parts, faults = blueprint.parts, blueprint.faults
         self._simulation = Simulation(
-            blueprint.settings, self, paced=paced, parts=blueprint.parts, faults=blueprint.faults
+            blueprint.settings, recorder, paced=paced, parts=parts, faults=faults
         )
         self.boot_us = blueprint.settings.boot_us
 
@@ -74,17 +76,3 @@ class VirtualReplayBoard:
         """Return latches and other records since the last call."""
         taken, self._seen = self._seen, []
         return taken
-
-    def latch(self, latch: AnyLatch) -> None:
-        """Take down a latch."""
-        if isinstance(latch, Latch):
-            self._seen.append(LatchRecord.of(latch))
-        else:
-            self._records.latch(latch)
-
-    def notice(self, notice: Notice) -> None:
-        """Take down a change of the output."""
-        self._records.notice(notice)
-
-    def _keep(self, record: Record) -> None:
-        self._seen.append(record)

@@ -44,9 +44,7 @@ class FaultyPhasors:
         if isinstance(latch, Latch):
             drive = latch.radiated
             return cls(drive.phase_codes / _CODES, drive.amplitude_codes / FULL_AMPLITUDE)
-        if latch.radiated is None:
-            raise TypeError("a latch of a unit, before its dialect has said what it radiates")
-        return cls.of_weights(latch.radiated)
+        return cls.of_weights(latch.weights())
 
     def weights(self) -> ComplexArray:
         """Return the (N,) complex weights."""

@@ -235,7 +235,7 @@ class LowFlagsRefused(BoardConnection):
 
     def _judge_stream(self, frame: Any) -> Any:
         if frame.header.flags & 0x0F:
-            return self._drop(frame, "unsupported", "low flags")
+            return self._drop(frame, "unsupported")
         return super()._judge_stream(frame)
 
 
@@ -249,8 +249,8 @@ class UnknownFlagsTaken(BoardConnection):
 class UnknownTypeIsDamage(BoardConnection):
     """Counts a stream frame of an unknown type as one with a wrong CRC."""
 
-    def _drop(self, frame: Any, reason: str, detail: str) -> Any:
-        return super()._drop(frame, "crc" if reason == "unknown_type" else reason, detail)
+    def _drop(self, frame: Any, reason: str) -> Any:
+        return super()._drop(frame, "crc" if reason == "unknown_type" else reason)
 
 
 class NumbersAligned(FrameDecoder):

@@ -166,7 +166,7 @@ class FaultRefusesSettings(VirtualHaptogramDialect):
     def _set_config(self, message: Any, request: Any) -> Any:
         state = self.board.output.state
         if state is OutputState.FAULT:
-            raise RefusalError(ErrorCode.BAD_STATE, int(state), "a fault")
+            raise RefusalError(ErrorCode.BAD_STATE, int(state))
         return super()._set_config(message, request)
 
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Final
 
 from haptogram.records.frame import Evidence
 from haptogram_protocol.connection import BoardConnection
-from haptogram_protocol.messages import Hello, HelloReply, Mute, MuteReply
+from haptogram_protocol.messages import Hello, HelloReply, Mute, MuteReply, UploadCommit
 from sim_device.dialects.haptogram import VirtualHaptogramDialect
 from sim_device.mutants import Mutant
 
@@ -46,7 +46,7 @@ class RepetitionsOfNow(BoardConnection):
         if answered and (answered.seq, answered.crc) == (frame.header.seq, frame.crc):
             assert self._last is not None
             self._answer(*self._last, self.departure_us(frame.t_rx_us))
-            return self._drop(frame, "repeated", "answered anew")
+            return self._drop(frame, "repeated")
         return super()._judge_control_seq(frame)
 
 
@@ -179,8 +179,8 @@ class RepliesReturn(BoardConnection):
 class RepetitionsRenewNothing(BoardConnection):
     """Answers a repeated request from memory without renewing the lease."""
 
-    def _drop(self, frame: Any, reason: str, detail: str) -> Any:
-        event = super()._drop(frame, reason, detail)
+    def _drop(self, frame: Any, reason: str) -> Any:
+        event = super()._drop(frame, reason)
         return dataclasses.replace(event, renews_lease=False) if reason == "repeated" else event
 
 
@@ -225,9 +225,10 @@ class SequencesOutliveAReset(_RemembersOverAReset):
         _, left = self._memory
         self.board._sequences.update(left or {})
 
-    def _commit_upload(self, message: Any, request: Any) -> Any:
-        reply = super()._commit_upload(message, request)
-        self._remember(dict(self.board._sequences))
+    def _reply_to(self, message: Any, request: Any) -> Any:
+        reply = super()._reply_to(message, request)
+        if isinstance(message, UploadCommit):
+            self._remember(dict(self.board._sequences))
         return reply
 
 

@@ -196,7 +196,7 @@ class StopWantsPlayback(Board):
     def stop(self) -> None:
         """Stop what plays."""
         if self._playback is None:
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.state), "nothing plays")
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.state))
         super().stop()
 
 
@@ -213,7 +213,7 @@ class ChunksOnceOnly(Board):
     def store_chunk(self, chunk: UploadChunk) -> int:
         """Store the chunk that is due."""
         if chunk.offset != self._next:
-            raise RefusalError(ErrorCode.BAD_VALUE, 0, "not in order")
+            raise RefusalError(ErrorCode.BAD_VALUE, 0)
         self._next += len(chunk.data)
         return super().store_chunk(chunk)
 

@@ -13,6 +13,8 @@ from haptogram_protocol.messages import (
     Feature,
     Hello,
     HelloReply,
+    Mute,
+    Stop,
     signed_difference,
 )
 from sim_device.board.counters import BoardCounters
@@ -111,14 +113,10 @@ class HelloStartsAtZero(BoardConnection):
 class EventsFirst(VirtualHaptogramDialect):
     """Tells what a request led to before it answers the request."""
 
-    def _mute(self, message: Any, request: Any) -> Any:
-        reply = super()._mute(message, request)
-        self.collect()
-        return reply
-
-    def _stop(self, message: Any, request: Any) -> Any:
-        reply = super()._stop(message, request)
-        self.collect()
+    def _reply_to(self, message: Any, request: Any) -> Any:
+        reply = super()._reply_to(message, request)
+        if isinstance(message, Mute | Stop):
+            self.collect()
         return reply
 
 

@@ -97,7 +97,8 @@ def test_every_public_name_exists_and_is_listed_once(name: str) -> None:
 def test_every_message_is_a_public_name_of_messages() -> None:
     from haptogram_protocol import messages
 
-    assert {kind.__name__ for kind in messages.MESSAGES.values()} <= set(messages.__all__)
+    assert {kind.__name__ for kind in messages.MESSAGES.values()} <= set(dir(messages))
+    assert {member.value for member in messages.MessageType} == set(messages.MESSAGES)
 
 
 def test_dir_lists_the_public_names_and_nothing_else() -> None:

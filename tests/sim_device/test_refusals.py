@@ -291,7 +291,7 @@ def test_settings_that_no_board_can_have():
         BoardSettings(model=model)
 
 
-def test_a_refusal_says_why_in_words():
+def test_a_refusal_says_why_as_the_wire_does():
     board = Simulation(BoardSettings(model=MODEL)).dialect.board
-    with pytest.raises(RefusalError, match="PLAY while DISARMED"):
+    with pytest.raises(RefusalError, match="BAD_STATE, detail 0"):
         board.play(4, start_us=None, period_us=1000, loops=1, unattended_ms=1000)

@@ -117,12 +117,9 @@ class DialectFrameBuilder:
             return self.build(as_frame_foci(cast("Targets", targets)), solver)
         ours = len(self._channels), self._display.channels, self._display.steps
         for number, frame in enumerate(targets):
-            its = frame.drive.count, len(frame.codes), frame.steps
-            if its != ours:
+            if (frame.drive.count, len(frame.codes), frame.steps) != ours:
                 raise ConfigurationError(
-                    f"frame {number} is for {its[0]} elements at {its[1]} channels of {its[2]} "
-                    f"steps; these boards have {ours[0]} at {ours[1]} of {ours[2]}: make it anew "
-                    "with frames()"
+                    f"frame {number} was made for other boards; make it anew with frames()"
                 )
         return list(targets)
 

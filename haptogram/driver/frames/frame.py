@@ -143,13 +143,14 @@ def check_frames_to_send(
     Raises
     ------
     ConfigurationError
-        Naming the frame, and both values.
+        Naming the frame.
     """
     geometry_hash = model.array.digest()
     for number, frame in enumerate(frames):
-        misfit = _frame_misfit(frame, geometry_hash, identity)
-        if misfit is not None:
-            raise ConfigurationError(f"frame {number} {misfit}; make it anew with frames()")
+        if frame.geometry_hash != geometry_hash or not _is_taken(frame, identity):
+            raise ConfigurationError(
+                f"frame {number} was made for another board or array; make it anew with frames()"
+            )
     speeds = sorted({f.sound_speed_mm_s for f in frames if f.sound_speed_mm_s is not None})
     if len(speeds) > 1:
         raise ConfigurationError(
@@ -158,22 +159,12 @@ def check_frames_to_send(
         )
 
 
-def _frame_misfit(frame: Frame, geometry_hash: int, identity: HelloReply) -> str | None:
-    """Return why *frame* is not for this board; None: it is."""
-    message, mode = frame.message, frame.mode
-    if frame.drive.count != identity.transducers:
-        return f"is for {frame.drive.count} transducers; the board has {identity.transducers}"
-    if frame.geometry_hash != geometry_hash:
-        return (
-            f"is for another array (geometry hash {frame.geometry_hash:08x}; that of the model is "
-            f"{geometry_hash:08x})"
-        )
-    if mode in NEEDED_FEATURE and not identity.features & NEEDED_FEATURE[mode]:
-        return f"is of the mode {mode}; the board takes no such frames"
-    if isinstance(message, Points):
-        if len(message.points) > identity.max_points:
-            return f"has {len(message.points)} foci; the board takes {identity.max_points}"
-        graded = bool(identity.features & Feature.AMPLITUDE)
-        if not graded and frame.drive.amplitude_codes.min() < FULL_AMPLITUDE:
-            return "has amplitudes; the board drives every transducer at full amplitude"
-    return None
+def _is_taken(frame: Frame, identity: HelloReply) -> bool:
+    """Return True if the board takes frames of this mode, with so many foci and amplitudes."""
+    if frame.mode in NEEDED_FEATURE and not identity.features & NEEDED_FEATURE[frame.mode]:
+        return False
+    if not isinstance(frame.message, Points):
+        return True
+    is_full = frame.drive.amplitude_codes.min() == FULL_AMPLITUDE
+    fits = len(frame.message.points) <= identity.max_points
+    return fits and bool(is_full or identity.features & Feature.AMPLITUDE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,8 +138,20 @@ class PeriodicLoop:
             )
 
 
-#: What a :class:`TickLog` keeps of every tick: host times in nanoseconds.
-STAMPS: Final = ("deadline", "idle", "wake", "ready", "room", "done", "line_free")
+class TickStamps(NamedTuple):
+    """Host times of the events of one tick, in nanoseconds."""
+
+    deadline: int
+    idle: int
+    wake: int
+    ready: int
+    room: int
+    done: int
+    line_free: int
+
+
+#: What a :class:`TickLog` keeps of every tick.
+STAMPS: Final = TickStamps._fields
 
 
 class TickLog:
@@ -174,27 +186,9 @@ class TickLog:
         self._rows = np.zeros((ticks, len(STAMPS)), dtype=np.int64)
         self.count = 0
 
-    def record(
-        self,
-        *,
-        deadline_ns: int,
-        idle_ns: int,
-        wake_ns: int,
-        ready_ns: int,
-        room_ns: int,
-        done_ns: int,
-        line_free_ns: int,
-    ) -> None:
+    def record(self, stamps: TickStamps) -> None:
         """Take the stamps of the next tick."""
-        self._rows[self.count] = (
-            deadline_ns,
-            idle_ns,
-            wake_ns,
-            ready_ns,
-            room_ns,
-            done_ns,
-            line_free_ns,
-        )
+        self._rows[self.count] = stamps
         self.count += 1
 
     def stamp_ns(self, name: str) -> NDArray[np.int64]:

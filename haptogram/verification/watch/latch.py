@@ -18,8 +18,8 @@ MODULATED: Final = "modulation"
 UPLOAD: Final = "upload"
 #: What boards count of latches whose pins pulse in every second period.
 HALVED: Final = "pins_at_half_carrier"
-#: What boards latch without a client; a silencer is on its way to what the client asked for.
-OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame", "silencer", MODULATED, UPLOAD})
+#: What boards latch without a client.
+OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame", MODULATED, UPLOAD})
 #: What codecs count of a frame that is not whole: bytes of it were lost, or changed.
 TORN_KINDS: Final = frozenset(
     {

@@ -6,45 +6,8 @@ Both ends have ``receive_data``, ``next_event`` and ``data_to_send``; the host's
 
 from .board import BoardConnection
 from .counters import HOST_COUNTERS, LINK_COUNTERS
-from .events import (
-    NEED_DATA,
-    BoardEvent,
-    EventReceived,
-    FrameDropped,
-    HostEvent,
-    NeedData,
-    ReplyReceived,
-    RequestReceived,
-    RequestRefused,
-    RequestTimedOut,
-    StreamReceived,
-)
+from .events import *
 from .host import HostConnection
 from .inbox import INPUT_LIMIT
 from .outbox import OUTPUT_LIMIT
-from .timer import INITIAL_RTO_US, MAX_ATTEMPTS, MAX_RTO_US, MIN_RTO_US, RoundTripTimer
-
-__all__ = [
-    "HOST_COUNTERS",
-    "INITIAL_RTO_US",
-    "INPUT_LIMIT",
-    "LINK_COUNTERS",
-    "MAX_ATTEMPTS",
-    "MAX_RTO_US",
-    "MIN_RTO_US",
-    "NEED_DATA",
-    "OUTPUT_LIMIT",
-    "BoardConnection",
-    "BoardEvent",
-    "EventReceived",
-    "FrameDropped",
-    "HostConnection",
-    "HostEvent",
-    "NeedData",
-    "ReplyReceived",
-    "RequestReceived",
-    "RequestRefused",
-    "RequestTimedOut",
-    "RoundTripTimer",
-    "StreamReceived",
-]
+from .timer import *

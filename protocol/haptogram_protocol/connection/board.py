@@ -12,7 +12,7 @@ from collections.abc import Callable, Container
 from dataclasses import dataclass
 from typing import Final, cast
 
-from .. import messages
+from .. import messages as m
 from ..cobs import PURE_PYTHON, Cobs
 from ..errors import LocalProtocolError, RemoteProtocolError
 from ..framing import HEADER_BYTES, FrameDecoder, encode_frame
@@ -25,7 +25,7 @@ from .received import IMMEDIATE, ReceivedFrame, unknown_received_flags
 #: How far ahead of the expected one a stream number is at which the frame is a copy.  HG-5.5/1.
 COPY_AHEAD: Final = 0x10000 - 32
 # HG-4.10: never compared with the last request, because a repetition does no harm.
-_IDEMPOTENT: Final = frozenset({messages.MessageType.MUTE, messages.MessageType.UPLOAD_CHUNK})
+_IDEMPOTENT: Final = frozenset({m.MessageType.MUTE, m.MessageType.UPLOAD_CHUNK})
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,15 +74,15 @@ class BoardConnection:
         self.counters = dict.fromkeys(LINK_COUNTERS, 0)
         self.departure_us: Callable[[int], int] = _at_once
         self._output_limit = output_limit
-        self._types = frozenset(kind for kind in messages.MESSAGES if kind not in unsupported)
+        self._types = frozenset(kind for kind in m.MESSAGES if kind not in unsupported)
         self._stuff = cobs.encode
         self._inbox = ConnectionInbox(FrameDecoder(cobs) if decoder is None else decoder)
         self._outbox = ConnectionOutbox()
-        self._greeting: messages.HelloReply | None = None
+        self._greeting: m.HelloReply | None = None
         self._start_sequences(0)
 
     def _start_sequences(self, control_seq: int) -> None:
-        self._stream_expected = messages.FIRST_STREAM_SEQ  # unwrapped
+        self._stream_expected = m.FIRST_STREAM_SEQ  # unwrapped
         self._control_newest = control_seq
         self._event_seq = 0
         self._answered: _Answered | None = None
@@ -117,7 +117,7 @@ class BoardConnection:
         body, t_rx_us = found
         if isinstance(body, RemoteProtocolError):
             self.count(body.reason)
-            return FrameDropped(body.reason, str(body), t_rx_us)
+            return FrameDropped(body.reason, t_rx_us)
         return self._judge(body, t_rx_us)
 
     def count(self, reason: str, number: int = 1) -> None:
@@ -134,18 +134,18 @@ class BoardConnection:
 
     def _judge(self, body: bytes, t_rx_us: int) -> BoardEvent:
         self.count("frames")
-        header = messages.Header.of_body(body)
+        header = m.Header.of_body(body)
         in_session = self.session != 0 and header.session == self.session
         frame = ReceivedFrame(header, body[HEADER_BYTES:], zlib.crc32(body), t_rx_us, in_session)
-        if header.type in messages.STREAM_RANGE:
+        if header.type in m.STREAM_RANGE:
             return self._judge_stream(frame)
-        if header.type in messages.REQUEST_RANGE:
+        if header.type in m.REQUEST_RANGE:
             return self._judge_request(frame)
-        return self._drop(frame, "unknown_type", f"type {header.type:#04x} is not for a board")
+        return self._drop(frame, "unknown_type")
 
-    def _drop(self, frame: ReceivedFrame, reason: str, detail: str) -> FrameDropped:
+    def _drop(self, frame: ReceivedFrame, reason: str) -> FrameDropped:
         self.count(reason)
-        return FrameDropped(reason, detail, frame.t_rx_us, frame.in_session)
+        return FrameDropped(reason, frame.t_rx_us, frame.in_session)
 
     # --- Stream (HG-5) -------------------------------------------------------------------------
 
@@ -154,21 +154,19 @@ class BoardConnection:
         # HG-5.6: whatever else is wrong with the frame, its number has been used.
         index = self._take_index(header.seq) if frame.in_session else None
         if header.type not in self._types:
-            return self._drop(frame, "unknown_type", f"stream type {header.type:#04x}")
+            return self._drop(frame, "unknown_type")
         if not frame.in_session:
-            return self._drop(frame, "stale_session", self._wrong_session(header))
+            return self._drop(frame, "stale_session")
         if index is None:
-            return self._drop(frame, "duplicate", f"stream seq {header.seq} was here before")
-        if flags := unknown_received_flags(header):
-            return self._drop(frame, "unsupported", f"flags {flags:#04x} are not known")
+            return self._drop(frame, "duplicate")
+        if unknown_received_flags(header):
+            return self._drop(frame, "unsupported")
         try:
-            message = messages.MESSAGES[header.type].deserialize(frame.payload)
+            message = m.MESSAGES[header.type].deserialize(frame.payload)
         except RemoteProtocolError as error:
-            return self._drop(frame, error.reason, str(error))
+            return self._drop(frame, error.reason)
         return StreamReceived(
-            cast(
-                messages.Phases | messages.Drives | messages.Points, message
-            ),  # the only types below 0x40
+            cast(m.Phases | m.Drives | m.Points, message),  # the only types below 0x40
             index,
             None if header.flags & IMMEDIATE else header.time_us,
             header.session,
@@ -186,59 +184,49 @@ class BoardConnection:
         self._stream_expected = index + 1
         return index
 
-    def _wrong_session(self, header: messages.Header) -> str:
-        return f"session {header.session:#06x}; the open one is {self.session:#06x}"
-
     # --- Requests (HG-4) -----------------------------------------------------------------------
 
     def _judge_request(self, frame: ReceivedFrame) -> BoardEvent:
         header = frame.header
-        if header.type == messages.MessageType.MUTE:
-            return self._request(
-                frame, messages.Mute()
-            )  # HG-6.4: no flag, length or session refuses it
+        if header.type == m.MessageType.MUTE:
+            return self._request(frame, m.Mute())  # HG-6.4: no flag, length or session refuses it
         if header.type not in self._types:
-            detail = f"request type {header.type:#04x}"
-            return self._refuse(frame, messages.ErrorCode.UNSUPPORTED, header.type, detail)
-        if header.type != messages.MessageType.HELLO and not frame.in_session:
-            detail = self._wrong_session(header)
-            return self._refuse(frame, messages.ErrorCode.STALE_SESSION, self.session, detail)
+            return self._refuse(frame, m.ErrorCode.UNSUPPORTED, header.type)
+        if header.type != m.MessageType.HELLO and not frame.in_session:
+            return self._refuse(frame, m.ErrorCode.STALE_SESSION, self.session)
         if flags := unknown_received_flags(header):
-            detail = f"flags {flags:#04x} are not known"
-            return self._refuse(frame, messages.ErrorCode.UNSUPPORTED, flags, detail)
-        return self._judge_payload(frame, messages.MESSAGES[header.type])
+            return self._refuse(frame, m.ErrorCode.UNSUPPORTED, flags)
+        return self._judge_payload(frame, m.MESSAGES[header.type])
 
-    def _judge_payload(self, frame: ReceivedFrame, kind: type[messages.Message]) -> BoardEvent:
+    def _judge_payload(self, frame: ReceivedFrame, kind: type[m.Message]) -> BoardEvent:
         try:
             message = kind.deserialize(frame.payload)
         except RemoteProtocolError as error:
             if error.reason == "bad_length":
                 length = 0 if kind.TAIL else kind.LAYOUT.size
-                return self._refuse(frame, messages.ErrorCode.BAD_LENGTH, length, str(error))
+                return self._refuse(frame, m.ErrorCode.BAD_LENGTH, length)
             return self._judge_control_seq(frame) or self._refuse_value(frame, error)
-        if isinstance(message, messages.Hello):
+        if isinstance(message, m.Hello):
             return self._judge_hello(frame, message)
         return self._judge_control_seq(frame) or self._request(frame, message)
 
     def _refuse_value(self, frame: ReceivedFrame, error: RemoteProtocolError) -> BoardEvent:
         """Refuse a request for a value that no table has; the refusal is remembered.  HG-4.9/4."""
         self._take_control_seq(frame)
-        code, detail = messages.ErrorCode.BAD_VALUE, error.offset
-        return self._refuse(frame, code, detail, str(error), is_remembered=True)
+        return self._refuse(frame, m.ErrorCode.BAD_VALUE, error.offset, is_remembered=True)
 
-    def _judge_hello(self, frame: ReceivedFrame, hello: messages.Hello) -> BoardEvent:
-        if hello.major != messages.VERSION_MAJOR:  # HG-4.4
-            own = messages.VERSION_MAJOR
-            detail = f"HELLO of version {hello.major}.{hello.minor}; the board has {own}"
-            return self._refuse(frame, messages.ErrorCode.VERSION, own, detail)
+    def _judge_hello(self, frame: ReceivedFrame, hello: m.Hello) -> BoardEvent:
+        if hello.major != m.VERSION_MAJOR:  # HG-4.4
+            own = m.VERSION_MAJOR
+            return self._refuse(frame, m.ErrorCode.VERSION, own)
         if hello.nonce == 0:
-            offset = messages.Hello.WIRE["nonce"].offset
-            return self._refuse(frame, messages.ErrorCode.BAD_VALUE, offset, "HELLO, nonce 0")
+            offset = m.Hello.WIRE["nonce"].offset
+            return self._refuse(frame, m.ErrorCode.BAD_VALUE, offset)
         if hello.nonce == self.session and self._greeting is not None:  # HG-4.6
             leaves_us = self.departure_us(frame.t_rx_us)
             wire = self._response(self._greeting, frame.header.seq, leaves_us)
             self._queue(wire, self._output_limit)
-            return self._drop(frame, "repeated", f"HELLO of the open session {hello.nonce:#06x}")
+            return self._drop(frame, "repeated")
         return self._request(frame, hello, new_session=True)
 
     def _judge_control_seq(self, frame: ReceivedFrame) -> FrameDropped | None:
@@ -248,14 +236,13 @@ class BoardConnection:
             return None
         if self._answered and (self._answered.seq, self._answered.crc) == (seq, frame.crc):
             self._queue(self._answered.wire, self._output_limit)
-            return self._drop(frame, "repeated", f"request {seq} was answered before")
-        if messages.signed_difference(seq, self._control_newest, 16) <= 0:
-            detail = f"request {seq} after request {self._control_newest}"
-            return self._refuse(frame, messages.ErrorCode.SEQUENCE_REUSED, seq, detail)
+            return self._drop(frame, "repeated")
+        if m.signed_difference(seq, self._control_newest, 16) <= 0:
+            return self._refuse(frame, m.ErrorCode.SEQUENCE_REUSED, seq)
         return None
 
     def _request(
-        self, frame: ReceivedFrame, message: messages.Message, *, new_session: bool = False
+        self, frame: ReceivedFrame, message: m.Message, *, new_session: bool = False
     ) -> RequestReceived:
         self.count("requests")
         header = frame.header
@@ -274,26 +261,25 @@ class BoardConnection:
 
     def _take_control_seq(self, frame: ReceivedFrame) -> None:
         seq = frame.header.seq
-        if frame.in_session and messages.signed_difference(seq, self._control_newest, 16) > 0:
+        if frame.in_session and m.signed_difference(seq, self._control_newest, 16) > 0:
             self._control_newest = seq
 
     def _refuse(
         self,
         frame: ReceivedFrame,
-        code: messages.ErrorCode,
+        code: m.ErrorCode,
         number: int,
-        detail: str,
         *,
         is_remembered: bool = False,
     ) -> FrameDropped:
         """Answer a request with ERROR, without the board."""
-        error = messages.Error(request=frame.header.type, code=code, detail=number)
-        session = 0 if code is messages.ErrorCode.STALE_SESSION else self.session
+        error = m.Error(request=frame.header.type, code=code, detail=number)
+        session = 0 if code is m.ErrorCode.STALE_SESSION else self.session
         wire = self._response(error, frame.header.seq, self.departure_us(frame.t_rx_us), session)
         self._queue(wire, self._output_limit)
         if is_remembered:
             self._answered = _Answered(frame.header.seq, frame.crc, wire)
-        return self._drop(frame, "requests", detail)
+        return self._drop(frame, "requests")
 
     # --- Out -----------------------------------------------------------------------------------
 
@@ -311,7 +297,7 @@ class BoardConnection:
         self._greeting = None
         self._start_sequences(0)
 
-    def reply(self, request: RequestReceived, message: messages.Message, now_us: int) -> None:
+    def reply(self, request: RequestReceived, message: m.Message, now_us: int) -> None:
         """Answer *request* with *message*; call :meth:`open_session` before the reply to a HELLO.
 
         Parameters
@@ -324,10 +310,10 @@ class BoardConnection:
         LocalProtocolError
             If *message* does not answer such a request.
         """
-        due = request.message.TYPE + messages.RESPONSE_OFFSET
+        due = request.message.TYPE + m.RESPONSE_OFFSET
         if due != message.TYPE:
             raise LocalProtocolError(f"{message.TYPE.name} does not answer {request.message!r}")
-        if isinstance(message, messages.HelloReply):
+        if isinstance(message, m.HelloReply):
             if message.nonce != self.session:
                 raise LocalProtocolError(
                     f"HELLO_REPLY with nonce {message.nonce}; the open session is {self.session}"
@@ -335,16 +321,12 @@ class BoardConnection:
             self._greeting, self._control_newest = message, request.seq
         self._answer(request, message, now_us)
 
-    def refuse(
-        self, request: RequestReceived, code: messages.ErrorCode, detail: int, now_us: int
-    ) -> None:
+    def refuse(self, request: RequestReceived, code: m.ErrorCode, detail: int, now_us: int) -> None:
         """Answer *request* with ERROR.  HG-10.1."""
-        self._answer(
-            request, messages.Error(request.message.TYPE, code, detail & 0xFFFFFFFF), now_us
-        )
+        self._answer(request, m.Error(request.message.TYPE, code, detail & 0xFFFFFFFF), now_us)
 
     def send_event(
-        self, message: messages.Message, *, now_us: int, flags: int = 0, droppable: bool = False
+        self, message: m.Message, *, now_us: int, flags: int = 0, droppable: bool = False
     ) -> bool:
         """Send an event of the open session.
 
@@ -360,11 +342,11 @@ class BoardConnection:
         bool
             False if nothing was sent: no session (HG-4.7), or no room.
         """
-        if message.TYPE not in messages.EVENT_RANGE:
+        if message.TYPE not in m.EVENT_RANGE:
             raise LocalProtocolError(f"{message.TYPE.name} is not an event")
         if not self.session:
             return False
-        body = messages.build_body(
+        body = m.build_body(
             message, flags=flags, seq=self._event_seq, time_us=now_us, session=self.session
         )
         limit = self._output_limit // 2 if droppable else self._output_limit
@@ -387,17 +369,17 @@ class BoardConnection:
         """Number of bytes that wait for the line."""
         return self._outbox.waiting
 
-    def _answer(self, request: RequestReceived, message: messages.Message, now_us: int) -> None:
+    def _answer(self, request: RequestReceived, message: m.Message, now_us: int) -> None:
         wire = self._response(message, request.seq, now_us)
         if request.message.TYPE not in _IDEMPOTENT:
             self._answered = _Answered(request.seq, request.crc, wire)
         self._queue(wire, self._output_limit)
 
     def _response(
-        self, message: messages.Message, seq: int, now_us: int, session: int | None = None
+        self, message: m.Message, seq: int, now_us: int, session: int | None = None
     ) -> bytes:
         session = self.session if session is None else session
-        body = messages.build_body(message, flags=0, seq=seq, time_us=now_us, session=session)
+        body = m.build_body(message, flags=0, seq=seq, time_us=now_us, session=session)
         return encode_frame(body, self._stuff)
 
     def _queue(self, wire: bytes, limit: int) -> bool:

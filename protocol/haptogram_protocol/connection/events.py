@@ -32,14 +32,11 @@ class FrameDropped:
     ----------
     reason : str
         Name of the counter (SPEC.md HG-9.2).
-    detail : str
-        One line for a log.
     renews_lease : bool
         Board: True if the frame was of the open session (HG-6.7).
     """
 
     reason: str
-    detail: str
     t_rx_us: int
     renews_lease: bool = False
 

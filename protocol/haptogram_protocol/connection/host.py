@@ -9,36 +9,10 @@ from __future__ import annotations
 
 from collections import deque
 
+from .. import messages as m
 from ..cobs import PURE_PYTHON, Cobs
 from ..errors import LocalProtocolError, RemoteProtocolError
 from ..framing import FrameDecoder, encode_frame
-from ..messages import (
-    EVENT_RANGE,
-    FIRST_STREAM_SEQ,
-    MUST_UNDERSTAND,
-    REQUEST_RANGE,
-    RESPONSE_OFFSET,
-    RESPONSE_RANGE,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Drives,
-    Error,
-    ErrorCode,
-    Flag,
-    Header,
-    Hello,
-    HelloReply,
-    Message,
-    MessageType,
-    Mute,
-    Phases,
-    Points,
-    UploadBeginReply,
-    UploadChunk,
-    build_body,
-    parse_body,
-    signed_difference,
-)
 from ..state import LinkInput, LinkState, next_link_state
 from . import events
 from .counters import HOST_COUNTERS
@@ -80,7 +54,7 @@ class HostConnection:
             raise LocalProtocolError(f"session nonce {nonce}; it is 1 to 65535")
         self.session = nonce
         self.link_state = LinkState.CLOSED
-        self.identity: HelloReply | None = None
+        self.identity: m.HelloReply | None = None
         self.warnings: list[str] = []
         self.counters = dict.fromkeys(HOST_COUNTERS, 0)
         self._stuff = cobs.encode
@@ -90,7 +64,7 @@ class HostConnection:
         self._pending = PendingRequests()
         self._window = 1  # upload chunks that may be unanswered
         self._control_seq = 0
-        self._stream_index = FIRST_STREAM_SEQ
+        self._stream_index = m.FIRST_STREAM_SEQ
         self._event_expected = 0
 
     # --- Out -----------------------------------------------------------------------------------
@@ -103,11 +77,11 @@ class HostConnection:
         """
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_SENT)
         self._pending.forget_all()
-        hello = Hello(VERSION_MAJOR, VERSION_MINOR, self.session)
+        hello = m.Hello(m.VERSION_MAJOR, m.VERSION_MINOR, self.session)
         return self._send(hello, now_us, session=0)
 
     def send_request(
-        self, message: Message, now_us: int, *, t_apply_us: int = 0, immediate: bool = False
+        self, message: m.Message, now_us: int, *, t_apply_us: int = 0, immediate: bool = False
     ) -> int:
         """Send a request and return its seq; it is sent again until it is answered.
 
@@ -124,21 +98,23 @@ class HostConnection:
             If another request waits for its answer, if the link is not open, or if *message* is no
             request or has its own method.
         """
-        if message.TYPE not in REQUEST_RANGE or isinstance(message, Hello | Mute | UploadChunk):
+        if message.TYPE not in m.REQUEST_RANGE or isinstance(
+            message, m.Hello | m.Mute | m.UploadChunk
+        ):
             raise LocalProtocolError(
                 f"send_request does not send {message.TYPE.name}; use send_hello, send_mute, "
                 "send_chunk or stream_frame"
             )
-        if (t_apply_us or immediate) and message.TYPE is not MessageType.PLAY:
+        if (t_apply_us or immediate) and message.TYPE is not m.MessageType.PLAY:
             raise LocalProtocolError(f"{message.TYPE.name} takes no time; only PLAY does")
         if self._pending:
             raise LocalProtocolError(f"{message.TYPE.name} while {self._pending.names} waits")
         self.link_state = next_link_state(self.link_state, LinkInput.REQUEST_SENT)
-        flags = Flag.IMMEDIATE if immediate else 0
+        flags = m.Flag.IMMEDIATE if immediate else 0
         time_us = 0 if immediate else t_apply_us
         return self._send(message, now_us, session=self.session, flags=flags, time_us=time_us)
 
-    def send_chunk(self, chunk: UploadChunk, now_us: int) -> int:
+    def send_chunk(self, chunk: m.UploadChunk, now_us: int) -> int:
         """Send a part of an upload and return its seq; several may wait for their answer.
 
         Raises
@@ -158,11 +134,11 @@ class HostConnection:
 
         A request that waits, other than HELLO, is abandoned without an event.
         """
-        self._pending.forget_all(but=MessageType.HELLO)
-        return self._send(Mute(), now_us, session=self.session if self.identity else 0)
+        self._pending.forget_all(but=m.MessageType.HELLO)
+        return self._send(m.Mute(), now_us, session=self.session if self.identity else 0)
 
     def stream_frame(
-        self, message: Phases | Drives | Points, *, t_apply_us: int | None
+        self, message: m.Phases | m.Drives | m.Points, *, t_apply_us: int | None
     ) -> tuple[int, bytes]:
         """Return the unwrapped sequence number and the bytes of the next stream frame.
 
@@ -177,9 +153,9 @@ class HostConnection:
             If the link is not open or the message does not fit.
         """
         self.link_state = next_link_state(self.link_state, LinkInput.STREAM_SENT)
-        body = build_body(
+        body = m.build_body(
             message,
-            flags=Flag.IMMEDIATE if t_apply_us is None else 0,
+            flags=m.Flag.IMMEDIATE if t_apply_us is None else 0,
             seq=self._stream_index,
             time_us=t_apply_us or 0,
             session=self.session,
@@ -205,7 +181,7 @@ class HostConnection:
     @property
     def chunks_free(self) -> int:
         """Number of upload chunks that may be sent now."""
-        if any(w.request is not MessageType.UPLOAD_CHUNK for w in self._pending):
+        if any(w.request is not m.MessageType.UPLOAD_CHUNK for w in self._pending):
             return 0
         return max(0, self._window - len(self._pending))
 
@@ -217,10 +193,10 @@ class HostConnection:
         self._inbox.reset()
 
     def _send(
-        self, message: Message, now_us: int, *, session: int, flags: int = 0, time_us: int = 0
+        self, message: m.Message, now_us: int, *, session: int, flags: int = 0, time_us: int = 0
     ) -> int:
         seq = self._control_seq
-        body = build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
+        body = m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
         wire = encode_frame(body, self._stuff)
         self._control_seq = (seq + 1) & 0xFFFF
         self._output += wire
@@ -243,7 +219,7 @@ class HostConnection:
 
     def _give_up(self, waiting: PendingRequest) -> None:
         self._pending.forget(waiting)
-        if self.link_state is LinkState.OPEN or waiting.request is MessageType.HELLO:
+        if self.link_state is LinkState.OPEN or waiting.request is m.MessageType.HELLO:
             self.link_state = next_link_state(self.link_state, LinkInput.TIMED_OUT)
         self._events.append(events.RequestTimedOut(waiting.request, waiting.seq, waiting.attempts))
 
@@ -283,89 +259,88 @@ class HostConnection:
             return events.NEED_DATA
         body, t_rx_us = found
         if isinstance(body, RemoteProtocolError):
-            return self._drop(body.reason, str(body), t_rx_us)
+            return self._drop(body.reason, t_rx_us)
         return self._judge(body, t_rx_us)
 
-    def _drop(self, reason: str, detail: str, t_rx_us: int) -> events.FrameDropped:
+    def _drop(self, reason: str, t_rx_us: int) -> events.FrameDropped:
         self.counters[reason] += 1
-        return events.FrameDropped(reason, detail, t_rx_us)
+        return events.FrameDropped(reason, t_rx_us)
 
     def _judge(self, body: bytes, t_rx_us: int) -> events.HostEvent:
         self.counters["frames"] += 1
         try:
-            header, message = parse_body(body)
+            header, message = m.parse_body(body)
         except RemoteProtocolError as error:
-            return self._drop(error.reason, str(error), t_rx_us)
-        if flags := header.flags & MUST_UNDERSTAND:
-            return self._drop("unsupported", f"flags {flags:#04x} are not known", t_rx_us)
-        if header.type in RESPONSE_RANGE:
+            return self._drop(error.reason, t_rx_us)
+        if header.flags & m.MUST_UNDERSTAND:
+            return self._drop("unsupported", t_rx_us)
+        if header.type in m.RESPONSE_RANGE:
             return self._judge_response(header, message, t_rx_us)
-        if header.type in EVENT_RANGE:
+        if header.type in m.EVENT_RANGE:
             return self._judge_event(header, message, t_rx_us)
-        return self._drop("unknown_type", f"{message.TYPE.name} is not for a host", t_rx_us)
+        return self._drop("unknown_type", t_rx_us)
 
-    def _judge_event(self, header: Header, message: Message, t_rx_us: int) -> events.HostEvent:
+    def _judge_event(self, header: m.Header, message: m.Message, t_rx_us: int) -> events.HostEvent:
         if header.session != self.session:
-            detail = f"event of session {header.session:#06x}, not of {self.session:#06x}"
-            return self._drop("stale_session", detail, t_rx_us)
-        ahead = signed_difference(header.seq, self._event_expected, 16)
+            return self._drop("stale_session", t_rx_us)
+        ahead = m.signed_difference(header.seq, self._event_expected, 16)
         if ahead < 0:
-            return self._drop("duplicate", f"event {header.seq} was here before", t_rx_us)
+            return self._drop("duplicate", t_rx_us)
         self.counters["gap"] += ahead
         self._event_expected += ahead + 1
         return events.EventReceived(message, header, t_rx_us, ahead)
 
-    def _judge_response(self, header: Header, message: Message, t_rx_us: int) -> events.HostEvent:
+    def _judge_response(
+        self, header: m.Header, message: m.Message, t_rx_us: int
+    ) -> events.HostEvent:
         waiting = self._pending.get(header.seq)
         if waiting is None or not _is_answer_to_pending_request(message, waiting.request):
-            detail = f"{message.TYPE.name} {header.seq} answers no request that waits"
-            return self._drop("duplicate", detail, t_rx_us)
+            return self._drop("duplicate", t_rx_us)
         if not self._is_of_session(header, message, waiting):
-            detail = f"response of session {header.session:#06x}, not of {self.session:#06x}"
-            return self._drop("stale_session", detail, t_rx_us)
+            return self._drop("stale_session", t_rx_us)
         rtt_us = self._pending.answered(waiting, t_rx_us)
-        if isinstance(message, HelloReply):
+        if isinstance(message, m.HelloReply):
             message = self._greeted(message)
-        if isinstance(message, Error):
-            if waiting.request is MessageType.HELLO or self.link_state is LinkState.OPEN:
+        if isinstance(message, m.Error):
+            if waiting.request is m.MessageType.HELLO or self.link_state is LinkState.OPEN:
                 self.link_state = next_link_state(self.link_state, LinkInput.REFUSED)
             return events.RequestRefused(message, header.seq, waiting.request, t_rx_us)
-        if isinstance(message, UploadBeginReply):
+        if isinstance(message, m.UploadBeginReply):
             self._window = max(1, message.window)
         return events.ReplyReceived(
             message, header.seq, waiting.request, rtt_us, t_rx_us, header.time_us
         )
 
-    def _is_of_session(self, header: Header, message: Message, waiting: PendingRequest) -> bool:
+    def _is_of_session(self, header: m.Header, message: m.Message, waiting: PendingRequest) -> bool:
         """Return True if a response belongs to this session.  HG-3.7."""
-        if isinstance(message, HelloReply):
+        if isinstance(message, m.HelloReply):
             return message.nonce == self.session
-        anywhere = waiting.request in (MessageType.MUTE, MessageType.HELLO)
-        stale = isinstance(message, Error) and header.session == 0
+        anywhere = waiting.request in (m.MessageType.MUTE, m.MessageType.HELLO)
+        stale = isinstance(message, m.Error) and header.session == 0
         return anywhere or stale or header.session == self.session
 
-    def _greeted(self, reply: HelloReply) -> HelloReply | Error:
+    def _greeted(self, reply: m.HelloReply) -> m.HelloReply | m.Error:
         """Open the link, or refuse a board of another major version."""
-        if reply.major != VERSION_MAJOR:
-            return Error(MessageType.HELLO, ErrorCode.VERSION, reply.major)
+        if reply.major != m.VERSION_MAJOR:
+            return m.Error(m.MessageType.HELLO, m.ErrorCode.VERSION, reply.major)
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_ANSWERED)
         self.identity = reply
         self.warnings = _differences_of_session_identity(reply)
         return reply
 
 
-def _is_answer_to_pending_request(message: Message, request: MessageType) -> bool:
-    if isinstance(message, Error):
+def _is_answer_to_pending_request(message: m.Message, request: m.MessageType) -> bool:
+    if isinstance(message, m.Error):
         return message.request == request
-    return request + RESPONSE_OFFSET == message.TYPE
+    return request + m.RESPONSE_OFFSET == message.TYPE
 
 
-def _differences_of_session_identity(reply: HelloReply) -> list[str]:
+def _differences_of_session_identity(reply: m.HelloReply) -> list[str]:
     """Return the differences between host and board of one major version.  HG-11.3."""
     found = []
-    if reply.minor != VERSION_MINOR:
+    if reply.minor != m.VERSION_MINOR:
         found.append(
-            f"board speaks version {reply.major}.{reply.minor}, host {VERSION_MAJOR}."
-            f"{VERSION_MINOR}: both use {VERSION_MAJOR}.{min(reply.minor, VERSION_MINOR)}"
+            f"board speaks version {reply.major}.{reply.minor}, host {m.VERSION_MAJOR}."
+            f"{m.VERSION_MINOR}: both use {m.VERSION_MAJOR}.{min(reply.minor, m.VERSION_MINOR)}"
         )
     return found

@@ -1,5 +1,7 @@
 """Every message of the protocol: one frozen dataclass each.  SPEC.md chapters 3 to 10.
 
+A module here adds its messages by defining them: nothing lists them a second time.
+
 ``serialize`` returns the payload, ``deserialize`` reads it; the ten header bytes are a record of
 their own. A wrong length, or a value outside its range, raises :class:`RemoteProtocolError` and no
 other error. The rules about when a message may be sent live in :mod:`..connection`.
@@ -11,86 +13,14 @@ import struct
 from typing import Final
 
 from ..errors import LocalProtocolError, RemoteProtocolError
-from .configuration import (
-    Config,
-    ConfigReply,
-    Element,
-    GeometryReply,
-    GetConfig,
-    GetGeometry,
-    SetConfig,
-    SetConfigReply,
-    TraceMode,
-)
-from .evidence import (
-    DriveKind,
-    DriveReply,
-    LatchKey,
-    ReadDrive,
-    ReadTrace,
-    Trace,
-    TraceDrive,
-    TracePlayback,
-    TraceRecord,
-    TraceReply,
-)
-from .header import (
-    EVENT_RANGE,
-    FIRST_STREAM_SEQ,
-    MAX_TRANSDUCERS,
-    MUST_UNDERSTAND,
-    REQUEST_RANGE,
-    RESPONSE_OFFSET,
-    RESPONSE_RANGE,
-    STREAM_RANGE,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Ack,
-    Error,
-    ErrorCode,
-    Flag,
-    Header,
-    Message,
-    MessageType,
-    signed_difference,
-    unwrap,
-)
-from .playback import (
-    Play,
-    PlaybackEnded,
-    PlayReply,
-    Stop,
-    StopReply,
-    UploadBegin,
-    UploadBeginReply,
-    UploadChunk,
-    UploadChunkReply,
-    UploadCommit,
-    UploadCommitReply,
-    UploadKind,
-)
-from .session import (
-    Arm,
-    ArmReply,
-    Disarm,
-    DisarmReply,
-    Feature,
-    Hello,
-    HelloReply,
-    Mute,
-    MuteReply,
-    Ping,
-    Pong,
-    StateChanged,
-)
-from .status import GROWING_COUNTERS, Counters, GetStatus, Status, StatusReply
-from .stream import (
-    Drives,
-    FocalPoint,
-    Phases,
-    Points,
-    drive_codes,
-)
+from .configuration import *
+from .evidence import *
+from .header import *
+from .header import RESPONSE_RANGE, Header, Message
+from .playback import *
+from .session import *
+from .status import *
+from .stream import *
 
 _KINDS: Final = [
     kind
@@ -161,83 +91,3 @@ def build_body(message: Message, *, flags: int, seq: int, time_us: int, session:
     except struct.error as error:
         raise LocalProtocolError(f"header of {kind.name} does not fit: {error}") from error
     return header + message.serialize()
-
-
-__all__ = [
-    "EVENT_RANGE",
-    "FIRST_STREAM_SEQ",
-    "GROWING_COUNTERS",
-    "MAX_TRANSDUCERS",
-    "MESSAGES",
-    "MUST_UNDERSTAND",
-    "REQUEST_RANGE",
-    "RESPONSE_OFFSET",
-    "RESPONSE_RANGE",
-    "STREAM_RANGE",
-    "VERSION_MAJOR",
-    "VERSION_MINOR",
-    "Ack",
-    "Arm",
-    "ArmReply",
-    "Config",
-    "ConfigReply",
-    "Counters",
-    "Disarm",
-    "DisarmReply",
-    "DriveKind",
-    "DriveReply",
-    "Drives",
-    "Element",
-    "Error",
-    "ErrorCode",
-    "Feature",
-    "Flag",
-    "FocalPoint",
-    "GeometryReply",
-    "GetConfig",
-    "GetGeometry",
-    "GetStatus",
-    "Header",
-    "Hello",
-    "HelloReply",
-    "LatchKey",
-    "Message",
-    "MessageType",
-    "Mute",
-    "MuteReply",
-    "Phases",
-    "Ping",
-    "Play",
-    "PlayReply",
-    "PlaybackEnded",
-    "Points",
-    "Pong",
-    "ReadDrive",
-    "ReadTrace",
-    "SetConfig",
-    "SetConfigReply",
-    "StateChanged",
-    "Status",
-    "StatusReply",
-    "Stop",
-    "StopReply",
-    "Trace",
-    "TraceDrive",
-    "TraceMode",
-    "TracePlayback",
-    "TraceRecord",
-    "TraceReply",
-    "UploadBegin",
-    "UploadBeginReply",
-    "UploadChunk",
-    "UploadChunkReply",
-    "UploadCommit",
-    "UploadCommitReply",
-    "UploadKind",
-    "build_body",
-    "drive_codes",
-    "parse_body",
-    "parse_payload",
-    "signed_difference",
-    "unwrap",
-]

@@ -2,6 +2,5 @@
 
 The codec of the link is :mod:`haptogram_protocol.dialects.autd3`. Here is the work of a device's
 processor (:mod:`.device`, :mod:`.memory`, :mod:`.refusals`), that of its FPGA (:mod:`.segments`,
-:mod:`.foci`, :mod:`.drive`, :mod:`.silencer`), and the clock that devices share (:mod:`.unit`;
-:mod:`.silenced` where phases do not jump).
+:mod:`.foci`, :mod:`.drive`), and the clock that devices share (:mod:`.unit`).
 """

@@ -29,7 +29,6 @@ from .foci import MAX_FOCI_OF_PATTERN, Autd3Foci, read_autd3_foci
 from .memory import Autd3Memory
 from .refusals import Autd3Limits, autd3_segment_refusal, autd3_silencer_refusal
 from .segments import Autd3Sampling
-from .silencer import Pace
 
 _FOCUS_BYTES: Final = 8
 # v12.1.0, the newest firmware that autd3 38 knows
@@ -90,11 +89,6 @@ class Autd3Device:
     counters : Counter
         Counts ``refused_...``, each error by name, ``sequences_impossible`` and
         ``sequences_empty``, and those of :class:`~sim_device.dialects.autd3.memory.Autd3Memory`.
-
-    Attributes
-    ----------
-    pace : Pace
-        How its silencer moves phases and intensities, if it has one.
     """
 
     def __init__(self, counters: Counter[str]) -> None:
@@ -103,7 +97,7 @@ class Autd3Device:
         self._power_up()
 
     def _power_up(self) -> None:
-        self._limits, self.pace = Autd3Limits(), Pace()
+        self._limits = Autd3Limits()
         self._sequences: Autd3Memory[Autd3Patterns, operations.FociStart] = Autd3Memory(
             Autd3Patterns("clear", bytes(2 * operations.CHANNELS)), _FOCUS_BYTES, self._counters
         )
@@ -170,7 +164,6 @@ class Autd3Device:
         error = autd3_silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
         if not error:
             self._limits = limits
-            self.pace = Pace(operation.update_rate, operation.intensity, operation.phase)
         return error
 
     def _write_gain(self, operation: operations.Gain, now_ns: int) -> operations.ErrorCode:

@@ -13,7 +13,6 @@ from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.autd3 import link
 
 from ..emulation import Emulation
-from .silenced import Autd3SilencedUnit
 from .unit import PERIOD_US, PERIODS_BETWEEN_LATCHES, Autd3Unit
 
 MAX_DEVICES: Final = 4  # an array has 1024 elements at the most
@@ -40,11 +39,6 @@ class Devices(Settings):
         high=1_000_000,
         help="time between latches that sequences and modulation make by themselves",
     )
-    silencer: str = option(
-        "jumps",
-        choices=("jumps", "moves"),
-        help="whether phases and intensities jump, or move as the silencer says",
-    )
 
 
 def _autd3_layout(options: Devices) -> BoardLayout:
@@ -61,7 +55,7 @@ def _autd3_layout(options: Devices) -> BoardLayout:
 AUTD3: Final = Emulation(
     dialect=link.AUTD3,
     end=lambda _: link.Autd3BoardEnd(),
-    unit=lambda options, now_us: (Autd3SilencedUnit if options.silencer == "moves" else Autd3Unit)(
+    unit=lambda options, now_us: Autd3Unit(
         now_us,
         devices=options.devices,
         system_ns=options.system_ns,

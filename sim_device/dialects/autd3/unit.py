@@ -7,7 +7,7 @@ which autd3 samples a modulation unless it is told otherwise. Of faster changes 
 last. Samples that change nothing are looked at twice in 250 µs at the most.
 
 The devices are synchronised from power-up on, so Sync changes nothing. What the client says of
-poses is kept for whoever asks; foci come in the coordinates of each device.
+poses changes nothing: foci come in the coordinates of each device.
 """
 
 from __future__ import annotations
@@ -52,8 +52,6 @@ class Autd3Unit(LatchingUnit):
     counters : Counter
         ``devices_differ``, ``operations_unknown``, and those of
         :class:`~sim_device.dialects.autd3.device.Autd3Device`.
-    poses : tuple of Pose
-        Of the devices, as the client says.
     """
 
     def __init__(
@@ -65,7 +63,6 @@ class Autd3Unit(LatchingUnit):
         periods_between_latches: int = PERIODS_BETWEEN_LATCHES,
     ) -> None:
         super().__init__()
-        self.poses: tuple[messages.Pose, ...] = ()
         self._devices = [Autd3Device(self.counters) for _ in range(devices)]
         self._boot_us, self._boot_period = now_us, system_ns // PERIOD_NS
         self._gap = periods_between_latches
@@ -84,7 +81,7 @@ class Autd3Unit(LatchingUnit):
         if isinstance(operation, messages.Hello | messages.Close):
             return [messages.Accepted()]
         if isinstance(operation, messages.Open | messages.Update):
-            return [self._place(operation.devices)]
+            return [self._refuse_number(len(operation.devices)) or messages.Accepted()]
         if isinstance(operation, messages.Write):
             return [self._write(operation, t_us)]
         if isinstance(operation, messages.Read):
@@ -107,13 +104,6 @@ class Autd3Unit(LatchingUnit):
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
             self._look(self._period_at(next_us))
         return []
-
-    def _place(self, poses: tuple[messages.Pose, ...]) -> Reply:
-        """Set the poses of the devices."""
-        if refused := self._refuse_number(len(poses)):
-            return refused
-        self.poses = poses
-        return messages.Accepted()
 
     def _write(self, operation: messages.Write, t_us: int) -> Reply:
         if refused := self._refuse_number(len(operation.frames)):

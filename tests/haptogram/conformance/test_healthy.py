@@ -203,7 +203,7 @@ def test_a_fault_that_lasts_refuses_disarm_and_is_no_reason_to_give_up(lasts_us)
 
         def disarm(self):
             if self.state is OutputState.FAULT and self.now_us < self.ends_us:
-                raise RefusalError(ErrorCode.FAULT, 1, "the fault lasts")
+                raise RefusalError(ErrorCode.FAULT, 1)
             super().disarm()
 
     results = run(identity(grid=(4, 4), output=LastingFault), "HG-6.2", "HG-6.6", "HG-6.8").results

@@ -166,7 +166,7 @@ def test_frames_of_other_boards_are_refused_before_the_first_byte():
     with boards_of("autd3") as port, DialectDriver(port, dialect="autd3") as driver:
         others = driver.frames([PLACE])
     with boards_of("sonicsurface") as port, DialectDriver(port, dialect="sonicsurface") as driver:
-        with pytest.raises(ConfigurationError, match=r"frame 0 is for 249 elements .* have 256 at"):
+        with pytest.raises(ConfigurationError, match="frame 0 was made for other boards"):
             driver.stream(others, 20)
         with pytest.raises(ConfigurationError, match="1 of 2 targets are frames; all must be"):
             driver.stream([*driver.frames([PLACE]), PLACE], 20)

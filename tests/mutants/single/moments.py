@@ -184,7 +184,7 @@ class RequestJumpsOf14Bits(BoardConnection):
         far = signed_difference(seq, self._control_newest, 16) >= 1 << 14
         if not far:
             return super()._judge_control_seq(frame)
-        return self._refuse(frame, ErrorCode.SEQUENCE_REUSED, seq, "far ahead")
+        return self._refuse(frame, ErrorCode.SEQUENCE_REUSED, seq)
 
 
 class LastSeqOfPlayback(Board):

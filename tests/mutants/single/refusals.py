@@ -56,11 +56,12 @@ class RefusedConfigRestartsStatus(VirtualHaptogramDialect):
 class RefusedUploadRestartsStatus(VirtualHaptogramDialect):
     """Starts the status period anew with an upload that it refuses."""
 
-    def _begin_upload(self, begin: UploadBegin, request: Any) -> Message:
+    def _reply_to(self, message: Message, request: Any) -> Message:
         try:
-            return super()._begin_upload(begin, request)
+            return super()._reply_to(message, request)
         except RefusalError:
-            self._schedule_status()
+            if isinstance(message, UploadBegin):
+                self._schedule_status()
             raise
 
 

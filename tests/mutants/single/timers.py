@@ -184,9 +184,10 @@ class HoldTakenUpByConfig(BoardTimers):
 class RequestsRestartStatus(VirtualHaptogramDialect):
     """Starts the status period anew with ARM."""
 
-    def _arm(self, message: Arm, request: Any) -> Message:
-        reply = super()._arm(message, request)
-        self._schedule_status()
+    def _reply_to(self, message: Message, request: Any) -> Message:
+        reply = super()._reply_to(message, request)
+        if isinstance(message, Arm):
+            self._schedule_status()
         return reply
 
 
@@ -249,7 +250,7 @@ class PlayStartOnOneSide(VirtualHaptogramDialect):
     def _play(self, play: Any, request: Any) -> Message:
         start_us = None if request.immediate else self._unwrap(request.t_wire_us)
         if start_us is not None and start_us >> 32 != self.board.now_us >> 32:
-            raise RefusalError(ErrorCode.BAD_VALUE, 0, "a start that has passed")
+            raise RefusalError(ErrorCode.BAD_VALUE, 0)
         return super()._play(play, request)
 
 
@@ -298,9 +299,10 @@ class TraceDriveUnderCeiling(VirtualHaptogramDialect):
 class ArmRestartsDivision(VirtualHaptogramDialect):
     """Begins to count latches for trace_divider anew with ARM."""
 
-    def _arm(self, message: Arm, request: Any) -> Message:
-        self._traced = 0
-        return super()._arm(message, request)
+    def _reply_to(self, message: Message, request: Any) -> Message:
+        if isinstance(message, Arm):
+            self._traced = 0
+        return super()._reply_to(message, request)
 
 
 class MarginSumOf32Bits(Board):

@@ -93,9 +93,9 @@ class ZeroBehindFullPieceLost(BoardConnection):
 class ChunkOfFourBytes(BoardConnection):
     """Says of an UPLOAD_CHUNK that is too short that 4 bytes is its length, which varies."""
 
-    def _refuse(self, frame: Any, code: ErrorCode, number: int, detail: str, **how: Any) -> Any:
+    def _refuse(self, frame: Any, code: ErrorCode, number: int, **how: Any) -> Any:
         is_chunk = frame.header.type == MessageType.UPLOAD_CHUNK and code is ErrorCode.BAD_LENGTH
-        return super()._refuse(frame, code, 4 if is_chunk else number, detail, **how)
+        return super()._refuse(frame, code, 4 if is_chunk else number, **how)
 
 
 class PlayComparesAllFlags(BoardConnection):
@@ -204,10 +204,10 @@ class ChunkUsesNoNumber(BoardConnection):
 class WrongConfigUsesItsNumber(BoardConnection):
     """Takes the number of a SET_CONFIG of a wrong length for used."""
 
-    def _refuse(self, frame: Any, code: ErrorCode, number: int, detail: str, **how: Any) -> Any:
+    def _refuse(self, frame: Any, code: ErrorCode, number: int, **how: Any) -> Any:
         if frame.header.type == MessageType.SET_CONFIG and code is ErrorCode.BAD_LENGTH:
             self._control_newest = frame.header.seq
-        return super()._refuse(frame, code, number, detail, **how)
+        return super()._refuse(frame, code, number, **how)
 
 
 class StopCountedAgain(BoardConnection):
@@ -267,8 +267,8 @@ class EventsOfOthersAreStale(BoardConnection):
 
     _stale = False
 
-    def _drop(self, frame: Any, reason: str, detail: str) -> Any:
-        return super()._drop(frame, "stale_session" if self._stale else reason, detail)
+    def _drop(self, frame: Any, reason: str) -> Any:
+        return super()._drop(frame, "stale_session" if self._stale else reason)
 
 
 class UnknownRequestsOfOthersAreStale(BoardConnection):
@@ -278,9 +278,7 @@ class UnknownRequestsOfOthersAreStale(BoardConnection):
         if frame.header.type in REQUEST_RANGE and not frame.in_session:
             known = frame.header.type in (MessageType.HELLO, MessageType.MUTE)
             if not known:
-                text = self._wrong_session(frame.header)
-                code = ErrorCode.STALE_SESSION
-                return self._refuse(frame, code, self.session, text)
+                return self._refuse(frame, ErrorCode.STALE_SESSION, self.session)
         return super()._judge_request(frame)
 
 

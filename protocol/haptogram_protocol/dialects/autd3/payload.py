@@ -5,6 +5,7 @@ The layouts are tables of :mod:`struct`; their sources are in :mod:`.operations`
 
 from __future__ import annotations
 
+import dataclasses
 import struct
 from collections.abc import Callable
 from typing import Any, Final
@@ -18,13 +19,14 @@ PAYLOAD_BYTES: Final = 622
 _BEGIN, _END, _UPDATE, _SEGMENT_1 = 1, 2, 4, 8
 _FIXED_UPDATE_RATE, _STRICT = 1, 4
 _FOCUS_BYTES: Final = 8
-
+# Each begins with the tag, which is written and read apart.
 _SILENCER: Final = struct.Struct("<xBHH")
 _GAIN: Final = struct.Struct("<xBBx")
 _MODULATION_START: Final = struct.Struct("<xBBBHHQ")
 _MODULATION_PART: Final = struct.Struct("<xBH")
 _FOCI_START: Final = struct.Struct("<xBBBBBHHH4xQ")
 _FOCI_PART: Final = struct.Struct("<xBBB")
+_GAIN_SWAP: Final = struct.Struct("<xB")
 _SWAP_WITH_TRANSITION: Final = struct.Struct("<xBB5xQ")
 _GAIN_BYTES: Final = 2 * operations.CHANNELS
 
@@ -64,11 +66,12 @@ def pack_autd3_operation(operation: Operation) -> bytes:
     LocalProtocolError
         If no device takes it, or its values do not fit.
     """
-    writer = _WRITERS.get(type(operation))
-    if writer is None:
+    if type(operation) not in _WRITERS:
         raise LocalProtocolError(f"no device of autd3 takes {operation!r}")
+    tag, writer = _WRITERS[type(operation)]
     try:
-        packed = writer(operation)
+        tag_byte = struct.pack("<B", getattr(operation, "tag", tag))
+        packed = tag_byte + writer(operation)[1:]
     except struct.error as error:
         raise LocalProtocolError(f"{operation!r}: {error}") from error
     return packed + bytes(len(packed) % 2)
@@ -80,109 +83,70 @@ def _payload_slice(payload: bytes, start: int, size: int) -> bytes:
     return payload[start : start + size]
 
 
+def _autd3_head(
+    payload: bytes, at: int, first: struct.Struct, later: struct.Struct
+) -> tuple[tuple[int, ...], bool, int]:
+    """Return the head of a part, whether it is the first part, and where its data begin."""
+    is_first = bool(payload[at + 1] & _BEGIN)
+    layout = first if is_first else later
+    return layout.unpack_from(payload, at), is_first, at + layout.size
+
+
+def _packed_autd3_head(
+    head: tuple[int, ...], start: Any, first: struct.Struct, later: struct.Struct
+) -> bytes:
+    return later.pack(*head) if start is None else first.pack(*head, *dataclasses.astuple(start))
+
+
 def _unpack_autd3_silencer(payload: bytes, at: int, _: int) -> operations.Silencer:
-    flags, intensity, phase = _SILENCER.unpack_from(payload, at)
-    return operations.Silencer(
-        bool(flags & _FIXED_UPDATE_RATE), bool(flags & _STRICT), intensity, phase
-    )
+    flags, *steps = _SILENCER.unpack_from(payload, at)
+    return operations.Silencer(bool(flags & _FIXED_UPDATE_RATE), bool(flags & _STRICT), *steps)
 
 
 def _pack_autd3_silencer(operation: operations.Silencer) -> bytes:
     flags = _FIXED_UPDATE_RATE * operation.update_rate | _STRICT * operation.strict
-    return _tagged_payload(
-        operations.Tag.SILENCER, _SILENCER.pack(flags, operation.intensity, operation.phase)
-    )
+    return _SILENCER.pack(flags, operation.intensity, operation.phase)
 
 
 def _unpack_autd3_gain(payload: bytes, at: int, _: int) -> operations.Gain:
     segment, flags = _GAIN.unpack_from(payload, at)
-    return operations.Gain(
-        segment, bool(flags & 1), _payload_slice(payload, at + _GAIN.size, _GAIN_BYTES)
-    )
+    drives = _payload_slice(payload, at + _GAIN.size, _GAIN_BYTES)
+    return operations.Gain(segment, bool(flags & 1), drives)
 
 
 def _pack_autd3_gain(operation: operations.Gain) -> bytes:
     if len(operation.drives) != _GAIN_BYTES:
         raise LocalProtocolError(f"{len(operation.drives)} bytes of drives, not {_GAIN_BYTES}")
-    return _tagged_payload(
-        operations.Tag.GAIN, _GAIN.pack(operation.segment, operation.update) + operation.drives
-    )
+    return _GAIN.pack(operation.segment, operation.update) + operation.drives
 
 
 def _unpack_autd3_modulation(payload: bytes, at: int, _: int) -> operations.Modulation:
-    flags = payload[at + 1]
-    start = None
-    if flags & _BEGIN:
-        _, size, mode, *rest = _MODULATION_START.unpack_from(payload, at)
-        start = operations.ModulationStart(mode, *rest)
-        at += _MODULATION_START.size
-    else:
-        _, size = _MODULATION_PART.unpack_from(payload, at)
-        at += _MODULATION_PART.size
-    segment = int(bool(flags & _SEGMENT_1))
-    samples = _payload_slice(payload, at, size)
+    head, is_first, at = _autd3_head(payload, at, _MODULATION_START, _MODULATION_PART)
+    flags, size, *rest = head
+    start = operations.ModulationStart(*rest) if is_first else None
+    samples, segment = _payload_slice(payload, at, size), int(bool(flags & _SEGMENT_1))
     return operations.Modulation(segment, samples, start, bool(flags & _END), bool(flags & _UPDATE))
 
 
 def _pack_autd3_modulation(operation: operations.Modulation) -> bytes:
-    flags = _autd3_flags(operation) | _SEGMENT_1 * operation.segment
-    size, start = len(operation.samples), operation.start
-    if start is None:
-        head = _MODULATION_PART.pack(flags, size)
-    else:
-        rest = (start.transition_mode, start.divider, start.repeat, start.transition_value)
-        head = _MODULATION_START.pack(flags, size, *rest)
-    return _tagged_payload(operations.Tag.MODULATION, head + operation.samples)
+    head = _autd3_flags(operation) | _SEGMENT_1 * operation.segment, len(operation.samples)
+    packed = _packed_autd3_head(head, operation.start, _MODULATION_START, _MODULATION_PART)
+    return packed + operation.samples
 
 
 def _unpack_autd3_foci(payload: bytes, at: int, foci_of_pattern: int) -> operations.FociSTM:
-    flags = payload[at + 1]
-    start = None
-    if flags & _BEGIN:
-        _, patterns, segment, *rest = _FOCI_START.unpack_from(payload, at)
-        start = operations.FociStart(*rest)
-        foci_of_pattern = start.foci_of_pattern
-        at += _FOCI_START.size
-    else:
-        _, patterns, segment = _FOCI_PART.unpack_from(payload, at)
-        at += _FOCI_PART.size
-    foci = _payload_slice(payload, at, patterns * foci_of_pattern * _FOCUS_BYTES)
-    return operations.FociSTM(
-        segment, patterns, foci, start, bool(flags & _END), bool(flags & _UPDATE)
-    )
+    head, is_first, at = _autd3_head(payload, at, _FOCI_START, _FOCI_PART)
+    flags, patterns, segment, *rest = head
+    start = operations.FociStart(*rest) if is_first else None
+    of_pattern = foci_of_pattern if start is None else start.foci_of_pattern
+    foci = _payload_slice(payload, at, patterns * of_pattern * _FOCUS_BYTES)
+    ends, updates = bool(flags & _END), bool(flags & _UPDATE)
+    return operations.FociSTM(segment, patterns, foci, start, ends, updates)
 
 
 def _pack_autd3_foci(operation: operations.FociSTM) -> bytes:
-    head = (_autd3_flags(operation), operation.patterns, operation.segment)
-    start = operation.start
-    if start is None:
-        return _tagged_payload(operations.Tag.FOCI_STM, _FOCI_PART.pack(*head) + operation.foci)
-    packed = _FOCI_START.pack(
-        *head,
-        start.transition_mode,
-        start.foci_of_pattern,
-        start.sound_speed,
-        start.divider,
-        start.repeat,
-        start.transition_value,
-    )
-    return _tagged_payload(operations.Tag.FOCI_STM, packed + operation.foci)
-
-
-def _unpack_autd3_swap(payload: bytes, at: int, _: int) -> operations.SwapSegment:
-    segment, mode, value = _SWAP_WITH_TRANSITION.unpack_from(payload, at)
-    return operations.SwapSegment(operations.Tag(payload[at]), segment, mode, value)
-
-
-def _unpack_autd3_gain_swap(payload: bytes, at: int, _: int) -> operations.SwapSegment:
-    return operations.SwapSegment(operations.Tag.GAIN_SWAP, payload[at + 1])
-
-
-def _pack_autd3_swap(operation: operations.SwapSegment) -> bytes:
-    if operation.tag is operations.Tag.GAIN_SWAP:
-        return struct.pack("<BB", operation.tag, operation.segment)
-    rest = (operation.segment, operation.transition_mode, operation.transition_value)
-    return _tagged_payload(operation.tag, _SWAP_WITH_TRANSITION.pack(*rest))
+    head = _autd3_flags(operation), operation.patterns, operation.segment
+    return _packed_autd3_head(head, operation.start, _FOCI_START, _FOCI_PART) + operation.foci
 
 
 def _autd3_flags(operation: operations.Modulation | operations.FociSTM) -> int:
@@ -190,9 +154,17 @@ def _autd3_flags(operation: operations.Modulation | operations.FociSTM) -> int:
     return _BEGIN * begins | _END * operation.end | _UPDATE * operation.update
 
 
-def _tagged_payload(tag: operations.Tag, packed: bytes) -> bytes:
-    """Return *packed* with its first byte, which the layouts leave free, set to *tag*."""
-    return bytes([tag]) + packed[1:]
+def _unpack_autd3_swap(payload: bytes, at: int, _: int) -> operations.SwapSegment:
+    tag = operations.Tag(payload[at])
+    layout = _GAIN_SWAP if tag is operations.Tag.GAIN_SWAP else _SWAP_WITH_TRANSITION
+    return operations.SwapSegment(tag, *layout.unpack_from(payload, at))
+
+
+def _pack_autd3_swap(operation: operations.SwapSegment) -> bytes:
+    if operation.tag is operations.Tag.GAIN_SWAP:
+        return _GAIN_SWAP.pack(operation.segment)
+    rest = operation.transition_mode, operation.transition_value
+    return _SWAP_WITH_TRANSITION.pack(operation.segment, *rest)
 
 
 _READERS: Final[dict[int, Callable[[bytes, int, int], Operation]]] = {
@@ -204,21 +176,20 @@ _READERS: Final[dict[int, Callable[[bytes, int, int], Operation]]] = {
     operations.Tag.MODULATION_SWAP: _unpack_autd3_swap,
     operations.Tag.SILENCER: _unpack_autd3_silencer,
     operations.Tag.GAIN: _unpack_autd3_gain,
-    operations.Tag.GAIN_SWAP: _unpack_autd3_gain_swap,
+    operations.Tag.GAIN_SWAP: _unpack_autd3_swap,
     operations.Tag.FOCI_STM: _unpack_autd3_foci,
     operations.Tag.FOCI_STM_SWAP: _unpack_autd3_swap,
 }
-_WRITERS: Final[dict[type[Operation], Callable[[Any], bytes]]] = {
-    operations.Nop: lambda _: bytes([operations.Tag.NOP]),
-    operations.Clear: lambda _: bytes([operations.Tag.CLEAR]),
-    operations.Sync: lambda _: bytes([operations.Tag.SYNC]),
-    operations.FirmwareInfo: lambda operation: struct.pack(
-        "<BB", operations.Tag.FIRMWARE_INFO, operation.kind
-    ),
-    operations.Modulation: _pack_autd3_modulation,
-    operations.Silencer: _pack_autd3_silencer,
-    operations.Gain: _pack_autd3_gain,
-    operations.FociSTM: _pack_autd3_foci,
-    operations.SwapSegment: _pack_autd3_swap,
-    operations.Unsupported: lambda operation: struct.pack("<B", operation.tag),
+# With a byte for the tag, which is that of the class or of the operation.
+_WRITERS: Final[dict[type[Operation], tuple[int | None, Callable[[Any], bytes]]]] = {
+    operations.Nop: (operations.Tag.NOP, lambda _: b"\0"),
+    operations.Clear: (operations.Tag.CLEAR, lambda _: b"\0"),
+    operations.Sync: (operations.Tag.SYNC, lambda _: b"\0"),
+    operations.FirmwareInfo: (operations.Tag.FIRMWARE_INFO, lambda o: struct.pack("<xB", o.kind)),
+    operations.Modulation: (operations.Tag.MODULATION, _pack_autd3_modulation),
+    operations.Silencer: (operations.Tag.SILENCER, _pack_autd3_silencer),
+    operations.Gain: (operations.Tag.GAIN, _pack_autd3_gain),
+    operations.FociSTM: (operations.Tag.FOCI_STM, _pack_autd3_foci),
+    operations.SwapSegment: (None, _pack_autd3_swap),
+    operations.Unsupported: (None, lambda _: b"\0"),
 }

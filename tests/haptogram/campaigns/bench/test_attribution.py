@@ -13,7 +13,7 @@ from haptogram.campaigns.bench.attribution import (
     count_late_bench_frames,
     split_bench_lateness,
 )
-from haptogram.driver.timing.realtime import STAMPS, TickLog
+from haptogram.driver.timing.realtime import TickLog, TickStamps
 
 MS = 1_000_000
 WIRE_NS = 920_000
@@ -22,7 +22,7 @@ WIRE_NS = 920_000
 def log_of(rows):
     log = TickLog(len(rows))
     for row in rows:
-        log.record(**{f"{name}_ns": value for name, value in zip(STAMPS, row, strict=True)})
+        log.record(TickStamps(*row))
     return log
 
 

@@ -8,6 +8,7 @@ from haptogram.driver.timing.realtime import (
     STAMPS,
     PeriodicLoop,
     TickLog,
+    TickStamps,
     can_arrive_by_deadline,
     next_deadline_ns,
 )
@@ -103,9 +104,9 @@ def test_where_time_only_passes_in_serving_nothing_spins():
 
 def test_the_log_keeps_every_stamp_of_a_bounded_number_of_ticks():
     log = TickLog(2)
-    log.record(**{f"{name}_ns": 1000 * place for place, name in enumerate(STAMPS)})
+    log.record(TickStamps(*range(0, 7000, 1000)))
     assert [log.stamp_ns(name).tolist() for name in STAMPS] == [[1000 * i] for i in range(7)]
     assert log.lateness_us().tolist() == [2.0]
-    log.record(**{f"{name}_ns": 0 for name in STAMPS})
+    log.record(TickStamps(*[0] * 7))
     with pytest.raises(IndexError):
-        log.record(**{f"{name}_ns": 0 for name in STAMPS})
+        log.record(TickStamps(*[0] * 7))

@@ -126,7 +126,6 @@ def test_the_link_is_answered() -> None:
     unit = Autd3Unit(0)
     for operation in (Hello(), Open((AT_ORIGIN,)), Close()):
         assert unit.take(operation, 5) == [Accepted()]
-    assert unit.poses == (AT_ORIGIN,)
     assert unit.take(Undecodable("why"), 6) == [Autd3Refused("why")]
 
 

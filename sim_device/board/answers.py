@@ -1,15 +1,19 @@
-"""Replies that only read the board.  SPEC.md chapters 4, 7, 8 and 9."""
+"""Answers of the board to requests.  SPEC.md chapters 4 to 9.
+
+:data:`ANSWERS` has those that need nothing but the board; the dialect has the others, which need
+the line, the moment of the request or the timers of the dialect.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Final, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from haptogram.acoustics import Drive
-from haptogram_protocol import messages
+from haptogram_protocol import messages as m
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES
 from haptogram_protocol.rules import READ_CAPABILITIES
 from haptogram_protocol.state import MuteReason, OutputState
@@ -17,18 +21,17 @@ from haptogram_protocol.state import MuteReason, OutputState
 from .board import Board
 from .events import Latch
 from .refusal import RefusalError
-from .settings import BoardSettings
 
 StatusFields: TypeAlias = tuple[
-    OutputState, MuteReason, int, int, int, int, int, int, int, int, messages.Counters
+    OutputState, MuteReason, int, int, int, int, int, int, int, int, m.Counters
 ]
 
 _CLOCK_HZ: Final = 1_000_000
 _U32: Final = 0xFFFFFFFF
-_NO_LATCH: Final = messages.LatchKey(sequence=0, loop=0, index=0)
+_NO_LATCH: Final = m.LatchKey(sequence=0, loop=0, index=0)
 
 
-def board_identity(board: Board) -> messages.HelloReply:
+def board_identity(board: Board) -> m.HelloReply:
     """Return identity and capabilities of the board for the open session."""
     settings, array = board.settings, board.settings.model.array
     nx, ny = array.grid_shape or (0, 0)
@@ -36,10 +39,10 @@ def board_identity(board: Board) -> messages.HelloReply:
     times = ("latch_lead_us", "point_time_us")
     limits = ("max_sequence_frames", "max_upload_bytes", "max_playback_rate_hz")
     uploads = ("max_unattended_ms", "upload_window", "max_chunk", "boot_id", "firmware")
-    return messages.HelloReply(
+    return m.HelloReply(
         **{name: getattr(settings, name) for name in same_names + times + limits + uploads},
-        major=messages.VERSION_MAJOR,
-        minor=messages.VERSION_MINOR,
+        major=m.VERSION_MAJOR,
+        minor=m.VERSION_MINOR,
         nonce=board.session,
         reserved=0,
         features=int(settings.features),
@@ -63,7 +66,7 @@ def board_counters(board: Board, link: Mapping[str, int], trace_dropped: int) ->
     fields = dataclasses.fields(board.counters)
     own = {field.name: getattr(board.counters, field.name) for field in fields}
     merged = {**link, **own, "trace_dropped": trace_dropped}
-    return {name: merged[name] & _U32 for name in messages.Counters.WIRE}
+    return {name: merged[name] & _U32 for name in m.Counters.WIRE}
 
 
 def board_status(board: Board, counts: Mapping[str, int], *, free_bytes: int) -> StatusFields:
@@ -81,36 +84,32 @@ def board_status(board: Board, counts: Mapping[str, int], *, free_bytes: int) ->
         _clip_readout_i32(least_us),
         _clip_readout_i32(mean_us),
         board.config_crc,
-        messages.Counters(**counts),
+        m.Counters(**counts),
     )
 
 
-def board_geometry(
-    settings: BoardSettings, request: messages.GetGeometry
-) -> messages.GeometryReply:
+def board_geometry(board: Board, request: m.GetGeometry) -> m.GeometryReply:
     """Return positions and normals of some transducers, as many as fit one frame."""
-    first, stop = _readout_span(
-        request, settings.count, messages.GeometryReply, messages.Element.LAYOUT.size
-    )
+    settings = board.settings
+    first, stop = _readout_span(request, settings.count, m.GeometryReply, m.Element.LAYOUT.size)
     positions_um = settings.model.array.positions_um()[first:stop].tolist()
     normals = np.rint(settings.model.array.normals[first:stop] * 32767).astype(int).tolist()
     rows = zip(positions_um, normals, strict=True)
-    elements = tuple(messages.Element(*position, *normal) for position, normal in rows)
-    return messages.GeometryReply(total=settings.count, first=first, elements=elements)
+    elements = tuple(m.Element(*position, *normal) for position, normal in rows)
+    return m.GeometryReply(total=settings.count, first=first, elements=elements)
 
 
-def board_drive(board: Board, request: messages.ReadDrive) -> messages.DriveReply:
+def board_drive(board: Board, request: m.ReadDrive) -> m.DriveReply:
     """Return the codes of some transducers, latched or radiated, as many as fit one frame."""
     if not READ_CAPABILITIES[request.kind] & board.settings.features:
-        text = f"no read-back of the {request.kind.name} drive"
-        raise RefusalError(messages.ErrorCode.UNSUPPORTED, int(request.TYPE), text)
-    first, stop = _readout_span(request, board.settings.count, messages.DriveReply, 2)
+        raise RefusalError(m.ErrorCode.UNSUPPORTED, int(request.TYPE))
+    first, stop = _readout_span(request, board.settings.count, m.DriveReply, 2)
     latch = board.latched
-    if request.kind is messages.DriveKind.RADIATED:
+    if request.kind is m.DriveKind.RADIATED:
         shown = board.radiated(board.now_us)
     else:
         shown = latch.drive if latch else Drive.muted(board.settings.count)
-    return messages.DriveReply(
+    return m.DriveReply(
         kind=request.kind,
         key=latch.key if latch else _NO_LATCH,
         t_latch_us=latch.t_latch_us & _U32 if latch else 0,
@@ -119,17 +118,15 @@ def board_drive(board: Board, request: messages.ReadDrive) -> messages.DriveRepl
     )
 
 
-def board_trace(board: Board, request: messages.ReadTrace) -> messages.TraceReply:
+def board_trace(board: Board, request: m.ReadTrace) -> m.TraceReply:
     """Return latches of the trace ring, from the number asked for on, as many as fit one frame."""
     ring = board.output.ring
     oldest = ring[0].number if ring else board.output.latches
-    room = _room_of_readout(messages.TraceReply) // messages.TraceRecord.LAYOUT.size
+    room = _room_of_readout(m.TraceReply) // m.TraceRecord.LAYOUT.size
     asked = range(request.first, request.first + request.count)
     kept = [latch for latch in ring if latch.number in asked][:room]
     records = tuple(map(_trace_readout_of, kept))
-    return messages.TraceReply(
-        oldest=oldest & _U32, next=board.output.latches & _U32, records=records
-    )
+    return m.TraceReply(oldest=oldest & _U32, next=board.output.latches & _U32, records=records)
 
 
 def register_codes(shown: Drive, first: int = 0, stop: int | None = None) -> bytes:
@@ -138,33 +135,68 @@ def register_codes(shown: Drive, first: int = 0, stop: int | None = None) -> byt
     return phases.tobytes() + amplitudes.tobytes()
 
 
-def _trace_readout_of(latch: Latch) -> messages.TraceRecord:
-    return messages.TraceRecord(
+def _trace_readout_of(latch: Latch) -> m.TraceRecord:
+    return m.TraceRecord(
         number=latch.number & _U32,
         key=latch.key,
         t_latch_us=latch.t_latch_us & _U32,
         crc=latch.drive.digest(),
-        flags=int(messages.Flag.LATE) if latch.late else 0,
+        flags=int(m.Flag.LATE) if latch.late else 0,
     )
 
 
-def _room_of_readout(reply: type[messages.Message]) -> int:
+def _room_of_readout(reply: type[m.Message]) -> int:
     """Return the bytes that one frame leaves for the tail of *reply*."""
     return MAX_BODY_BYTES - HEADER_BYTES - reply.LAYOUT.size
 
 
 def _readout_span(
-    request: messages.GetGeometry | messages.ReadDrive,
+    request: m.GetGeometry | m.ReadDrive,
     total: int,
-    reply: type[messages.Message],
+    reply: type[m.Message],
     unit: int,
 ) -> tuple[int, int]:
     """Return first and last-but-one of the transducers that a reply shows."""
     if request.first >= total:
-        raise RefusalError(messages.ErrorCode.NOT_FOUND, total, f"no transducer {request.first}")
+        raise RefusalError(m.ErrorCode.NOT_FOUND, total)
     fits = _room_of_readout(reply) // unit
     return request.first, min(total, request.first + min(request.count, fits))
 
 
 def _clip_readout_i32(value: int) -> int:
     return max(-(2**31), min(2**31 - 1, value))
+
+
+def _arm(board: Board, _: m.Arm) -> m.ArmReply:
+    board.arm()
+    return m.ArmReply(board.state)
+
+
+def _disarm(board: Board, _: m.Disarm) -> m.DisarmReply:
+    board.disarm()
+    return m.DisarmReply(board.state)
+
+
+def _stop(board: Board, _: m.Stop) -> m.StopReply:
+    board.stop()
+    return m.StopReply(board.state)
+
+
+def _begin_upload(board: Board, begin: m.UploadBegin) -> m.UploadBeginReply:
+    board.begin_upload(begin)
+    return m.UploadBeginReply(board.settings.max_chunk, board.settings.upload_window)
+
+
+#: By the type of the request, which the table sees to, so that the type checker need not.
+ANSWERS: Final[Mapping[type[m.Message], Callable[[Board, Any], m.Message]]] = {
+    m.Arm: _arm,
+    m.Disarm: _disarm,
+    m.GetConfig: lambda board, _: m.ConfigReply(board.config_crc, board.config),
+    m.GetGeometry: board_geometry,
+    m.ReadDrive: board_drive,
+    m.ReadTrace: board_trace,
+    m.UploadBegin: _begin_upload,
+    m.UploadChunk: lambda board, chunk: m.UploadChunkReply(board.store_chunk(chunk)),
+    m.UploadCommit: lambda board, commit: m.UploadCommitReply(board.commit_upload(commit)),
+    m.Stop: _stop,
+}
