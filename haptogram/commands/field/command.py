@@ -29,7 +29,6 @@ from ..shell.progress import progress_bar
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
 
-VIEWS: Final = ("plane", "cuts", "isosurface")
 PLANES: Final = ("xy", "xz", "yz")
 QUANTITIES: Final = ("pressure", "phase", "force")
 EAR_MM: Final[Position] = (0.0, -300.0, 400.0)  # someone who sits before an array that looks up
@@ -41,7 +40,7 @@ examples:
   haptogram field --focus-mm 20,0,120 --picture field.png
       and |p| in the plane y = 0 through it as a picture
   haptogram field --focus-mm 20,0,120 --plane xy --quantity phase --picture phase.svg
-  haptogram field --preset autd3 --view isosurface --picture autd3.png
+  haptogram field --preset autd3 --picture autd3.png
   haptogram field --object circle --radius-mm 20 --plane xy --picture circle.png
       what a hand feels over one pass: mean square over the sequence, with narrow transducers
   haptogram field --ear-mm --modulation am
@@ -73,7 +72,6 @@ class FieldConfig(Settings):
         help="for what is audible at --ear-mm: amplitude, lateral, or spatio-temporal along a "
         "circle",
     )
-    view: str = option("plane", choices=VIEWS, help="kind of picture")
     plane: str = option("xz", choices=PLANES, help="axes of a plane")
     quantity: str = option(
         "pressure",
@@ -90,7 +88,7 @@ class FieldConfig(Settings):
     picture: Path | None = option(None, unit="FILE", help="write the picture: .png, .svg or .pdf")
 
 
-_PICTURE: Final = ("view", "plane", "quantity", "decibels", "half_width_mm", "step_mm", "picture")
+_PICTURE: Final = ("plane", "quantity", "decibels", "half_width_mm", "step_mm", "picture")
 
 
 def _acts_for_an_ear(arguments: argparse.Namespace) -> bool:
@@ -120,19 +118,10 @@ _ACTING: Final = {
     "pitch_mm": PITCH,
     "ear_mm": Acting("without --quiet", lambda a: not a.quiet),
     "quiet": _WITH_PICTURE,
-    "view": _WITH_PICTURE,
-    "quantity": _WITH_PICTURE,
-    "half_width_mm": _WITH_PICTURE,
+    **dict.fromkeys(("plane", "quantity", "half_width_mm", "step_mm"), _WITH_PICTURE),
     "decibels": Acting(
-        "with --picture, on pressure and force in --view plane or cuts",
-        lambda a: a.picture is not None and a.quantity != "phase" and a.view != "isosurface",
-    ),
-    "plane": Acting(
-        "with --picture and --view plane", lambda a: a.picture is not None and a.view == "plane"
-    ),
-    "step_mm": Acting(
-        "with --picture and --view plane or isosurface",
-        lambda a: a.picture is not None and a.view != "cuts",
+        "with --picture, on pressure and force",
+        lambda a: a.picture is not None and a.quantity != "phase",
     ),
 }
 
@@ -141,12 +130,12 @@ def set_up_field(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Draw the sound field of a focus, of a tactile object or of a drive: |p|, its "
-        "phase or the radiation pressure on a plane, cuts through the focus, or surfaces around "
-        "it. Axes are in mm; the target is marked by a cross, the peak by a ring. What a "
-        "modulation makes of a focus is shown by 'haptogram modulation'."
+        "phase or the radiation pressure on a plane. Axes are in mm; the target is marked by a "
+        "cross, the peak by a ring. What a modulation makes of a focus is shown by 'haptogram "
+        "modulation'."
     )
     parser.epilog = _EPILOG
-    parser.main_options = "focus_mm object drive rate_hz array picture view quantity at_mm ear_mm"
+    parser.main_options = "focus_mm object drive rate_hz array picture plane quantity at_mm ear_mm"
     _add_field_source(parser)
     add_array_options(parser.add_argument_group("array and air"))
     _add_field_picture(parser)
@@ -175,12 +164,7 @@ def _add_field_source(parser: Parser) -> None:
 def _add_field_picture(parser: Parser) -> None:
     group = parser.add_argument_group("picture", FILE_HELP)
     rows = options_of(FieldConfig)
-    add_command_options(
-        group,
-        [rows[name] for name in _PICTURE],
-        half_width_mm="60; isosurface: half of it",
-        step_mm="0.75; isosurface: 1.5 at least",
-    )
+    add_command_options(group, [rows[name] for name in _PICTURE])
     group.add_argument(
         "--at-mm",
         type=position_argument_mm,
@@ -203,12 +187,12 @@ def _add_field_picture(parser: Parser) -> None:
 def run_field(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
     from .scene import FieldScene, describe_field_levels
-    from .views import check_field_view_size, describe_field_scene, draw_scene
+    from .views import check_field_picture_size, describe_field_scene, draw_field_picture
 
     refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "picture")
     if arguments.picture is not None:
-        check_field_view_size(arguments)
+        check_field_picture_size(arguments)
     scene = FieldScene.from_arguments(arguments)
     levels = [] if arguments.quiet else list(describe_field_levels(arguments, scene))
     lines = [] if arguments.quiet else [*describe_field_scene(scene), *levels]
@@ -217,7 +201,7 @@ def run_field(arguments: argparse.Namespace) -> int:
 
     def write_picture(path: Path) -> None:
         with progress_bar("field", quiet=arguments.quiet, unit="points") as progress:
-            figure = draw_scene(arguments, scene, progress)
+            figure = draw_field_picture(arguments, scene, progress)
         write_picture_output(path, figure)
 
     return PASS if outputs.write_files(picture=write_picture) else USAGE

@@ -108,7 +108,9 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     )
     refuse_idle_options(arguments, settings, file, in_file)
     outputs = CommandOutputs(
-        settings, *(name for name in options_of(OutputConfig) if name != "stamp")
+        settings,
+        *(name for name in options_of(OutputConfig) if name != "stamp"),
+        pictures=bool(config.captures.capture),
     )
     if config.captures.from_recording is not None:
         return verify_recorded_captures(config, outputs, quiet=arguments.quiet)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -10,14 +10,23 @@ from numpy.typing import NDArray
 
 from haptogram.campaigns.bench.attribution import MISS_LIMITS_US
 from haptogram.campaigns.bench.measure import BenchRun
-from haptogram.campaigns.bench.percentiles import LEVELS, TimingPercentiles
+from haptogram.campaigns.bench.percentiles import LEVELS
 from haptogram.campaigns.bench.result import STAGES
 
-from ..figures.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, embed_picture, new_figure
+from ..figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    embed_picture,
+    figure_legend,
+    new_figure,
+)
 from ..formats.document import Document, Finding, Level, Listing, Picture, Section, Table
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -50,7 +59,10 @@ def bench_document(run: BenchRun, result: Result, changes: Sequence[str] = ()) -
         lead=[_bench_conditions_text(result), _bench_frames_text(result)],
         sections=[
             _bench_stages_section(run, result),
-            _bench_misses_section(run, result),
+            Section(
+                "Late frames and their causes",
+                [Table(_MISS_HEAD, list(_bench_misses_rows(result)), (0, 2, 4), (3,))],
+            ),
             Section("Consequence for the focus", [Listing([_bench_space_text(result)])]),
             Section("Against the run before", [Listing(changes)] if changes else []),
             Section("Machine", [Listing(list(_bench_machine_rows(result)))], folds=True),
@@ -70,24 +82,9 @@ def _bench_stages_section(run: BenchRun, result: Result) -> Section:
                 lambda: embed_picture(
                     draw_bench_histograms(run.stages_us),
                     "Histogram of the stages of a frame and of the control loop.",
-                    "Both axes are logarithmic, so that rare delays show.",
-                )
-            ),
-        ],
-    )
-
-
-def _bench_misses_section(run: BenchRun, result: Result) -> Section:
-    return Section(
-        "Late frames and their causes",
-        [
-            Table(_MISS_HEAD, list(_bench_misses_rows(result)), (0, 2, 4), (3,)),
-            Picture(
-                lambda: embed_picture(
-                    draw_bench_course(run.stages_us, run.config.rate_hz),
-                    "Lateness of every frame and of the control loop in the course of the run.",
-                    "The control loop does nothing but wake up, in a process of its own: where it "
-                    "is late too, the machine was.",
+                    "Both axes are logarithmic, so that rare delays show. The control loop does "
+                    "nothing but wake up, in a process of its own: where it is late too, the "
+                    "machine was.",
                 )
             ),
         ],
@@ -214,14 +211,10 @@ _SHOWN: Final = (
 )
 
 
-# Above the axes: the values can lie anywhere within them.
-_LEGEND: Final[Any] = {"loc": "outside upper center", "ncols": 2}
-
-
 def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
     """Draw a histogram of the duration of each stage, both axes logarithmic to show the tail.
 
-    Lines mark the limits from which on a frame counts as late, and the percentiles of the sum.
+    Lines mark the limits from which on a frame counts as late.
     """
     with new_figure(8.0, 4.8) as figure:
         axes = figure.add_subplot()
@@ -238,47 +231,10 @@ def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figur
                     label=f"{label} (n = {len(values)})",
                 )
         axes.set(xscale="log", yscale="log", xlabel="time (µs)", ylabel="frames")
-        axes.margins(y=0.25)  # room for the names of the percentiles
         most = max(np.nanmax(stages_us[name], initial=0.0) for name, *_ in _SHOWN)
         axes.set_xlim(_BINS[0] / 1.5, min(_BINS[-1], 3.0 * max(most, *MISS_LIMITS_US)))
-        _mark_bench_limits(axes.axvline)
-        _mark_bench_percentiles(axes, stages_us["complete"])
-        figure.legend(**_LEGEND)
+        for limit_us in MISS_LIMITS_US:
+            name = "limits of the miss counts"
+            axes.axvline(limit_us, color=GREY, linewidth=1.0, linestyle="--", label=name)
+        figure_legend(figure, columns=2)
     return figure
-
-
-def draw_bench_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: float) -> Figure:
-    """Draw the lateness of every frame and of the control loop over time."""
-    with new_figure(8.0, 3.2) as figure:
-        axes = figure.add_subplot()
-        for name, label, colour in (_SHOWN[4], _SHOWN[3]):
-            values = stages_us[name]
-            times_s = np.arange(len(values)) / rate_hz
-            axes.plot(times_s, np.maximum(values, 0.1), ".", ms=1.5, color=colour, label=label)
-        axes.set(yscale="log", xlabel="time (s)", ylabel="lateness (µs)")
-        _mark_bench_limits(axes.axhline)
-        figure.legend(**_LEGEND, markerscale=4.0)
-    return figure
-
-
-def _mark_bench_limits(draw_line: Callable[..., Any]) -> None:
-    for limit_us in MISS_LIMITS_US:
-        label = "limits of the miss counts" if limit_us == MISS_LIMITS_US[0] else None
-        draw_line(limit_us, color=GREY, linewidth=1.0, linestyle="--", zorder=1.0, label=label)
-
-
-def _mark_bench_percentiles(axes: Axes, values_us: NDArray[np.float64]) -> None:
-    """Mark the percentiles of all of it at the top of the histogram."""
-    found = TimingPercentiles.of(values_us)
-    for place, (level, value) in enumerate(found.levels.items()):
-        top = 0.97 - 0.04 * place  # the higher ones may lie close together
-        axes.axvline(value, ymin=0.0, ymax=top - 0.01, color=VERMILION, lw=0.8, ls=":")
-        axes.text(
-            value,
-            top,
-            level,
-            transform=axes.get_xaxis_transform(),
-            ha="center",
-            fontsize=7.0,
-            color=VERMILION,
-        )

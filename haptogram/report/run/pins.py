@@ -124,17 +124,15 @@ def _pin_cell(value: object) -> str:
     return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
-def run_pin_pictures(captures: Mapping[str, Any] | None) -> Iterator[PagePicture]:
-    """Yield a picture of the elements of each capture that shows some."""
-    for one in () if captures is None else captures["captures"]:
-        if one["elements_shown"]:
-            yield embed_picture(
-                draw_pin_elements(one),
-                f"The elements at their pins: {one['capture']}.",
-                "Mean over the frames that were judged, and standard deviation from frame to "
-                "frame. Phases are behind (+) or ahead of (-) the drives that were meant, after "
-                "the one that all pins share; amplitudes are over those that were meant.",
-            )
+def run_pin_picture(one: Mapping[str, Any]) -> PagePicture:
+    """Return the picture of the elements of a capture."""
+    return embed_picture(
+        draw_pin_elements(one),
+        f"The elements at their pins: {one['capture']}.",
+        "Mean over the frames that were judged, and standard deviation from frame to frame. "
+        "Phases are behind (+) or ahead of (-) the drives that were meant, after the one that all "
+        "pins share; amplitudes are over those that were meant.",
+    )
 
 
 def draw_pin_elements(one: Mapping[str, Any]) -> Figure:

@@ -12,13 +12,12 @@ from haptogram.campaigns.sweep.rows import MEASURES, VERDICTS, Measure, Row, bad
 
 from ..figures.style import embed_picture
 from ..formats.document import TONES, Block, Document, Picture, Section, Table
-from .levels import SweepLevel, sweep_levels
-from .pictures import draw_sweep_axes, draw_sweep_map
+from .levels import SweepLevel, sweep_level, sweep_levels
+from .pictures import draw_sweep_map
 
 _SEED: Final = "seed"
 _MOST_WORST: Final = 20
 _MOST_REASON: Final = 60  # characters; the rows have all of it
-_MOST_AXES: Final = 6  # of one picture
 _MOST_LEVELS: Final = 20  # of one axis of a map, or of a table
 
 
@@ -61,21 +60,16 @@ def _sweep_pictures(
     levels: Mapping[str, Sequence[SweepLevel]],
     measure: Measure,
 ) -> Iterator[Block]:
-    names = ([name for name in levels if name != _SEED] or list(levels))[:_MOST_AXES]
-    shown = {name: labels[name] for name in names}
-    if len(names) > 1:
-        two = names[:2]
-        yield Picture(
-            lambda: embed_picture(
-                draw_sweep_map([labels[n] for n in two], [levels[n] for n in two], measure),
-                f"Points over {labels[two[0]]} and {labels[two[1]]}.",
-                "Left: how many points did not pass, of how many. Right: the largest figure.",
-            )
-        )
+    names = ([name for name in levels if name != _SEED] or list(levels))[:2]
+    titles, shown = [labels[name] for name in names], [levels[name] for name in names]
+    if len(names) == 1:
+        titles, shown = ["", *titles], [[sweep_level("", rows, measure.column)], *shown]
     if names:
         yield Picture(
             lambda: embed_picture(
-                draw_sweep_axes(rows, shown, levels, measure), "Every point over each axis."
+                draw_sweep_map(titles, shown, measure),
+                f"Points over {' and '.join(filter(None, titles))}.",
+                "Left: how many points did not pass, of how many. Right: the largest figure.",
             )
         )
 

@@ -94,12 +94,11 @@ CASES = {
         "pitch_mm": ("--array 8x8", "--array array.csv"),
         "ear_mm": ("", "--quiet --picture a.png"),
         "quiet": ("--picture a.png", ""),
-        "view": ("--picture a.png", ""),
         "quantity": ("--picture a.png", ""),
         "decibels": ("--picture a.png", "--picture a.png --quantity phase"),
         "half_width_mm": ("--picture a.png", ""),
-        "plane": ("--picture a.png", "--picture a.png --view cuts"),
-        "step_mm": ("--picture a.png --view isosurface", "--picture a.png --view cuts"),
+        "plane": ("--picture a.png", ""),
+        "step_mm": ("--picture a.png", ""),
     },
 }
 CASES["soak"], CASES["bench"] = {}, {}

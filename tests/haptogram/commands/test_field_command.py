@@ -82,16 +82,10 @@ MOVED = {
 }
 
 
-def view_words(view):
-    coarse = () if view == "cuts" else ("--step-mm", "3")
-    return ("--view", view, "--picture", "a.png", *coarse)
-
-
 @pytest.mark.nightly
 @pytest.mark.parametrize("where", MOVED)
-@pytest.mark.parametrize("view", ["plane", "cuts", "isosurface"])
 def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
-    run, tmp_path, capsys, where, view
+    run, tmp_path, capsys, where
 ):
     turn, shift_m = MOVED[where]
     here = TransducerArray.grid(10, 8)
@@ -105,7 +99,18 @@ def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
         lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
         (tmp_path / name).write_text("\n".join(["x,y,z,nx,ny,nz", *lines]))
         place = ",".join(f"{value * 1e3:.9g}" for value in focus)
-        assert run("--array", tmp_path / name, f"--focus-mm={place}", *view_words(view)) == 0
+        assert (
+            run(
+                "--array",
+                tmp_path / name,
+                f"--focus-mm={place}",
+                "--picture",
+                "a.png",
+                "--step-mm",
+                "3",
+            )
+            == 0
+        )
         out = capsys.readouterr().out
         text[name] = re.sub(r"\([-\d., e]+\)", "(place)", out)
     assert text["there"] == text["here"]
@@ -144,16 +149,13 @@ def test_an_array_too_small_to_focus_is_described_as_such(run, capsys, array, sa
     [
         ("--plane", "xy", "--quantity", "phase", "--picture", "a.svg"),
         ("--plane", "yz", "--quantity", "force", "--picture", "a.svg"),
-        ("--view", "cuts", "--picture", "a.svg"),
-        ("--view", "isosurface", "--half-width-mm", "30", "--picture", "a.svg"),
         ("--preset", "sonicsurface", "--picture", "a.svg"),
         ("--object", "circle", "--radius-mm", "15", "--plane", "xy", "--picture", "a.svg"),
         ("--array", "8x8", "--pitch-mm", "8", "--picture", "a.svg"),
     ],
 )
 def test_every_view_is_written_as_a_picture_with_axes_in_mm(run, tmp_path, words, capsys):
-    coarse = () if "cuts" in words else ("--step-mm", "3")
-    assert run(*words, *coarse, "--quiet") == 0
+    assert run(*words, "--step-mm", "3", "--quiet") == 0
     picture = (tmp_path / "a.svg").read_text()
     assert "<svg" in picture
     assert "(mm)" in picture or "(Hz)" in picture
@@ -174,8 +176,6 @@ def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
     assert "peak" in picture
     assert "target" not in picture
     assert "focus (20, 0, 120) mm: 4132 Pa RMS" in capsys.readouterr().out
-    assert run("--drive", "drive.csv", "--view", "cuts", "--picture", "drive.svg") == 0
-    assert "target" not in (tmp_path / "drive.svg").read_text()
     place = ("--at-mm", "20,0,125")
     assert run("--drive", "drive.csv", *place, "--picture", "a.svg", "--step-mm", "3") == 0
     there = NumpyEngine(AcousticModel.default()).pressure(drive.weights(), [(0.02, 0.0, 0.125)])
@@ -207,7 +207,6 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
     [
         (("--focus-mm", "0,0,5"), "height"),
         (("--focus-mm", "nan,0,100"), "must be X,Y,Z, each"),
-        (("--object", "circle", "--view", "cuts", "--picture", "field.png"), "one focus"),
         (("--object", "circle", "--quantity", "phase", "--picture", "field.png"), "no phase"),
         (("--object", "dodecahedron"), "known are"),
         (("--preset", "unknown"), "known are"),

@@ -61,7 +61,6 @@ def test_dark_and_light_and_print_are_one_style_sheet():
     ("arguments", "package"),
     [
         (["verify", "--virtual-time", "--html", "a.html"], "jinja2"),
-        (["verify", "--virtual-time", "--html", "a.html"], "matplotlib"),
         (["conform", "--html", "a.html"], "jinja2"),
         (["conform", "--compare", "a.json", "--html", "a.html"], "jinja2"),
         (["bench", "--html", "a.html"], "jinja2"),
