@@ -261,9 +261,9 @@ def test_processes_give_what_one_gives(uninterrupted: SoakCampaign) -> None:
 def test_a_soak_says_how_long_it_takes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("haptogram.commands.soak._MEASURED_S", 0.0)
+    monkeypatch.setattr("haptogram.commands.shell.progress._MEASURED_S", 0.0)
     assert main(["soak", "--hours", "0.0004", "--seed", "7"]) == 0
-    assert capsys.readouterr().err.count("the rest takes about ") == 1
+    assert 1 < capsys.readouterr().err.count("the rest takes about ") <= 11
 
 
 def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(
