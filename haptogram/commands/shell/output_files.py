@@ -76,7 +76,7 @@ class CommandOutputs:
         ``stamp`` is no date.
     """
 
-    def __init__(self, settings: Any, *names: str, pictures: bool = True) -> None:
+    def __init__(self, settings: Any, *names: str, pictures: bool = False) -> None:
         self._program: str = settings.parser.prog
         given = {option_word(name): getattr(settings, name) for name in names}
         self.paths: dict[str, Path] = {

@@ -34,8 +34,14 @@ def progress_bar(
     def show(done: float, total: float, text: str = "") -> None:
         nonlocal bar
         if bar is None:
-            style = {"leave": False, "dynamic_ncols": True, "disable": None}
-            bar = tqdm(desc=what, unit=f" {unit}", initial=initial, **style)
+            bar = tqdm(
+                desc=what,
+                unit=f" {unit}",
+                initial=initial,
+                leave=False,
+                dynamic_ncols=True,
+                disable=None,
+            )
         bar.total = total
         if text:
             bar.set_postfix_str(text, refresh=False)

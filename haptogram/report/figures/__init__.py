@@ -1,4 +1,4 @@
-"""Pictures of fields and spectra (needs the extra ``report``).
+"""Pictures of fields (needs the extra ``report``).
 
 Axes in millimetres, a unit on every colour bar, the target and the peak marked.  The colour maps
 keep their order for colour-blind readers and in grey print: cividis for magnitudes, twilight,
@@ -14,5 +14,4 @@ from haptogram.report.figures.plane_picture import (
 )
 from haptogram.report.figures.planes import PicturePlane
 from haptogram.report.figures.quantities import QUANTITIES, figure_quantity_and_label
-from haptogram.report.figures.spectra import draw_spectrum
 from haptogram.report.figures.style import check_picture_format, encode_figure

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _CODE: Final = re.compile("`([^`]+)`")
 
 
-def check_html_page(*, pictures: bool = True) -> None:
+def check_html_page(*, pictures: bool = False) -> None:
     """Raise, before the work begins, unless a page can be written.
 
     Parameters
@@ -91,7 +91,7 @@ def render_html_page(
     ConfigurationError
         If the extra ``report`` is not installed.
     """
-    check_html_page(pictures=False)
+    check_html_page()
     page = _html_environment(folder).get_template(template)
     return page.render(content, origin=provenance.rows())
 

@@ -27,7 +27,7 @@ WRITERS = {
     "field": (["--array", "4x4"], ("--picture",)),
     "modulation": (
         ["am", "--array", "4x4", "--center-mm", "0,0,80"],
-        ("--picture", "--csv", "--json"),
+        ("--csv", "--json"),
     ),
     "presets": (["autd3"], ("--json",)),
     "sweep": ([str(ROOT / "tests/data/sweep.toml"), "--quiet"], ("--rows", "--html")),

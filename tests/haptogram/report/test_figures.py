@@ -23,7 +23,6 @@ from haptogram.report.figures import (
     PicturePlane,
     check_picture_format,
     draw_plane_figure,
-    draw_spectrum,
     encode_figure,
     figure_quantity_and_label,
     sample_picture_mean,
@@ -147,14 +146,6 @@ def test_nothing_of_a_picture_is_cut_whatever_the_shape_of_its_plane(up_m):
     assert whole.y1 <= height_in
     legend = picture.legends[0].get_window_extent()
     assert legend.y1 < picture.axes[0].xaxis.label.get_window_extent().y0
-
-
-def test_a_spectrum_shows_its_lines():
-    time, frequency = np.arange(4.0), np.array([0.0, 500.0, 2000.0])
-    left, right = draw_spectrum(time, time, frequency, np.array([1.0, 2.0, 3.0])).axes
-    assert "Hz" in right.get_xlabel()
-    assert "ms" in left.get_xlabel()
-    assert right.lines[0].get_xdata() == pytest.approx([0.0, 500.0])
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,6 @@ def test_dark_and_light_and_print_are_one_style_sheet():
         (["bench", "--html", "a.html"], "matplotlib"),
         (["bench", "--picture", "a.png"], "matplotlib"),
         (["field", "--picture", "a.png"], "matplotlib"),
-        (["modulation", "am", "--picture", "a.png"], "matplotlib"),
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(value),
 )
@@ -87,9 +86,9 @@ def test_without_the_extra_a_command_refuses_before_it_works(
 
 def test_a_page_without_pictures_needs_no_matplotlib(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    check_html_page(pictures=False)
+    check_html_page()
     with pytest.raises(ConfigurationError, match="matplotlib"):
-        check_html_page()
+        check_html_page(pictures=True)
 
 
 def test_what_stands_between_backticks_is_code_and_still_escaped():
