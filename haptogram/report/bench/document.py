@@ -63,7 +63,6 @@ def bench_document(run: BenchRun, result: Result, changes: Sequence[str] = ()) -
                 "Late frames and their causes",
                 [Table(_MISS_HEAD, list(_bench_misses_rows(result)), (0, 2, 4), (3,))],
             ),
-            Section("Consequence for the focus", [Listing([_bench_space_text(result)])]),
             Section("Against the run before", [Listing(changes)] if changes else []),
             Section("Machine", [Listing(list(_bench_machine_rows(result)))], folds=True),
         ],
@@ -107,10 +106,11 @@ def _bench_conditions_text(result: Result) -> str:
 
 def bench_outcome(result: Result) -> tuple[str, str]:
     """Return tone and sentence of a run: what reached the output late, else what ran late."""
-    due = result["frames"]["due"]
+    frames = result["frames"]
+    due = frames["due"]
     if not result["stages"]["latch"]["n"] and not result["stages"]["margin"]["n"]:
         return "plain", "nobody saw what reached the output"
-    missed = max(result["focus_error"]["frames"], due - result["frames"]["latched"])
+    missed = frames["late"] + due - frames["latched"]
     if missed:
         tone = "bad" if missed >= _NOTABLE_SHARE * due else "doubt"
         return tone, f"{missed} of {due} frames were late or lost at the output"
@@ -164,18 +164,6 @@ def _bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
                 ", ".join(causes),
                 str(miss["control_stalled_too"]),
             )
-
-
-def _bench_space_text(result: Result) -> str:
-    """Return the effect of late and lost frames on the focus."""
-    error = result["focus_error"]
-    if not error["frames"]:
-        return "No frame reached the output late: the focus was always the one due."
-    return (
-        f"For {error['frames']} frames the old focus was held, {error['held_us'] / 1000:.1f} ms "
-        f"in all, {error['mean_mm']:.2f} mm from the one due on average, {error['max_mm']:.2f} mm "
-        f"at most; {error['run_mean_mm']:.4f} mm on average over the run."
-    )
 
 
 def _bench_machine_rows(result: Result) -> Iterator[str]:

@@ -85,8 +85,7 @@ def test_a_bench_has_the_tone_of_what_reached_the_output(run):
         (400, 400, 400, "bad"),
         (0, 0, 0, "bad"),
     ):
-        result["frames"] |= {"due": 400, "latched": frames}
-        result["focus_error"]["frames"] = held
+        result["frames"] |= {"due": 400, "latched": frames, "late": held}
         for miss in result["misses"]["at_board"] + result["misses"]["at_port"]:
             miss["count"] = late
         assert bench_outcome(result)[0] == tone
