@@ -44,10 +44,12 @@ def console_table(
     ]
 
 
-def console_paragraph(text: str, *, indent: int = 0) -> list[str]:
+def console_paragraph(text: str, *, indent: int = 0, bullet: str = "", hang: int = 2) -> list[str]:
     """Return *text* in lines of at most 98 columns; those after the first are indented further."""
     first = " " * indent
-    return textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=f"{first}  ")
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=first + bullet, subsequent_indent=first + " " * hang
+    )
 
 
 def document_text(document: Document) -> str:

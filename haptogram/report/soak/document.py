@@ -1,4 +1,4 @@
-"""The account of a soak as a document, with the picture of its course."""
+"""The account of a soak as a document."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _soak_course(campaign: SoakCampaign) -> list[document.Block]:
         document.Listing(
             [
                 "Damaged frames are those that either end found; lost and late ones are those to "
-                "the board. A frame is late by the time from its due time to its arrival"
+                "the board. A frame is late by the time from its due time to its arrival."
             ]
         ),
     ]

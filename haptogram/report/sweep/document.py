@@ -73,7 +73,7 @@ def _sweep_grid(
     ]
     head = (f"{labels[names[0]]} / {labels[names[1]]}", *(level.label for level in across))
     yield Table(head, rows, range(1, len(head)))
-    yield Listing([f"points that did not pass, of how many, and the {measure.text}"])
+    yield Listing([f"In a cell: points that did not pass, of how many; {measure.text}."])
 
 
 def _grid_cell(rows: Sequence[Row], measure: Measure) -> str:

@@ -38,6 +38,6 @@ def test_every_cell_stands_below_its_heading(rows, indent):
 
 @given(st.lists(WORD, min_size=1), st.integers(0, 8))
 def test_a_paragraph_keeps_its_words_within_the_width(words, indent):
-    lines = console_paragraph(" ".join(words), indent=indent)
+    lines = console_paragraph(" ".join(words), indent=indent, bullet="- ")
     assert all(len(line) <= WIDTH for line in lines)
-    assert " ".join(lines).split() == words
+    assert " ".join(lines).split() == ["-", *words]
