@@ -1,53 +1,44 @@
-"""The picture of the README: two pictures of the page of `haptogram verify`, side by side."""
+"""The picture of the README: the view of a run of `haptogram verify`, as a browser shows it."""
 
 from __future__ import annotations
 
-import io
+import shutil
+import subprocess
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
-from unittest import mock
+from typing import Final
 
 from PIL import Image
 
 from haptogram.cli import main
-from haptogram.report.figures.style import PAGE_DPI, embed_picture, encode_figure
-from haptogram.report.formats.document import PagePicture
-from haptogram.report.run import document
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PICTURE: Final = Path(__file__).parents[1] / "docs" / "images" / "hemisphere.png"
-TITLES: Final = ("Intended and measured foci over the array.", "Pressure around one focus.")
-_HEIGHT: Final = 800  # pixels
+BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "chrome")
+_FRAME: Final = 400
+_WINDOW: Final = (1280, 900)
+_BOX: Final = (130, 206, 1136, 830)  # of the window: the view with its time line
 
 
 def draw() -> Image.Image:
-    """Run the hemisphere in virtual time, and return the two pictures of its page."""
-    drawn: dict[str, bytes] = {}
-
-    def kept(figure: Figure, title: str, caption: str = "") -> PagePicture:
-        drawn[title] = encode_figure(figure, ".png", PAGE_DPI)
-        return embed_picture(figure, title, caption)
-
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        mock.patch.object(document, "embed_picture", kept),
-    ):
-        html = Path(folder) / "run.html"
-        if main(["verify", "--virtual-time", "--quiet", "--html", str(html)]):
+    """Run the hemisphere in virtual time, and return the view of its recording."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        raise SystemExit("the picture needs Chromium: ci/browser installs it")
+    with tempfile.TemporaryDirectory() as folder:
+        record, html, png = (Path(folder, name) for name in ("run.mcap", "run.html", "run.png"))
+        if main(["verify", "--virtual-time", "--quiet", "--record", str(record)]):
             raise SystemExit("the run did not pass")
-    shown = [_scaled(Image.open(io.BytesIO(drawn[title])).convert("RGB")) for title in TITLES]
-    whole = Image.new("RGB", (sum(image.width for image in shown), _HEIGHT), "white")
-    whole.paste(shown[0], (0, 0))
-    whole.paste(shown[1], (shown[0].width, 0))
-    return whole
-
-
-def _scaled(image: Image.Image) -> Image.Image:
-    width = round(image.width * _HEIGHT / image.height)
-    return image.resize((width, _HEIGHT), Image.Resampling.LANCZOS)
+        main(["view", str(record), "--html", str(html)])
+        subprocess.run(
+            [
+                *(browser, "--headless", "--no-sandbox", "--virtual-time-budget=10000"),
+                *(f"--window-size={_WINDOW[0]},{_WINDOW[1]}", f"--screenshot={png}"),
+                f"{html.as_uri()}#view-{_FRAME}",
+            ],
+            check=True,
+            capture_output=True,
+        )
+        return Image.open(png).convert("RGB").crop(_BOX)
 
 
 if __name__ == "__main__":

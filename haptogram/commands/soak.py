@@ -22,7 +22,7 @@ from haptogram.settings.run.outputs import OutputConfig, output_options
 from .acting_options import STAMPED, refuse_idle_options
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
 from .shell.output_files import FILE_HELP, CommandOutputs
-from .shell.progress import progress_bar
+from .shell.progress import campaign_progress
 
 if TYPE_CHECKING:
     from haptogram.campaigns.soak.campaign import SoakCampaign
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from haptogram.campaigns.soak.segment import Progress
     from haptogram.settings.parser import Parser
 
-_MEASURED_S: Final = 5.0  # before the estimate
 _EPILOG: Final = """\
 examples:
   haptogram soak --hours 0.1
@@ -74,8 +73,7 @@ def set_up_soak(
     parser.description = (
         "Stream to the virtual board at 1 kHz, in virtual time, over a line that "
         "damages frames, with pauses, outages and new sessions; at the end every fault must be "
-        "explained.  After some seconds the command says how long the rest takes.  See "
-        "docs/soak.md."
+        "explained.  The progress tells how long the rest takes.  See docs/soak.md."
     )
     parser.epilog = _EPILOG
     parser.main_options = "hours fault_rate seed jobs resume json junit html record"
@@ -148,47 +146,16 @@ def _how_to_resume_soak_command(arguments: argparse.Namespace, campaign: SoakCam
 
 @contextlib.contextmanager
 def _soak_command_progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
-    """Show the progress: a bar on a terminal; elsewhere an estimate, and a line a segment."""
-    if quiet or not sys.stderr.isatty():
-        yield None if quiet else _soak_command_lines(campaign)
-        return
-    start_s, began_s = campaign.done_s, time.monotonic()
-    with progress_bar("soak", quiet=quiet, unit="virtual min") as bar:
+    start_s, began_s, all_min = campaign.done_s, time.monotonic(), campaign.setup.seconds / 60
+    with campaign_progress(
+        "soak", quiet=quiet, unit="virtual min", initial=round(start_s / 60, 2)
+    ) as bar:
 
         def show(done_s: float) -> None:
             speed = (done_s - start_s) / max(time.monotonic() - began_s, 1e-9)
+            wrong = sum(campaign.failures.values())
             if bar is not None:
-                done_min, all_min = (round(s / 60, 2) for s in (done_s, campaign.setup.seconds))
-                bar(done_min, all_min, f"{speed:.1f} x real time")
+                text = f"{speed:.1f} x real time, {wrong} violations"
+                bar(round(done_s / 60, 2), round(all_min, 2), text)
 
         yield show
-
-
-def _soak_command_lines(campaign: SoakCampaign) -> Progress:
-    reported, is_estimated = campaign.done, False
-    start_s, began_s = campaign.done_s, time.monotonic()
-
-    def show(done_s: float) -> None:
-        nonlocal reported, is_estimated
-        spent_s = time.monotonic() - began_s
-        if not is_estimated and done_s > start_s and spent_s > _MEASURED_S:
-            is_estimated = True
-            speed = (done_s - start_s) / spent_s
-            left_min = (campaign.setup.seconds - done_s) / speed / 60
-            print(
-                f"soak: {speed:.1f} x real time on this machine; the rest takes about "
-                f"{left_min:.0f} min (--jobs N shares it out, --resume FILE goes on later)",
-                file=sys.stderr,
-                flush=True,
-            )
-        if campaign.done > reported:
-            reported = campaign.done
-            wrong = sum(campaign.failures.values())
-            print(
-                f"soak: {campaign.done_s / 60:.1f} of {campaign.setup.seconds / 60:.1f} min, "
-                f"{campaign.times_real_time:.1f} x real time, {wrong} violations",
-                file=sys.stderr,
-                flush=True,
-            )
-
-    return show

@@ -20,13 +20,13 @@ from haptogram.settings.run.outputs import OutputConfig
 from .acting_options import refuse_idle_options
 from .shell.exit_status import FAIL, INCONCLUSIVE, INTERRUPTED, PASS, USAGE
 from .shell.output_files import FILE_HELP, CommandOutputs
+from .shell.progress import campaign_progress
 
 if TYPE_CHECKING:
     from haptogram.campaigns.sweep.campaign import OpenWorkers, RunWords, SweepCampaign
     from haptogram.campaigns.sweep.plan import ParserOf
     from haptogram.settings.parser import Parser
 
-_LINES: Final = 10  # of progress, where there is no terminal
 _EPILOG: Final = """\
 examples:
   haptogram sweep sweep.toml --jobs 4 --rows rows.csv --html sweep.html
@@ -153,35 +153,12 @@ def _status_of_sweep(campaign: SweepCampaign) -> int:
 
 @contextlib.contextmanager
 def _sweep_progress(campaign: SweepCampaign, *, quiet: bool) -> Iterator[Callable[[], None]]:
-    """Show the progress: a bar on a terminal; elsewhere a line now and then."""
-    if quiet:
-        yield lambda: None
-    elif not sys.stderr.isatty():
-        yield _sweep_lines(campaign)
-    else:
-        from tqdm import tqdm
+    initial = len(campaign.rows)
+    with campaign_progress("sweep", quiet=quiet, unit="points", initial=initial) as bar:
 
-        done, total = len(campaign.rows), len(campaign.plan)
-        with tqdm(
-            desc="sweep", unit=" points", total=total, initial=done, leave=False, dynamic_ncols=True
-        ) as bar:
-
-            def show() -> None:
-                bar.update(len(campaign.rows) - bar.n)
-
-            yield show
-
-
-def _sweep_lines(campaign: SweepCampaign) -> Callable[[], None]:
-    total, told = len(campaign.plan), _LINES * len(campaign.rows) // len(campaign.plan)
-
-    def show() -> None:
-        nonlocal told
-        part = _LINES * len(campaign.rows) // total
-        if part > told:
-            told = part
+        def show() -> None:
             failed = sum(row["verdict"] != "pass" for row in campaign.rows.values())
-            text = f"sweep: {len(campaign.rows)} of {total} points, {failed} did not pass"
-            print(text, file=sys.stderr, flush=True)
+            if bar is not None:
+                bar(len(campaign.rows), len(campaign.plan), f"{failed} did not pass")
 
-    return show
+        yield show

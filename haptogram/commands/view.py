@@ -108,7 +108,7 @@ def run_view(arguments: argparse.Namespace) -> int:
 
     refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "html")
-    check_html_page(pictures=False)
+    check_html_page()
     if arguments.html is not None and arguments.source.startswith("unix:"):
         raise ConfigurationError(
             "--html writes what a file holds; a socket tells only what comes: name the file of "
@@ -171,10 +171,9 @@ def _serve_view(
     if _wants_view_in_browser(arguments.open):
         webbrowser.open(server.address)
     try:
-        starter = _ViewStarter() if arguments.until_eof else None
-        while starter is None or starter.is_there():
+        while not arguments.until_eof or _is_starter_there():
             if live is not None:
-                _follow_view(server, *live, starter)
+                _follow_view(server, *live, is_started=arguments.until_eof)
             time.sleep(_PERIOD_S)
     except KeyboardInterrupt:
         pass
@@ -184,39 +183,26 @@ def _serve_view(
 
 
 def _follow_view(
-    server: ViewServer, scene: LiveViewerScene, stream: BackdoorReader, starter: _ViewStarter | None
+    server: ViewServer, scene: LiveViewerScene, stream: BackdoorReader, *, is_started: bool
 ) -> None:
     """Pass new records to the view server; do nothing once the board has ended."""
     if scene.ended:
         return
     records = stream.read()
     if records or not stream.is_open:
-        targets = starter.take_lines() if starter is not None else ()
-        server.take(scene, records, ended=not stream.is_open, targets=targets)
-    if scene.ended and starter is None:
+        server.take(scene, records, ended=not stream.is_open)
+    if scene.ended and not is_started:
         print("the board has ended; Ctrl-C ends the view", file=sys.stderr)
 
 
-class _ViewStarter:
-    """The program that started the view: its end, and the lines with the targets of its frames."""
-
-    def __init__(self) -> None:
-        self._unread = b""
-        self._lines: list[bytes] = []
-
-    def is_there(self) -> bool:
-        """Return True unless standard input has ended; keep what has come, and wait for nothing."""
-        while sys.stdin is not None and select.select([sys.stdin], [], [], 0.0)[0]:
-            if not (data := os.read(sys.stdin.fileno(), _AT_ONCE)):
-                return False
-            *lines, self._unread = (self._unread + data).split(b"\n")
-            self._lines += lines
-        return sys.stdin is not None
-
-    def take_lines(self) -> list[bytes]:
-        """Return the lines that have come since the last call."""
-        lines, self._lines = self._lines, []
-        return lines
+def _is_starter_there() -> bool:
+    """Return True unless standard input, of the program that started the view, has ended."""
+    if sys.stdin is None:
+        return False
+    while select.select([sys.stdin], [], [], 0.0)[0]:
+        if not os.read(sys.stdin.fileno(), _AT_ONCE):
+            return False
+    return True
 
 
 def _wants_view_in_browser(wish: bool | None) -> bool:

@@ -32,14 +32,6 @@ class ViewProcess:
             env=child_process_environment(),
             start_new_session=True,  # Ctrl-C is for the host; the view is ended when it is done
         )
-        assert self._process.stdin is not None  # PIPE
-        os.set_blocking(self._process.stdin.fileno(), False)
-
-    def tell(self, line: bytes) -> None:
-        """Hand the view a line; it is dropped where there is no room: nobody waits for a view."""
-        if self._process.stdin is not None:
-            with contextlib.suppress(BlockingIOError, BrokenPipeError):
-                os.write(self._process.stdin.fileno(), line)
 
     def wait(self) -> None:
         """Wait until the view ends, or Ctrl-C."""

@@ -56,7 +56,6 @@ def test_json_goes_to_a_file(tmp_path, capsys):
 def test_the_report_is_one_page_or_a_folder_of_pictures(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("haptogram_paper.pictures._STEP_M", 4e-3)
     monkeypatch.setattr("haptogram.report.figures.style.DPI", 40)
-    monkeypatch.setattr("haptogram.report.figures.style.PAGE_DPI", 40)
     assert run("--html", tmp_path / "out", "--stamp", "2026-11-22") == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"index.html", "table1.png", "hemispheres.svg", "figure4_2_bent_x_xz.svg"} <= names

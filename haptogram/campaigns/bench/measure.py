@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from haptogram.campaigns.bench import attribution
 from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.campaigns.bench.control import NoiseFloorLoop
-from haptogram.campaigns.bench.focus_error import BenchFocusError, bench_focus_error
 from haptogram.campaigns.bench.percentiles import TimingPercentiles
 from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
@@ -54,8 +53,9 @@ class BenchRun:
         Microseconds of every frame by stage, nan where a stage was not observed.
     misses : dict of str to list of Misses
         Misses of each limit, ``at_port`` and ``at_board``.
-    latched : int
-        Number of frames that were latched.
+    latched, late : int
+        Number of frames that were latched, and of those among them that were late: by a carrier
+        period or more.
     """
 
     config: BenchConfig
@@ -63,8 +63,8 @@ class BenchRun:
     report: StreamReport
     stages_us: dict[str, NDArray[np.float64]]
     misses: dict[str, list[attribution.LatenessMisses]]
-    focus: BenchFocusError
     latched: int
+    late: int
     environment: dict[str, Any]
     processors: dict[str, float]
     warnings: list[str]
@@ -109,7 +109,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
                 )
             processors = fingerprint_cpu_share(before, fingerprint_cpu_times())
         latches = collect(driver)
-    return _bench_run_of(config, label, driver, report, control, latches, targets_m, processors)
+    return _bench_run_of(config, label, driver, report, control, latches, processors)
 
 
 _Collect: TypeAlias = Callable[[Driver], Latches]
@@ -163,7 +163,6 @@ def _bench_run_of(
     report: StreamReport,
     control: NoiseFloorLoop,
     latches: Latches,
-    targets_m: NDArray[np.float64],
     processors: dict[str, float],
 ) -> BenchRun:
     ticks, paced = report.ticks, config.port is not None
@@ -191,10 +190,8 @@ def _bench_run_of(
         report=report,
         stages_us=stages,
         misses=_bench_misses(parts, stalled),
-        focus=bench_focus_error(
-            targets_m, due_us, latched_us, carrier_us=1_000_000 // driver.identity.carrier_hz
-        ),
         latched=int((~np.isnan(latched_us)).sum()),
+        late=int((latched_us - due_us >= 1_000_000 // driver.identity.carrier_hz).sum()),
         environment=machine_fingerprint(),
         processors=processors,
         warnings=list(driver.warnings),

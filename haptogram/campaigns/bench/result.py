@@ -40,6 +40,7 @@ def bench_dict(run: BenchRun) -> dict[str, Any]:
             "due": report.frames,
             "skipped": len(report.skipped),
             "latched": run.latched,
+            "late": run.late,
             "write_stalls": report.write_stalls,
             "dropped_late": report.status.counters.dropped_late,
             "lead_us": report.lead_us,
@@ -50,7 +51,6 @@ def bench_dict(run: BenchRun) -> dict[str, Any]:
         "misses": {
             place: [_bench_miss(miss) for miss in misses] for place, misses in run.misses.items()
         },
-        "focus_error": run.focus.as_dict(),
         "processors": run.processors,
         "environment": run.environment,
         "warnings": run.warnings,

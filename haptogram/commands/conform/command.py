@@ -84,7 +84,6 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
         "summary",
         "write_baseline",
         "record",
-        pictures=False,
     )
     if captures.from_recording is not None:
         suite = conform_recorded_captures(
@@ -268,7 +267,7 @@ def _compare_conform_results(arguments: argparse.Namespace) -> int:
 
     if arguments.html is None:
         raise ConfigurationError("--compare writes a page: name it with --html")
-    outputs = CommandOutputs(arguments, "html", pictures=False)
+    outputs = CommandOutputs(arguments, "html")
     suites = [read_suite_json(path) for path in arguments.compare]
     written = outputs.write(suite_comparison_document(suites))
     return PASS if written else USAGE

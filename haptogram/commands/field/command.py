@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.settings.command_line import add_command_options, add_setting_options
-from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.option import Settings, option, options_of
 from haptogram.settings.parser import Acting
 from haptogram.settings.run.verify import VerifyConfig
-from haptogram.settings.shape import ModulationConfig
 
 from ..acting_options import (
     PITCH,
@@ -23,16 +22,14 @@ from ..acting_options import (
 from ..shell.array_options import add_array_options
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
-from ..shell.positions import Position, position_argument_mm
+from ..shell.positions import position_argument_mm
 from ..shell.progress import progress_bar
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
 
-VIEWS: Final = ("plane", "cuts", "isosurface")
 PLANES: Final = ("xy", "xz", "yz")
 QUANTITIES: Final = ("pressure", "phase", "force")
-EAR_MM: Final[Position] = (0.0, -300.0, 400.0)  # someone who sits before an array that looks up
 
 _EPILOG: Final = """\
 examples:
@@ -41,11 +38,9 @@ examples:
   haptogram field --focus-mm 20,0,120 --picture field.png
       and |p| in the plane y = 0 through it as a picture
   haptogram field --focus-mm 20,0,120 --plane xy --quantity phase --picture phase.svg
-  haptogram field --preset autd3 --view isosurface --picture autd3.png
+  haptogram field --preset autd3 --picture autd3.png
   haptogram field --object circle --radius-mm 20 --plane xy --picture circle.png
       what a hand feels over one pass: mean square over the sequence, with narrow transducers
-  haptogram field --ear-mm --modulation am
-      what reaches an ear: ultrasound in dB SPL, what is audible of a 200 Hz modulation in dB(A)
   haptogram field --drive drive.csv --at-mm 10,0,120 --plane xy --picture drive.svg
       a drive as codes, a header phase,amplitude and one line for each element, around a place
 
@@ -66,14 +61,6 @@ class FieldConfig(Settings):
     phase_bits: int = option(
         8, unit="BITS", low=1, high=16, help="resolution of the phases, 1 to 16"
     )
-    modulation: str = option_of(
-        ModulationConfig,
-        "modulation",
-        default="am",
-        help="for what is audible at --ear-mm: amplitude, lateral, or spatio-temporal along a "
-        "circle",
-    )
-    view: str = option("plane", choices=VIEWS, help="kind of picture")
     plane: str = option("xz", choices=PLANES, help="axes of a plane")
     quantity: str = option(
         "pressure",
@@ -90,16 +77,10 @@ class FieldConfig(Settings):
     picture: Path | None = option(None, unit="FILE", help="write the picture: .png, .svg or .pdf")
 
 
-_PICTURE: Final = ("view", "plane", "quantity", "decibels", "half_width_mm", "step_mm", "picture")
-
-
-def _acts_for_an_ear(arguments: argparse.Namespace) -> bool:
-    """Return True if the options for a listener take effect."""
-    return arguments.ear_mm is not None and not arguments.object and not arguments.drive
+_PICTURE: Final = ("plane", "quantity", "decibels", "half_width_mm", "step_mm", "picture")
 
 
 _WITH_PICTURE: Final = with_option("picture")
-_FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _acts_for_an_ear)
 _ACTING: Final = {
     "resolution_mm": Acting(
         "with --object, on other objects than a point",
@@ -110,29 +91,13 @@ _ACTING: Final = {
         lambda a: a.object is not None and acts_on_a_size(a),
     ),
     "unit": Acting("with --object, on a mesh file", lambda a: a.object and not acts_on_a_shape(a)),
-    "center_mm": with_option("object"),
-    "rate_hz": Acting(
-        "with --object, or on one focus with --ear-mm",
-        lambda a: a.object is not None or _acts_for_an_ear(a),
-    ),
-    "modulation": _FOR_AN_EAR,
-    "modulation_hz": _FOR_AN_EAR,
+    **dict.fromkeys(("center_mm", "rate_hz"), with_option("object")),
     "pitch_mm": PITCH,
-    "ear_mm": Acting("without --quiet", lambda a: not a.quiet),
     "quiet": _WITH_PICTURE,
-    "view": _WITH_PICTURE,
-    "quantity": _WITH_PICTURE,
-    "half_width_mm": _WITH_PICTURE,
+    **dict.fromkeys(("plane", "quantity", "half_width_mm", "step_mm"), _WITH_PICTURE),
     "decibels": Acting(
-        "with --picture, on pressure and force in --view plane or cuts",
-        lambda a: a.picture is not None and a.quantity != "phase" and a.view != "isosurface",
-    ),
-    "plane": Acting(
-        "with --picture and --view plane", lambda a: a.picture is not None and a.view == "plane"
-    ),
-    "step_mm": Acting(
-        "with --picture and --view plane or isosurface",
-        lambda a: a.picture is not None and a.view != "cuts",
+        "with --picture, on pressure and force",
+        lambda a: a.picture is not None and a.quantity != "phase",
     ),
 }
 
@@ -141,12 +106,12 @@ def set_up_field(parser: Parser) -> None:
     """Describe the command and add its options."""
     parser.description = (
         "Draw the sound field of a focus, of a tactile object or of a drive: |p|, its "
-        "phase or the radiation pressure on a plane, cuts through the focus, or surfaces around "
-        "it. Axes are in mm; the target is marked by a cross, the peak by a ring. What a "
-        "modulation makes of a focus is shown by 'haptogram modulation'."
+        "phase or the radiation pressure on a plane. Axes are in mm; the target is marked by a "
+        "cross, the peak by a ring. What a modulation makes of a focus is shown by 'haptogram "
+        "modulation'."
     )
     parser.epilog = _EPILOG
-    parser.main_options = "focus_mm object drive rate_hz array picture view quantity at_mm ear_mm"
+    parser.main_options = "focus_mm object drive rate_hz array picture plane quantity at_mm"
     _add_field_source(parser)
     add_array_options(parser.add_argument_group("array and air"))
     _add_field_picture(parser)
@@ -167,20 +132,15 @@ def _add_field_source(parser: Parser) -> None:
     add_setting_options(source, [rows["object"]], object="one focus")
     own = options_of(FieldConfig)
     add_command_options(source, [own["drive"]])
-    names = ("unit", "resolution_mm", "radius_mm", "rate_hz", "center_mm", "modulation_hz")
+    names = ("unit", "resolution_mm", "radius_mm", "rate_hz", "center_mm")
     add_command_options(group, [rows[name] for name in names])
-    add_command_options(group, [own["phase_bits"], own["modulation"]])
+    add_command_options(group, [own["phase_bits"]])
 
 
 def _add_field_picture(parser: Parser) -> None:
     group = parser.add_argument_group("picture", FILE_HELP)
     rows = options_of(FieldConfig)
-    add_command_options(
-        group,
-        [rows[name] for name in _PICTURE],
-        half_width_mm="60; isosurface: half of it",
-        step_mm="0.75; isosurface: 1.5 at least",
-    )
+    add_command_options(group, [rows[name] for name in _PICTURE])
     group.add_argument(
         "--at-mm",
         type=position_argument_mm,
@@ -188,36 +148,27 @@ def _add_field_picture(parser: Parser) -> None:
         help="place to look at: its pressure is printed, and a picture is centred there [the "
         "focus, the centre of the object; of --drive, where it is loudest]",
     )
-    group.add_argument(
-        "--ear-mm",
-        type=position_argument_mm,
-        nargs="?",
-        const=EAR_MM,
-        metavar="X,Y,Z",
-        help="also print the levels at an ear [0,-300,400: before the array, bent over it]: of the "
-        "ultrasound, next to a guideline, and of what is audible; a focus is modulated",
-    )
     group.add_argument("--quiet", action="store_true", help="no progress and no text")
 
 
 def run_field(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
     from .scene import FieldScene, describe_field_levels
-    from .views import check_field_view_size, describe_field_scene, draw_scene
+    from .views import check_field_picture_size, describe_field_scene, draw_field_picture
 
     refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "picture")
     if arguments.picture is not None:
-        check_field_view_size(arguments)
+        check_field_picture_size(arguments)
     scene = FieldScene.from_arguments(arguments)
-    levels = [] if arguments.quiet else list(describe_field_levels(arguments, scene))
+    levels = [] if arguments.quiet else list(describe_field_levels(scene))
     lines = [] if arguments.quiet else [*describe_field_scene(scene), *levels]
     for line in lines:
         print(line, file=outputs.text)
 
     def write_picture(path: Path) -> None:
         with progress_bar("field", quiet=arguments.quiet, unit="points") as progress:
-            figure = draw_scene(arguments, scene, progress)
+            figure = draw_field_picture(arguments, scene, progress)
         write_picture_output(path, figure)
 
     return PASS if outputs.write_files(picture=write_picture) else USAGE

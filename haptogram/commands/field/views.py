@@ -1,4 +1,4 @@
-"""The pictures of ``haptogram field``, and the figures of a focus as text."""
+"""The picture of ``haptogram field``, and the figures of a focus as text."""
 
 from __future__ import annotations
 
@@ -31,28 +31,24 @@ from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.errors import ConfigurationError
 from haptogram.report.figures import (
     PicturePlane,
-    draw_cuts,
-    draw_isosurfaces,
     draw_plane_figure,
     sample_picture_mean,
     sample_picture_plane,
 )
-from haptogram.report.figures.isosurface import _MAX_VOXELS
 from haptogram.report.figures.planes import MAX_POINTS
 from haptogram.settings.arguments import Progress
 
-from ..shell.positions import metres_of_position, position_text
+from ..shell.positions import position_text
 from .scene import FieldScene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_LEAST_STEP_MM: Final = 1.5  # of a surface
 _NO_FOCUS: Final = 0.25  # of the target's distance: a maximum that far off is not its focus
 
 
-def check_field_view_size(arguments: argparse.Namespace) -> None:
+def check_field_picture_size(arguments: argparse.Namespace) -> None:
     """Raise, before the work begins, if the picture would have too many samples or none.
 
     Raises
@@ -61,28 +57,19 @@ def check_field_view_size(arguments: argparse.Namespace) -> None:
         Names the step, the half width and the limit.
     """
     step_mm, half_mm = arguments.step_mm, arguments.half_width_mm
-    sides: tuple[float, ...] = (2 * half_mm, 2 * half_mm)
-    most = MAX_POINTS
-    if arguments.view == "cuts":
-        return
-    if arguments.view == "isosurface":
-        step_mm, half_mm, most = max(step_mm, _LEAST_STEP_MM), half_mm / 2, _MAX_VOXELS
-        sides = (2 * half_mm, 2 * half_mm, 4 * half_mm)
     if step_mm >= half_mm:
         raise ConfigurationError(
-            f"step_mm is {arguments.step_mm:g}, must be below {half_mm:g} mm with --half-width-mm "
-            f"{arguments.half_width_mm:g}"
+            f"step_mm is {step_mm:g}, must be below {half_mm:g} mm with --half-width-mm {half_mm:g}"
         )
-    samples = math.prod(side / step_mm + 1 for side in sides)
-    if samples > most:
+    samples = (2 * half_mm / step_mm + 1) ** 2
+    if samples > MAX_POINTS:
         raise ConfigurationError(
-            f"step_mm is {arguments.step_mm:g}; with --half-width-mm "
-            f"{arguments.half_width_mm:g} the picture has {samples:.3g} samples, must be at most "
-            f"{most}: take a larger step"
+            f"step_mm is {step_mm:g}; with --half-width-mm {half_mm:g} the picture has "
+            f"{samples:.3g} samples, must be at most {MAX_POINTS}: take a larger step"
         )
 
 
-def draw_scene(
+def draw_field_picture(
     arguments: argparse.Namespace, scene: FieldScene, progress: Progress | None
 ) -> Figure:
     """Return the picture that the command line asks for.
@@ -90,42 +77,8 @@ def draw_scene(
     Raises
     ------
     ConfigurationError
-        A view that needs one focus, for an object; sizes out of range; no matplotlib.
+        Sizes out of range; no matplotlib.
     """
-    half_m, step_m = arguments.half_width_mm / 1e3, arguments.step_mm / 1e3
-    if arguments.view == "plane":
-        return _draw_field_view(arguments, scene, progress)
-    if scene.is_sequence:
-        raise ConfigurationError(
-            f"view {arguments.view!r} shows one focus; take --view plane for an object"
-        )
-    engine = choose_engine(scene.model)
-    if arguments.view == "cuts":
-        return draw_cuts(
-            engine,
-            scene.weights[0],
-            scene.look_m,
-            half_m,
-            title=_scene_title(arguments, scene),
-            quantity=arguments.quantity,
-            place=_scene_place(scene),
-            decibels=bool(arguments.decibels),
-        )
-    step = max(step_m, _LEAST_STEP_MM / 1e3)
-    return draw_isosurfaces(
-        engine,
-        scene.weights[0],
-        scene.look_m,
-        half_m / 2.0,
-        step,
-        title=_scene_title(arguments, scene),
-        quantity=arguments.quantity,
-    )
-
-
-def _draw_field_view(
-    arguments: argparse.Namespace, scene: FieldScene, progress: Progress | None
-) -> Figure:
     engine = choose_engine(scene.model)
     plane = PicturePlane.around(
         scene.model.array,
@@ -147,15 +100,7 @@ def _draw_field_view(
         targets_m=scene.targets_m,
         title=_scene_title(arguments, scene),
         decibels=bool(arguments.decibels),
-        ear_m=None if arguments.ear_mm is None else metres_of_position(arguments.ear_mm),
     )
-
-
-def _scene_place(scene: FieldScene) -> str:
-    """Return the word for the evaluated point: place, target or loudest place."""
-    if scene.place_m is not None:
-        return "place"
-    return "target" if len(scene.targets_m) else "loudest place"
 
 
 def _scene_title(arguments: argparse.Namespace, scene: FieldScene) -> str:

@@ -28,7 +28,7 @@ from ..acting_options import (
 )
 from ..shell.array_options import add_array_options, array_model
 from ..shell.exit_status import PASS, USAGE
-from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
+from ..shell.output_files import FILE_HELP, CommandOutputs
 from ..shell.positions import metres_of_position, position_argument_mm
 
 if TYPE_CHECKING:
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 
 HOLD: Final = "dwell"
 KINDS: Final = ("am", "lm", "stm", HOLD)
-_OUTPUTS: Final = ("picture", "csv", "json")
+_OUTPUTS: Final = ("csv", "json")
 _CENTER_MM: Final = (0.0, 0.0, 150.0)
 _RADIUS_MM: Final = 20.0
 _EPILOG: Final = """\
 examples:
   haptogram modulation am
       a standing focus, full depth, 200 Hz at 1000 frames/s: what of it arrives, and what else
-  haptogram modulation am --depth 0.5 --rate-hz 8000 --picture am.png
+  haptogram modulation am --depth 0.5 --rate-hz 8000
   haptogram modulation lm --shift-mm 0,4,0
   haptogram modulation stm --modulation-hz 50 --object circle --radius-mm 20
       a circle, 50 rounds per second
@@ -71,7 +71,6 @@ class ModulationResultConfig(Settings):
         high=1e6,
         help="bandwidth of the transducers at -6 dB: how fast they follow a frame",
     )
-    picture: Path | None = option(None, unit="FILE", help="picture: .png, .svg or .pdf")
     csv: Path | None = option(
         None, unit="FILE", help="frames as CSV: time_s, x_mm, y_mm, z_mm, amplitude"
     )
@@ -104,9 +103,7 @@ def set_up_modulation(parser: Parser) -> None:
         "line of its spectrum, and which of them come from the steps between frames."
     )
     parser.epilog = _EPILOG
-    parser.main_options = (
-        "modulation_hz depth object rate_hz center_mm array at_mm picture csv json"
-    )
+    parser.main_options = "modulation_hz depth object rate_hz center_mm array at_mm csv json"
     parser.add_argument(
         "kind",
         choices=KINDS,
@@ -159,7 +156,7 @@ def run_modulation(arguments: argparse.Namespace) -> int:
     from haptogram.machine.files import write_file_atomically
     from haptogram.objects.run_frames import frames_of_run
 
-    from .result import ModulationResult, describe_felt, draw_felt, felt_csv, felt_dict
+    from .result import ModulationResult, describe_felt, felt_csv, felt_dict
 
     refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, *_OUTPUTS)
@@ -178,7 +175,6 @@ def run_modulation(arguments: argparse.Namespace) -> int:
     for line in describe_felt(felt, arguments.bandwidth_hz):
         print(line, file=outputs.text)
     written = outputs.write_files(
-        picture=lambda path: write_picture_output(path, draw_felt(felt)),
         csv=lambda path: write_file_atomically(path, felt_csv(frames).encode("ascii")),
         json=lambda path: write_json_file(path, felt_dict(felt, arguments.bandwidth_hz)),
     )

@@ -1,4 +1,4 @@
-"""Result of ``haptogram modulation`` as text, picture, CSV and JSON."""
+"""Result of ``haptogram modulation`` as text, CSV and JSON."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from haptogram.acoustics import (
     focus_phases,
     force_on_disc_n,
 )
-from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.objects.modulation import FocusFrames
 from haptogram.objects.signals import FeltSignal, felt_signal_at
@@ -25,15 +24,11 @@ from haptogram.settings.shape import ModulationConfig
 
 from ..shell.positions import position_text
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 FELT_UP_TO_HZ: Final = 1000.0  # skin feels vibration up to about 1 kHz
 _LEAST_SHARE: Final = 0.01  # of the strongest line
 _MOST_LINES: Final = 12
 _NOTEWORTHY: Final = 0.01  # of the power of the vibration
 _ORDERS_NAMED: Final = 4
-_PERIODS_SHOWN: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,38 +219,6 @@ def felt_warnings(felt: ModulationResult) -> Iterator[str]:
             f"{felt.spot_m * 1e3:.1f} mm wide: the path has gaps; fewer rounds per second or a "
             "higher frame rate close them"
         )
-
-
-def draw_felt(felt: ModulationResult) -> Figure:
-    """Return the picture: the first periods, and the spectrum."""
-    from haptogram.report.figures import draw_spectrum
-
-    signal, frames = felt.signal, felt.frames
-    time_s, pressure_pa = _first_felt_periods(felt)
-    tone = "dwell" if felt.frequency_hz is None else f"{felt.frequency_hz:.6g} Hz"
-    kind = "" if felt.modulation.modulation is None else f"{felt.modulation.modulation.upper()} at "
-    return draw_spectrum(
-        time_s,
-        pressure_pa,
-        signal.frequency_hz,
-        signal.amplitude_pa,
-        title=f"{kind}{tone}, {felt.object}, {frames.rate_hz:g} frames/s, felt at "
-        f"({position_text(felt.place_m, 2)}) mm",
-        highest_hz=max(FELT_UP_TO_HZ, 6.0 * (felt.frequency_hz or 0.0)),
-        modulation_hz=felt.frequency_hz,
-        rate_hz=frames.rate_hz,
-    )
-
-
-def _first_felt_periods(felt: ModulationResult) -> tuple[FloatArray, FloatArray]:
-    """Return time and pressure of some periods, or of a pass without any; a pass repeats."""
-    signal, duration_s = felt.signal, felt.frames.duration_s
-    shown_s = duration_s if felt.frequency_hz is None else _PERIODS_SHOWN / felt.frequency_hz
-    passes = math.ceil(shown_s / duration_s * (1.0 - 1e-9))
-    step_s = duration_s / len(signal.pressure_pa)
-    count = round(shown_s / step_s)
-    time_s: FloatArray = np.arange(1, count + 1, dtype=np.float64) * step_s
-    return time_s, np.tile(signal.pressure_pa, passes)[:count]
 
 
 def felt_csv(frames: FocusFrames) -> str:

@@ -59,8 +59,6 @@ class CommandOutputs:
     *names : str
         The options that name a file; ``picture`` must be a format of pictures, and ``html`` needs
         the extra for pages.
-    pictures : bool
-        Whether the page holds pictures.
 
     Attributes
     ----------
@@ -76,7 +74,7 @@ class CommandOutputs:
         ``stamp`` is no date.
     """
 
-    def __init__(self, settings: Any, *names: str, pictures: bool = True) -> None:
+    def __init__(self, settings: Any, *names: str) -> None:
         self._program: str = settings.parser.prog
         given = {option_word(name): getattr(settings, name) for name in names}
         self.paths: dict[str, Path] = {
@@ -87,7 +85,7 @@ class CommandOutputs:
         for option, path in self.paths.items():
             if is_standard_output(path):
                 self.paths[option] = STANDARD_OUTPUT
-        self._check_formats(pictures=pictures)
+        self._check_formats()
         for folder in dict.fromkeys(path.parent for path in self.paths.values()):
             if not folder.exists():
                 print(f"{folder}: a new folder, to be made for what is written", file=sys.stderr)
@@ -97,13 +95,13 @@ class CommandOutputs:
             stamp = getattr(settings, "stamp", None)
             self.provenance = Provenance.of_run(settings.command_line, stamp)
 
-    def _check_formats(self, *, pictures: bool) -> None:
+    def _check_formats(self) -> None:
         if "--picture" in self.paths:
             _check_output_picture(self.paths["--picture"])
         if "--html" in self.paths:
             from haptogram.report.formats.html import check_html_page
 
-            check_html_page(pictures=pictures)
+            check_html_page()
 
     @property
     def text(self) -> TextIO:

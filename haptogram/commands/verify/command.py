@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -34,17 +34,16 @@ from ..shell.output_files import (
     print_command_error,
 )
 from ..shell.progress import progress_bar
-from .boards import ProgramBoards, RunBoards
+from .boards import ProgramBoards, RunBoards, Show
 from .captures import verified_captures_at_port, verify_recorded_captures
 from .files import verify_seen_by_number, write_run_files
-from .live_view import VerifyLiveView, live_view
+from .live_view import live_view
 from .options import add_verify_options
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
     from haptogram.evidence.recordings.writer import RecordingWriter
     from haptogram.evidence.run_record import RunRecord
-    from haptogram.records.frame import Intended, Observation
     from haptogram.settings.arguments import Progress
     from haptogram.settings.board import BoardConfig
     from haptogram.settings.faults.plan import FaultPlan
@@ -108,7 +107,8 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     )
     refuse_idle_options(arguments, settings, file, in_file)
     outputs = CommandOutputs(
-        settings, *(name for name in options_of(OutputConfig) if name != "stamp")
+        settings,
+        *(name for name in options_of(OutputConfig) if name != "stamp"),
     )
     if config.captures.from_recording is not None:
         return verify_recorded_captures(config, outputs, quiet=arguments.quiet)
@@ -117,20 +117,20 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     if config.shape.object not in SHAPES:
         check_file_has_content(Path(config.shape.object), "object")
     if arguments.view:
-        check_html_page(pictures=False)
+        check_html_page()
     with (
-        live_view(wanted=arguments.view) as view,
+        live_view(wanted=arguments.view) as show,
         outputs.recording(boards.config.result_options()) as writer,
         process_without_garbage_collector(),  # it would look at every frame again and again
     ):
-        status = _run_verify(arguments, boards, view, outputs, writer)
+        status = _run_verify(arguments, boards, show, outputs, writer)
         return status if outputs.is_recorded(writer) else USAGE
 
 
 def _run_verify(
     arguments: argparse.Namespace,
     boards: RunBoards,
-    view: VerifyLiveView,
+    show: Show,
     outputs: CommandOutputs,
     writer: RecordingWriter | None,
 ) -> int:
@@ -146,12 +146,12 @@ def _run_verify(
     begin_s = time.time()
     try:
         with (
-            boards.open(view.show) as board,
+            boards.open(show) as board,
             progress_bar("displaying", quiet=quiet) as progress,
             progress_bar("waiting for what the board saw", quiet=quiet) as settling,
             _blaming_planned_faults(planned, board),
         ):
-            found = _measured_by_verify(boards, board, progress, settling, writer, view.sink)
+            found = _measured_by_verify(boards, board, progress, settling, writer)
     except _BrokenByPlanError as error:
         print_command_error("haptogram verify", error)
         return INCONCLUSIVE
@@ -210,7 +210,6 @@ def _measured_by_verify(
     progress: Progress | None,
     settling: Progress | None,
     writer: RecordingWriter | None,
-    sink: Callable[[Intended | Observation], object] | None,
 ) -> RunRecord:
     from haptogram.evidence.dialect_run import measure_run_of_dialect
     from haptogram.evidence.run_record import measure_run
@@ -221,7 +220,7 @@ def _measured_by_verify(
             config, boards.dialect, board, progress, settling, writer=writer
         )
     faulty = bool(boards.virtual.plan.faults)
-    return measure_run(config, board, progress, settling, faulty=faulty, writer=writer, sink=sink)
+    return measure_run(config, board, progress, settling, faulty=faulty, writer=writer)
 
 
 def _record_verify_verdicts(

@@ -143,7 +143,7 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
 def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
     """Watch until the end, and return the exit status."""
     refuse_idle_options(arguments)
-    outputs = CommandOutputs(arguments, *_FILES, "frames", pictures=False)
+    outputs = CommandOutputs(arguments, *_FILES, "frames")
     _check_watch_source(arguments)
     frames_mm = expected_frames_mm(arguments)
     with (

@@ -1,25 +1,14 @@
-"""The result of one benchmark of the loop as a document, with its pictures."""
+"""The result of one benchmark of the loop as a document."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from haptogram.campaigns.bench.attribution import MISS_LIMITS_US
-from haptogram.campaigns.bench.measure import BenchRun
-from haptogram.campaigns.bench.percentiles import LEVELS, TimingPercentiles
+from haptogram.campaigns.bench.percentiles import LEVELS
 from haptogram.campaigns.bench.result import STAGES
 
-from ..figures.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, embed_picture, new_figure
-from ..formats.document import Document, Finding, Level, Listing, Picture, Section, Table
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
+from ..formats.document import Document, Finding, Level, Listing, Section, Table
 
 Result = Mapping[str, Any]
 
@@ -30,8 +19,8 @@ _NOTABLE_SHARE: Final = 0.01  # of all frames
 _PLACES: Final = {"at_port": "at the port", "at_board": "complete at the board"}
 
 
-def bench_document(run: BenchRun, result: Result, changes: Sequence[str] = ()) -> Document:
-    """Return *run* as a document; nothing is judged, so that it has warnings only.
+def bench_document(result: Result, changes: Sequence[str] = ()) -> Document:
+    """Return a run as a document; nothing is judged, so that it has warnings only.
 
     Parameters
     ----------
@@ -49,16 +38,18 @@ def bench_document(run: BenchRun, result: Result, changes: Sequence[str] = ()) -
         findings=[Finding(Level.WARNING, "bench", text) for text in result["warnings"]],
         lead=[_bench_conditions_text(result), _bench_frames_text(result)],
         sections=[
-            _bench_stages_section(run, result),
-            _bench_misses_section(run, result),
-            Section("Consequence for the focus", [Listing([_bench_space_text(result)])]),
+            _bench_stages_section(result),
+            Section(
+                "Late frames and their causes",
+                [Table(_MISS_HEAD, list(_bench_misses_rows(result)), (0, 2, 4), (3,))],
+            ),
             Section("Against the run before", [Listing(changes)] if changes else []),
             Section("Machine", [Listing(list(_bench_machine_rows(result)))], folds=True),
         ],
     )
 
 
-def _bench_stages_section(run: BenchRun, result: Result) -> Section:
+def _bench_stages_section(result: Result) -> Section:
     last = len(_STAGE_HEAD) - 1
     rows = list(_bench_stages_rows(result))
     return Section(
@@ -66,30 +57,6 @@ def _bench_stages_section(run: BenchRun, result: Result) -> Section:
         [
             Table(_STAGE_HEAD, rows, range(1, last), (last,)),
             Listing([_bench_clocks_text(result)]),
-            Picture(
-                lambda: embed_picture(
-                    draw_bench_histograms(run.stages_us),
-                    "Histogram of the stages of a frame and of the control loop.",
-                    "Both axes are logarithmic, so that rare delays show.",
-                )
-            ),
-        ],
-    )
-
-
-def _bench_misses_section(run: BenchRun, result: Result) -> Section:
-    return Section(
-        "Late frames and their causes",
-        [
-            Table(_MISS_HEAD, list(_bench_misses_rows(result)), (0, 2, 4), (3,)),
-            Picture(
-                lambda: embed_picture(
-                    draw_bench_course(run.stages_us, run.config.rate_hz),
-                    "Lateness of every frame and of the control loop in the course of the run.",
-                    "The control loop does nothing but wake up, in a process of its own: where it "
-                    "is late too, the machine was.",
-                )
-            ),
         ],
     )
 
@@ -110,10 +77,11 @@ def _bench_conditions_text(result: Result) -> str:
 
 def bench_outcome(result: Result) -> tuple[str, str]:
     """Return tone and sentence of a run: what reached the output late, else what ran late."""
-    due = result["frames"]["due"]
+    frames = result["frames"]
+    due = frames["due"]
     if not result["stages"]["latch"]["n"] and not result["stages"]["margin"]["n"]:
         return "plain", "nobody saw what reached the output"
-    missed = max(result["focus_error"]["frames"], due - result["frames"]["latched"])
+    missed = frames["late"] + due - frames["latched"]
     if missed:
         tone = "bad" if missed >= _NOTABLE_SHARE * due else "doubt"
         return tone, f"{missed} of {due} frames were late or lost at the output"
@@ -169,18 +137,6 @@ def _bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
             )
 
 
-def _bench_space_text(result: Result) -> str:
-    """Return the effect of late and lost frames on the focus."""
-    error = result["focus_error"]
-    if not error["frames"]:
-        return "No frame reached the output late: the focus was always the one due."
-    return (
-        f"For {error['frames']} frames the old focus was held, {error['held_us'] / 1000:.1f} ms "
-        f"in all, {error['mean_mm']:.2f} mm from the one due on average, {error['max_mm']:.2f} mm "
-        f"at most; {error['run_mean_mm']:.4f} mm on average over the run."
-    )
-
-
 def _bench_machine_rows(result: Result) -> Iterator[str]:
     """Yield processor, system and load of the machine."""
     found = result["environment"]
@@ -202,83 +158,3 @@ def _bench_machine_rows(result: Result) -> Iterator[str]:
     shares = ", ".join(f"{name} {100 * v:.1f} %" for name, v in result["processors"].items())
     if shares:
         yield f"processors during the run: {shares}"
-
-
-_BINS: Final = np.geomspace(0.1, 1e6, 141)  # microseconds
-_SHOWN: Final = (
-    ("wake", "wake, from the intended time", BLUE),
-    ("work", "encode and write", ORANGE),
-    ("board", "complete at the board, after the line", GREEN),
-    ("complete", "all of it, from the intended time", VERMILION),
-    ("control", "control loop beside it", BLACK),
-)
-
-
-# Above the axes: the values can lie anywhere within them.
-_LEGEND: Final[Any] = {"loc": "outside upper center", "ncols": 2}
-
-
-def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
-    """Draw a histogram of the duration of each stage, both axes logarithmic to show the tail.
-
-    Lines mark the limits from which on a frame counts as late, and the percentiles of the sum.
-    """
-    with new_figure(8.0, 4.8) as figure:
-        axes = figure.add_subplot()
-        for name, label, colour in _SHOWN:
-            values = stages_us[name][~np.isnan(stages_us[name])]
-            if len(values):
-                width = 1.0 if name == "control" else 1.6
-                axes.hist(
-                    np.clip(values, _BINS[0], _BINS[-1]),
-                    _BINS.tolist(),
-                    histtype="step",
-                    color=colour,
-                    linewidth=width,
-                    label=f"{label} (n = {len(values)})",
-                )
-        axes.set(xscale="log", yscale="log", xlabel="time (µs)", ylabel="frames")
-        axes.margins(y=0.25)  # room for the names of the percentiles
-        most = max(np.nanmax(stages_us[name], initial=0.0) for name, *_ in _SHOWN)
-        axes.set_xlim(_BINS[0] / 1.5, min(_BINS[-1], 3.0 * max(most, *MISS_LIMITS_US)))
-        _mark_bench_limits(axes.axvline)
-        _mark_bench_percentiles(axes, stages_us["complete"])
-        figure.legend(**_LEGEND)
-    return figure
-
-
-def draw_bench_course(stages_us: Mapping[str, NDArray[np.float64]], rate_hz: float) -> Figure:
-    """Draw the lateness of every frame and of the control loop over time."""
-    with new_figure(8.0, 3.2) as figure:
-        axes = figure.add_subplot()
-        for name, label, colour in (_SHOWN[4], _SHOWN[3]):
-            values = stages_us[name]
-            times_s = np.arange(len(values)) / rate_hz
-            axes.plot(times_s, np.maximum(values, 0.1), ".", ms=1.5, color=colour, label=label)
-        axes.set(yscale="log", xlabel="time (s)", ylabel="lateness (µs)")
-        _mark_bench_limits(axes.axhline)
-        figure.legend(**_LEGEND, markerscale=4.0)
-    return figure
-
-
-def _mark_bench_limits(draw_line: Callable[..., Any]) -> None:
-    for limit_us in MISS_LIMITS_US:
-        label = "limits of the miss counts" if limit_us == MISS_LIMITS_US[0] else None
-        draw_line(limit_us, color=GREY, linewidth=1.0, linestyle="--", zorder=1.0, label=label)
-
-
-def _mark_bench_percentiles(axes: Axes, values_us: NDArray[np.float64]) -> None:
-    """Mark the percentiles of all of it at the top of the histogram."""
-    found = TimingPercentiles.of(values_us)
-    for place, (level, value) in enumerate(found.levels.items()):
-        top = 0.97 - 0.04 * place  # the higher ones may lie close together
-        axes.axvline(value, ymin=0.0, ymax=top - 0.01, color=VERMILION, lw=0.8, ls=":")
-        axes.text(
-            value,
-            top,
-            level,
-            transform=axes.get_xaxis_transform(),
-            ha="center",
-            fontsize=7.0,
-            color=VERMILION,
-        )

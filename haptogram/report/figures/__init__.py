@@ -1,12 +1,10 @@
-"""Pictures of fields: planes, cuts, iso-surfaces and spectra (needs the extra ``report``).
+"""Pictures of fields (needs the extra ``report``).
 
 Axes in millimetres, a unit on every colour bar, the target and the peak marked.  The colour maps
 keep their order for colour-blind readers and in grey print: cividis for magnitudes, twilight,
 which closes on itself, for phases.
 """
 
-from haptogram.report.figures.cuts import draw_cuts
-from haptogram.report.figures.isosurface import draw_isosurfaces, isosurface_mesh
 from haptogram.report.figures.plane_picture import (
     PictureField,
     draw_plane_figure,
@@ -16,5 +14,4 @@ from haptogram.report.figures.plane_picture import (
 )
 from haptogram.report.figures.planes import PicturePlane
 from haptogram.report.figures.quantities import QUANTITIES, figure_quantity_and_label
-from haptogram.report.figures.spectra import draw_spectrum
 from haptogram.report.figures.style import check_picture_format, encode_figure

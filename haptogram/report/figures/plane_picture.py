@@ -18,6 +18,7 @@ from haptogram.machine.files import write_file_atomically
 from haptogram.report.figures.planes import PicturePlane, sample_picture_points
 from haptogram.report.figures.quantities import LEAST_DB, figure_quantity_and_label
 from haptogram.report.figures.style import (
+    GREY,
     PHASE_MAP,
     check_picture_format,
     draw_figure_mark,
@@ -26,7 +27,6 @@ from haptogram.report.figures.style import (
     figure_title,
     new_figure,
 )
-from haptogram.report.figures.surroundings import draw_array_in_figure, draw_ear
 from haptogram.settings.arguments import Progress
 
 if TYPE_CHECKING:
@@ -42,6 +42,8 @@ _NARROWEST_IN: Final = 3.2
 _NEAR_M: Final = 2.5e-3
 _FEW_TARGETS: Final = 4
 _MANY_TARGETS: Final = 200
+_WIDER: Final = 0.5  # of the height of a picture: an array farther off is not drawn
+_EDGE_MM: Final = 4.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -187,7 +189,6 @@ def draw_plane_figure(
     title: str = "",
     peak_m: ArrayLike | None = None,
     decibels: bool = False,
-    ear_m: ArrayLike | None = None,
 ) -> Figure:
     """Return the picture of a plane.
 
@@ -203,8 +204,6 @@ def draw_plane_figure(
         Place to mark as the peak; by default that of the largest value of the plane.
     decibels : bool
         Draw levels relative to the largest value, down to -40 dB.
-    ear_m : (3,) array_like, optional
-        Place of an ear to mark.
 
     Raises
     ------
@@ -218,13 +217,7 @@ def draw_plane_figure(
     with new_figure(*_plane_picture_size(field.plane)) as figure:
         figure.set_layout_engine("compressed")  # no gaps beside a picture of fixed aspect
         axes = figure.add_subplot()
-        image = draw_plane_image(
-            axes,
-            field.plane,
-            values,
-            interpolation="bicubic",
-            interpolation_stage="rgba",  # between the colours: a phase turns over without a seam
-        )
+        image = _draw_plane_image(axes, field.plane, values)
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.92)
         image.set_clim(LEAST_DB if decibels else 0.0, 0.0 if decibels else None)
         if quantity == "phase":
@@ -237,25 +230,44 @@ def draw_plane_figure(
             draw_figure_mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
         place = np.asarray(field.peak_m() if peak_m is None else peak_m, dtype=np.float64)
         draw_figure_mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
-        draw_array_in_figure(axes, field.model.array, first, second)
-        if ear_m is not None:
-            draw_ear(axes, 1e3 * np.asarray(ear_m, dtype=np.float64), first, second)
+        if second == 2:
+            _draw_elements(axes, 1e3 * field.model.array.positions_m[:, [first, second]])
         figure_legend(figure, columns=2)
         axes.set_title(_plane_picture_title(title, field.plane))
     return figure
 
 
-def draw_plane_image(
-    axes: Axes, plane: PicturePlane, values: NDArray[Any], **style: Any
-) -> AxesImage:
-    """Draw (V, H) values on a plane in mm, with *style* of ``imshow``; return the image."""
+def _draw_plane_image(axes: Axes, plane: PicturePlane, values: NDArray[Any]) -> AxesImage:
+    """Draw (V, H) values on a plane in mm; return the image."""
     across, up = (1e3 * samples for samples in plane.coordinates_m())
     half = 0.5e3 * plane.step_m
     axes.grid(visible=False)
     first, second = plane.axes
     axes.set(xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)")
     extent = (across[0] - half, across[-1] + half, up[0] - half, up[-1] + half)
-    return axes.imshow(values, origin="lower", extent=extent, aspect="equal", **style)
+    return axes.imshow(
+        values,
+        origin="lower",
+        extent=extent,
+        aspect="equal",
+        interpolation="bicubic",
+        interpolation_stage="rgba",  # between the colours: a phase turns over without a seam
+    )
+
+
+def _draw_elements(axes: Axes, places: FloatArray) -> None:
+    """Draw the elements below or above an upright plane, where the picture has room for them."""
+    left, right = axes.get_xlim()
+    low, high = axes.get_ylim()
+    room = _WIDER * (high - low)
+    near = places[(places[:, 0] >= left) & (places[:, 0] <= right)]
+    near = near[(near[:, 1] >= low - room) & (near[:, 1] <= high + room)]
+    if not len(near):
+        return
+    axes.plot(*near.T, "s", color=GREY, markersize=2.5, zorder=3.0, label="transducers")
+    bottom, top = near[:, 1].min() - _EDGE_MM, near[:, 1].max() + _EDGE_MM
+    axes.set_xlim(left, right)
+    axes.set_ylim(min(low, bottom), max(high, top))
 
 
 def _plane_picture_size(plane: PicturePlane) -> tuple[float, float]:

@@ -10,8 +10,8 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptogram.acoustics import AcousticModel, FieldEngine, TransducerArray, points_in_front
-from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates
+from haptogram.acoustics import AcousticModel, TransducerArray, points_in_front
+from haptogram.acoustics.arrays import FloatArray, as_coordinates
 from haptogram.acoustics.field import reference
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import Progress, check_choice
@@ -111,16 +111,6 @@ class PicturePlane:
         points[..., self.axes[0]] = across
         points[..., self.axes[1]] = up[:, None]
         return points.reshape(-1, 3)
-
-
-def picture_field_pressure(
-    engine: FieldEngine, weights: ArrayLike, points: FloatArray
-) -> ComplexArray:
-    """Return the pressure of one drive at (M, 3) points, NaN where the model has no field."""
-    pressure = np.full(len(points), np.nan, dtype=np.complex128)
-    known = reference.points_with_field(engine.model, points)
-    pressure[known] = engine.pressure(weights, points[known])
-    return pressure
 
 
 def sample_picture_points(

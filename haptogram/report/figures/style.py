@@ -1,4 +1,4 @@
-"""The one style of all pictures: how a figure is made, marked, encoded and put into a page.
+"""The one style of all pictures: how a figure is made, marked, and encoded.
 
 matplotlib draws as an object: no window, no global figure, no setting of the user.
 """
@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import contextlib
 import io
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
 
-from ..formats.document import PagePicture
 from ..formats.html import require_report_packages
 
 if TYPE_CHECKING:
@@ -25,9 +23,7 @@ if TYPE_CHECKING:
 FORMATS: Final = (".png", ".svg", ".pdf")
 MAGNITUDE_MAP: Final = "cividis"
 PHASE_MAP: Final = "twilight"
-ERROR_MAP: Final = "viridis"  # among grey elements, where cividis would be lost
 DPI: Final = 200  # of a picture in a file of its own
-PAGE_DPI: Final = 150  # of a picture in a page
 
 # Okabe and Ito's colours, told apart with any colour vision.
 BLUE: Final = "#0072B2"
@@ -46,7 +42,6 @@ _STYLE: Final[dict[str, Any]] = {
     "axes.spines.top": False,
     "axes.titlelocation": "left",
     "axes.titlesize": 10.0,
-    **{f"axes3d.{axis}axis.panecolor": (1.0, 1.0, 1.0, 0.0) for axis in "xyz"},
     "figure.titlesize": 10.0,
     "font.size": 9.0,
     "grid.color": "#dddddd",
@@ -64,7 +59,6 @@ _STYLE: Final[dict[str, Any]] = {
 #: Sign, size and colour of a place in the field; each has a white rim, to be seen on any ground.
 _MARKS: Final = {
     "target": ("+", 17.0, VERMILION),
-    "fitted focus": ("x", 7.0, BLUE),
     "peak": ("o", 11.0, BLACK),
 }
 
@@ -101,25 +95,13 @@ def check_picture_format(path: Path) -> None:
     require_report_packages("pictures", "matplotlib")
 
 
-def encode_figure(
-    figure: Figure, suffix: str, dpi: float | None = None, *, transparent: bool = False
-) -> bytes:
-    """Return *figure* in the format of *suffix*, one of `FORMATS`, without date and version.
-
-    Parameters
-    ----------
-    dpi : float, optional
-        Pixels to an inch; `DPI` without it.
-    transparent : bool
-        Leave out the white ground.
-    """
+def encode_figure(figure: Figure, suffix: str) -> bytes:
+    """Return *figure* in the format of *suffix*, one of `FORMATS`, without date and version."""
     left_out = {".png": ("Software",), ".svg": ("Date", "Creator"), ".pdf": ("CreationDate",)}
     metadata: Any = dict.fromkeys(left_out[suffix])
     buffer = io.BytesIO()
     with _styled():
-        figure.savefig(
-            buffer, format=suffix[1:], dpi=dpi or DPI, metadata=metadata, transparent=transparent
-        )
+        figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=metadata)
     return buffer.getvalue()
 
 
@@ -128,7 +110,7 @@ def figure_title(title: str, detail: str) -> str:
     return f"{title}\n{detail}" if title else detail
 
 
-def figure_legend(figure: Figure, columns: int = 4) -> None:
+def figure_legend(figure: Figure, columns: int) -> None:
     """Draw one legend below all panels, with each label once."""
     found = [axes.get_legend_handles_labels() for axes in figure.axes]
     entries = {
@@ -149,7 +131,7 @@ def figure_legend(figure: Figure, columns: int = 4) -> None:
 def draw_figure_mark(
     axes: Axes, x_mm: float, y_mm: float, kind: str, size: float | None = None
 ) -> None:
-    """Mark the target (a cross), the fitted focus (an x) or the peak (a ring)."""
+    """Mark the target (a cross) or the peak (a ring)."""
     marker, normal, colour = _MARKS[kind]
     for tint, width, label in (("white", 3.0, None), (colour, 1.4, kind)):
         axes.plot(
@@ -169,37 +151,3 @@ def _styled() -> contextlib.AbstractContextManager[None]:
     import matplotlib.style
 
     return matplotlib.style.context(["default", _STYLE])
-
-
-#: Ink, ground, lines and remarks of a picture: in a light page, and in a dark one (style.css).
-_DARK: Final = {"000000": "e4e6e8", "ffffff": "16181b", "dddddd": "3a3f45", "555555": "a8adb3"}
-_MOST_SHAPES: Final = 500  # of one artist; more of them become pixels
-
-
-def embed_picture(figure: Figure, title: str, caption: str = "") -> PagePicture:
-    """Return *figure* as a picture for a page, dark in a dark one."""
-    shapes: list[Any] = figure.findobj(lambda artist: _shapes_of(artist) > _MOST_SHAPES)
-    for artist in shapes:
-        with warnings.catch_warnings():  # matplotlib says that it ignores this in 3D, and does it
-            warnings.simplefilter("ignore")
-            artist.set_rasterized(True)
-        if getattr(artist, "get_color", str)() == BLACK:
-            artist.set_color(GREY)  # pixels keep their colour in the dark
-    svg = encode_figure(figure, ".svg", PAGE_DPI, transparent=True).decode()
-    for colour in _DARK:
-        svg = svg.replace(f"#{colour}", f"var(--c{colour})")
-    light, dark = (
-        f"svg{{{';'.join(f'--c{name}:#{colour}' for name, colour in colours.items())}}}"
-        for colours in ({name: name for name in _DARK}, _DARK)
-    )
-    # What has no colour of its own is black in SVG.
-    theme = f"{light}svg{{fill:var(--c000000)}}@media screen and (prefers-color-scheme:dark)"
-    svg = svg.replace("</style>", f"{theme}{{{dark}}}</style>", 1)
-    return PagePicture(svg.encode(), title, caption)
-
-
-def _shapes_of(artist: Any) -> int:
-    """Return the number of points that a line or a scatter draws."""
-    if hasattr(artist, "get_offsets"):
-        return len(artist.get_offsets())
-    return len(artist.get_xdata()) if hasattr(artist, "get_xdata") else 0

@@ -1,4 +1,4 @@
-"""Pages of HTML that need no other file: templates filled in, pictures embedded.
+"""Pages of HTML that need no other file: templates filled in.
 
 The templates lie in ``templates/``; all of them extend ``base.html``, share its style sheet, and
 build their tables by the one macro in ``parts.html``.  Every text that goes in is escaped.
@@ -27,20 +27,15 @@ if TYPE_CHECKING:
 _CODE: Final = re.compile("`([^`]+)`")
 
 
-def check_html_page(*, pictures: bool = True) -> None:
+def check_html_page() -> None:
     """Raise, before the work begins, unless a page can be written.
-
-    Parameters
-    ----------
-    pictures : bool
-        Whether the page holds pictures.
 
     Raises
     ------
     ConfigurationError
         If the extra ``report`` is not installed.
     """
-    require_report_packages("HTML pages", "jinja2", *(["matplotlib"] if pictures else []))
+    require_report_packages("HTML pages", "jinja2")
 
 
 def write_document_page(path: Path, document: Document, provenance: Provenance) -> None:
@@ -91,7 +86,7 @@ def render_html_page(
     ConfigurationError
         If the extra ``report`` is not installed.
     """
-    check_html_page(pictures=False)
+    check_html_page()
     page = _html_environment(folder).get_template(template)
     return page.render(content, origin=provenance.rows())
 

@@ -11,18 +11,15 @@ from haptogram.acoustics import AcousticModel
 from haptogram.records.frame import Observation
 from haptogram.verification import RunVerdict
 
-from ..figures.style import embed_picture
 from ..formats import document
 from ..formats.html import html_setting_rows
 from ..viewer.frames import judged_viewer_frame
 from ..viewer.scene import ViewerScene
-from . import pictures, pins, wording
+from . import pins, wording
 from .checks import run_checks_of_result
-from .fieldmap import RunFieldPicture, frame_field_picture, run_finite_amplitude
-from .frame_rows import run_frame_place_text, run_frame_table
+from .frame_rows import run_frame_table
 from .wording import NOTHING, run_figure_wording
 
-_BITS: Final = 8
 _LEVELS: Final = {
     document.Outcome.FAILED: document.Level.ERROR,
     document.Outcome.INCONCLUSIVE: document.Level.ERROR,
@@ -68,8 +65,7 @@ def run_document(
     model : AcousticModel
         Array and air that the drives were radiated in.
     observations : mapping of int to Observation, optional
-        Latches whose drive was observed, by frame number, for the view and the picture of the
-        field.
+        Latches whose drive was observed, by frame number, for the view.
     seconds : float or None
         How long the run took: the time of the check that it came to its end.
     """
@@ -162,9 +158,7 @@ def _run_page_content(
     model: AcousticModel,
     seen: Mapping[int, Observation],
 ) -> dict[str, Any]:
-    """Return the pictures and tables that a page alone shows."""
-    drives = {number: one.output for number, one in seen.items() if one.output is not None}
-    shown = frame_field_picture(run, model, drives, _BITS)
+    """Return the view, tables and texts that a page alone shows."""
     circumstances = {
         "Configuration": {**result["configuration"], "seed": result["seed"]},
         "Board": result["board"],
@@ -174,16 +168,14 @@ def _run_page_content(
     return {
         "tested": list(wording.run_tested_rows(result, model)),
         "scene": run_viewer_scene(run, model, seen).embedded() if run.frames else None,
-        "focus": list(_run_focus_pictures(shown, model, result["board"].get("phase_steps"))),
-        "pictures": [
-            *pins.run_pin_pictures(result.get("captures")),
-            *_run_page_pictures(run, model),
-        ],
         "frames": run_frame_table(run),
         "judged": any(frame.criteria for frame in run.frames),
         "criteria": wording.CRITERIA,
         "evidence": list(wording.run_evidence_sentences(result)),
-        "limits": [*wording.run_limits_sentences(result), *run_finite_amplitude(run, model)],
+        "limits": [
+            *wording.run_limits_sentences(result),
+            *wording.run_finite_amplitude(run, model),
+        ],
         "circumstances": {n: html_setting_rows(values) for n, values in circumstances.items()},
     }
 
@@ -198,82 +190,3 @@ def run_viewer_scene(
     ]
     counters = {name.replace("_", " "): count for name, count in run.counts.items() if count}
     return ViewerScene.of(model, frames, counters=counters)
-
-
-# --- Pictures ----------------------------------------------------------------------------------
-
-
-def _run_focus_pictures(
-    shown: RunFieldPicture | None, model: AcousticModel, steps: int | None
-) -> Iterator[document.PagePicture]:
-    """Yield the field of one frame, and its close-up; nothing if no frame was sent."""
-    if shown is None:
-        return
-    yield embed_picture(
-        pictures.draw_run_field(shown, model, close=False),
-        "Pressure around one focus.",
-        f"Frame {shown.frame.number}, target {run_frame_place_text(shown.frame)} mm: level and "
-        "vertical plane through the target.",
-    )
-    yield embed_picture(
-        pictures.draw_run_field(shown, model, close=True),
-        "Close-ups of the white frames.",
-        _run_field_caption(shown, steps),
-    )
-
-
-def _run_page_pictures(run: RunVerdict, model: AcousticModel) -> Iterator[document.PagePicture]:
-    yield embed_picture(
-        pictures.draw_run_foci(run, model),
-        "Intended and measured foci over the array.",
-        "The colour is the error of a focus over the largest one that the rounding of the phases "
-        "can make, on the axis where that is worst; beyond 1 it is off target.",
-    )
-    measured = any(frame.lateral_error_mm is not None for frame in run.frames)
-    if measured:
-        yield from _pictures_of_errors(run, model)
-    if any(frame.pressure_rms_pa is not None for frame in run.frames):
-        yield embed_picture(
-            pictures.draw_run_along_object(run),
-            "Pressure and force along the object.",
-            "Left in the order of display, right as seen from above the array.",
-        )
-    if len(run.values("lateness_us")):
-        yield embed_picture(
-            pictures.draw_run_lateness(run, model),
-            "How long after its time each frame was latched.",
-            "On the board's clock. A frame latches at the first carrier period after its time; "
-            "from one whole period on it is late.",
-        )
-
-
-def _pictures_of_errors(run: RunVerdict, model: AcousticModel) -> Iterator[document.PagePicture]:
-    yield embed_picture(
-        pictures.draw_run_misses(run, model),
-        "The misses over time and over the object.",
-        "Left, on the board's clock from the first frame on: the distance of each focus from its "
-        "target, and the largest one that the rounding of the phases can make. Right: as seen from "
-        "above the array.",
-    )
-    yield embed_picture(
-        pictures.draw_run_errors(run, model),
-        "How the errors are distributed.",
-        "Grey: from the smallest to the largest error that the rounding of the phases can make, "
-        "which differs from target to target. Smaller errors than 10 nm are drawn as 10 nm.",
-    )
-
-
-def _run_field_caption(shown: RunFieldPicture, steps: int | None) -> str:
-    """Return the origin of a field; *steps* are those of boards whose steps are no bits."""
-    of_board = f"{steps} steps a period" if steps else f"{shown.phase_bits} bits"
-    source = (
-        "the drive that was latched, or seen to be radiated in its place, with phases of "
-        f"{of_board}"
-        if shown.latched
-        else f"the ideal drive of its target, at full amplitude with phases of {shown.phase_bits} "
-        "bits, and not what was latched"
-    )
-    return (
-        f"Calculated from {source}. Diffraction shifts the peak off the focus, mostly towards the "
-        "array."
-    )

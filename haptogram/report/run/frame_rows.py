@@ -8,8 +8,6 @@ from typing import Any, Final
 
 from haptogram import verification
 
-from .series import plotted_relative_error, worst_frames_of_run
-
 _LARGEST: Final = 10
 _LISTED: Final = 100  # that a person reads
 _NAMED: Final = 8  # frames that are like the one in a row
@@ -40,7 +38,10 @@ def run_frame_table(run: verification.RunVerdict) -> dict[str, Any]:
     groups = [frames for _, frames in run.findings()]
     groups.sort(key=lambda frames: (not frames[0].is_wrong, frames[0].number))
     odd = {frame.number for frames in groups for frame in frames}
-    largest = [[f] for f in worst_frames_of_run(run, _LARGEST) if f.number not in odd]
+    judged = [frame for frame in run.frames if frame.criteria or frame.faults]
+    largest = [
+        [f] for f in sorted(judged, key=_badness, reverse=True)[:_LARGEST] if f.number not in odd
+    ]
     rows = [_run_frame_row(frames) for frames in [*groups[:_LISTED], *largest]]
     used = [any(row["cells"][at] for row in rows) for at in range(len(_MEASURES))]
     for row in rows:
@@ -55,7 +56,7 @@ def run_frame_table(run: verification.RunVerdict) -> dict[str, Any]:
     }
 
 
-def run_frame_place_text(frame: verification.FrameVerdict) -> str:
+def _run_frame_place_text(frame: verification.FrameVerdict) -> str:
     """Return the target of *frame* in mm."""
     return ", ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in frame.target_m)
 
@@ -72,7 +73,7 @@ def _run_frame_row(frames: Sequence[verification.FrameVerdict]) -> dict[str, Any
     errors = (
         (frame.lateral_error_mm, 4),
         (frame.axial_error_mm, 4),
-        (plotted_relative_error(frame), 3),
+        (_relative_error(frame), 3),
     )
     return {
         "number": frame.number,
@@ -81,7 +82,7 @@ def _run_frame_row(frames: Sequence[verification.FrameVerdict]) -> dict[str, Any
         "status": str(frame.status),
         "timing": _timing_text(frame),
         "cells": [
-            run_frame_place_text(frame),
+            _run_frame_place_text(frame),
             "" if frame.t_apply_us is None else str(frame.t_apply_us),
             *("" if value is None else f"{value:.{digits}f}" for value, digits in errors),
         ],
@@ -97,3 +98,22 @@ def _timing_text(frame: verification.FrameVerdict) -> str:
     if frame.lateness_us is None or not (frame.late or frame.early):
         return ""
     return f"{abs(frame.lateness_us)} µs {'late' if frame.late else 'early'}"
+
+
+def _relative_error(frame: verification.FrameVerdict) -> float | None:
+    """Return the error over its bound, on the axis where that is largest; None: not measured."""
+    if frame.measured_m is None or frame.bound_mm is None:
+        return None
+    axes = zip(frame.target_m, frame.measured_m, frame.bound_mm, strict=True)
+    ratios = [
+        1e3 * abs(found - target) / bound
+        for target, found, bound in axes
+        if found is not None and bound  # others cannot be observed
+    ]
+    return max(ratios, default=None)
+
+
+def _badness(frame: verification.FrameVerdict) -> tuple[bool, float, int]:
+    """Return a sort key: wrong frames first, then by relative error."""
+    wrong = frame.status is not verification.FrameStatus.ON_TARGET
+    return wrong, _relative_error(frame) or 0.0, -frame.number

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+import numpy as np
+
 from haptogram import verification
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, NumpyEngine, focus_phases
+from haptogram.acoustics.levels.harmonic import finite_amplitude_text
 from haptogram.acoustics.model.lattice import find_lattice
 from haptogram.records.frame import Evidence
 from haptogram.verification.frame.criteria import CRITERIA as FRAME_CRITERIA
@@ -239,3 +243,21 @@ def run_limits_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     if result["axial_error_mm"]["max"] is None and result["lateral_error_mm"]["max"] is not None:
         yield "The error along the beam: this array cannot observe it."
     yield from _LIMITS
+
+
+def run_finite_amplitude(run: verification.RunVerdict, model: AcousticModel) -> Iterator[str]:
+    """Yield the limits of the linear field, at the focus that strains it most."""
+    heard = [frame for frame in run.frames if frame.pressure_rms_pa is not None]
+    if not heard:
+        return
+
+    def reach(frame: verification.FrameVerdict) -> float:
+        return (frame.pressure_rms_pa or 0.0) * math.dist(frame.target_m, model.array.centre_m)
+
+    frame, engine = max(heard, key=reach), NumpyEngine(model)
+    ideal = np.exp(1j * focus_phases(model, frame.target_m))
+    full_pa = float(np.abs(engine.pressure(ideal, [frame.target_m])[0])) / math.sqrt(2.0)
+    weights = ideal * (frame.pressure_rms_pa or 0.0) / full_pa
+    text = finite_amplitude_text(engine, weights, frame.target_m)
+    if text is not None:
+        yield f"Frame {frame.number}, {text}."

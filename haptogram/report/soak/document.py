@@ -1,25 +1,29 @@
-"""The account of a soak as a document, with the picture of its course."""
+"""The account of a soak as a document."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
-
-import numpy as np
+from typing import Final
 
 from haptogram.campaigns.soak.campaign import SoakCampaign
 from haptogram.campaigns.soak.tally import MEMORY_GREW, STATES, VIOLATIONS, SoakTally
 
-from ..figures import style
 from ..formats import document
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-
 _FAULT_HEAD: Final = ("fault", "injected", "detected", "harmless", "found as")
+_COURSE_HEAD: Final = (
+    "until (min)",
+    "frames",
+    "damaged",
+    "lost",
+    "late",
+    "latest (ms)",
+    "violations",
+)
+_STEP_COUNTS: Final = ("frames", "damaged", "lost", "late", "violations")
+_MOST_STEPS: Final = 12
 _COUNTER_HEAD: Final = ("counter", "board", "explained by")
 
 _COUNTED: Final = (  # {s}: of a plural
@@ -60,7 +64,7 @@ def soak_document(campaign: SoakCampaign) -> document.Document:
         findings=list(_soak_findings(campaign)),
         lead=list(_soak_conditions(campaign)),
         sections=[
-            document.Section("Course", list(_soak_course_pictures(campaign))),
+            document.Section("Course", _soak_course(campaign)),
             document.Section(
                 "Faults, and how they were found",
                 [document.Table(_FAULT_HEAD, faults, (1, 2, 3), (4,))] if faults else [],
@@ -86,17 +90,30 @@ def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
         yield document.Finding(document.Level.ERROR, "memory", _soak_memory(campaign))
 
 
-def _soak_course_pictures(campaign: SoakCampaign) -> Iterator[document.Block]:
-    if campaign.tally.course:
-        yield document.Picture(
-            lambda: style.embed_picture(
-                draw_soak_course(campaign),
-                "The course of the soak.",
-                "Damaged frames are those that either end found; lost and late ones are those to "
-                "the board. A frame is late by the time from its due time to its arrival. "
-                f"Each step is {campaign.setup.interval_s:g} s.",
-            )
+def _soak_course(campaign: SoakCampaign) -> list[document.Block]:
+    """Return the course in a few steps: what each of them counted, and its latest frame."""
+    course, interval_s = campaign.tally.course, campaign.setup.interval_s
+    if not course:
+        return []
+    step = math.ceil((max(course) + 1) / _MOST_STEPS)
+    rows = []
+    for begin in range(0, max(course) + 1, step):
+        parts = [course[number] for number in range(begin, begin + step) if number in course]
+        frames, damaged, lost, late, wrong = (
+            str(sum(part[name] for part in parts)) for name in _STEP_COUNTS
         )
+        latest_ms = max((part["latest_us"] for part in parts), default=0) / 1e3
+        end_min = min((begin + step) * interval_s, campaign.setup.seconds) / 60
+        rows.append((f"{end_min:.2f}", frames, damaged, lost, late, f"{latest_ms:.1f}", wrong))
+    return [
+        document.Table(_COURSE_HEAD, rows, range(len(_COURSE_HEAD))),
+        document.Listing(
+            [
+                "Damaged frames are those that either end found; lost and late ones are those to "
+                "the board. A frame is late by the time from its due time to its arrival."
+            ]
+        ),
+    ]
 
 
 def _soak_sentence(campaign: SoakCampaign) -> str:
@@ -178,61 +195,3 @@ def _soak_checks(campaign: SoakCampaign) -> Iterator[document.Check]:
     statement = "the soak comes to its end"
     seconds = campaign.spent_s
     yield document.Check("segments", statement, outcome, message, kind="cut short", seconds=seconds)
-
-
-_CURVES: Final = (
-    ("damaged", "damaged", style.BLUE),
-    ("lost", "lost", style.ORANGE),
-    ("late", "late", style.GREEN),
-)
-#: Unit of the axis of time, its length in seconds, and the longest soak that it suits in seconds.
-_TIME_UNITS: Final = (("s", 1.0, 300.0), ("min", 60.0, 18_000.0), ("h", 3600.0, np.inf))
-
-
-def draw_soak_course(campaign: SoakCampaign) -> Figure:
-    """Draw damaged, lost and late frames, the latest of them, and violations over virtual time."""
-    course, interval_s = campaign.tally.course, campaign.setup.interval_s
-    last = max([*course, int(np.ceil(campaign.done_s / interval_s)) - 1])
-    unit, unit_s, _ = next(u for u in _TIME_UNITS if campaign.done_s <= u[2])
-    edges = np.arange(last + 2) * interval_s / unit_s
-
-    def column(name: str) -> list[float]:
-        return [course[n][name] if n in course else 0 for n in range(last + 1)]
-
-    with style.new_figure(8.0, 5.2) as figure:
-        frames, late, wrong = figure.subplots(
-            3, 1, sharex=True, height_ratios=(3.0, 2.0, 1.2), squeeze=True
-        )
-        for name, label, colour in _CURVES:
-            rates = np.array(column(name)) / interval_s
-            frames.stairs(rates, edges, color=colour, label=label, lw=1.2)
-        frames.set_yscale("symlog", linthresh=10.0)  # an outage loses hundreds, a fault one
-        frames.set(ylabel="frames per second")
-        late.stairs(
-            np.array(column("latest_us")) / 1e3, edges, color=style.BLACK, label="latest frame"
-        )
-        late.set(ylabel="after its time (ms)")
-        _draw_soak_violations(wrong, np.array(column("violations")), edges)
-        wrong.set(
-            ylabel="violations",
-            xlabel=f"virtual time ({unit})",
-            xlim=(0.0, max(campaign.done_s / unit_s, edges[-2])),
-        )
-        for axes in (frames, late):
-            axes.set_ylim(bottom=0.0)
-        figure.align_ylabels()
-        style.figure_legend(figure, columns=5)
-    return figure
-
-
-def _draw_soak_violations(axes: Axes, counts: np.ndarray, edges: np.ndarray) -> None:
-    """Draw a bar per interval with violations, with a minimum visible width."""
-    if counts.any():
-        middles, least = (edges[1:] + edges[:-1]) / 2.0, edges[-1] / 200.0
-        found = counts > 0
-        width = max(edges[1] - edges[0], least)
-        axes.bar(middles[found], counts[found], width, color=style.VERMILION, label="violations")
-        axes.set_ylim(0.0, 1.15 * counts.max())
-    else:
-        axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes)
-        axes.set(ylim=(0.0, 1.0), yticks=[])

@@ -10,16 +10,13 @@ from typing import Final
 from haptogram.campaigns.sweep.campaign import SweepCampaign
 from haptogram.campaigns.sweep.rows import MEASURES, VERDICTS, Measure, Row, badness
 
-from ..figures.style import embed_picture
-from ..formats.document import TONES, Block, Document, Picture, Section, Table
+from ..formats.document import TONES, Block, Document, Listing, Section, Table
 from .levels import SweepLevel, sweep_levels
-from .pictures import draw_sweep_axes, draw_sweep_map
 
 _SEED: Final = "seed"
 _MOST_WORST: Final = 20
 _MOST_REASON: Final = 60  # characters; the rows have all of it
-_MOST_AXES: Final = 6  # of one picture
-_MOST_LEVELS: Final = 20  # of one axis of a map, or of a table
+_MOST_LEVELS: Final = 20  # of one axis
 
 
 def sweep_document(campaign: SweepCampaign) -> Document:
@@ -45,7 +42,7 @@ def sweep_document(campaign: SweepCampaign) -> Document:
         tone=TONES[verdict],
         lead=[f"{len(rows)} points of {plan.config.run}, over {names}"],
         sections=[
-            Section("Where it breaks", list(_sweep_pictures(rows, labels, levels, measure))),
+            Section("Where it breaks", list(_sweep_grid(labels, levels, measure))),
             *(
                 Section(f"By {labels[name]}", [_sweep_level_table(name, found, measure)])
                 for name, found in levels.items()
@@ -55,29 +52,37 @@ def sweep_document(campaign: SweepCampaign) -> Document:
     )
 
 
-def _sweep_pictures(
-    rows: Sequence[Row],
-    labels: Mapping[str, str],
-    levels: Mapping[str, Sequence[SweepLevel]],
-    measure: Measure,
+def _sweep_grid(
+    labels: Mapping[str, str], levels: Mapping[str, Sequence[SweepLevel]], measure: Measure
 ) -> Iterator[Block]:
-    names = ([name for name in levels if name != _SEED] or list(levels))[:_MOST_AXES]
-    shown = {name: labels[name] for name in names}
-    if len(names) > 1:
-        two = names[:2]
-        yield Picture(
-            lambda: embed_picture(
-                draw_sweep_map([labels[n] for n in two], [levels[n] for n in two], measure),
-                f"Points over {labels[two[0]]} and {labels[two[1]]}.",
-                "Left: how many points did not pass, of how many. Right: the largest figure.",
-            )
+    """Yield the points over the first two axes: how many did not pass, and the largest figure."""
+    names = [name for name in levels if name != _SEED][:2]
+    if len(names) < 2:
+        return
+    downward, across = (levels[name] for name in names)
+    columns = [{row["point"] for row in level.rows} for level in across]
+    rows = [
+        (
+            level.label,
+            *(
+                _grid_cell([row for row in level.rows if row["point"] in column], measure)
+                for column in columns
+            ),
         )
-    if names:
-        yield Picture(
-            lambda: embed_picture(
-                draw_sweep_axes(rows, shown, levels, measure), "Every point over each axis."
-            )
-        )
+        for level in downward
+    ]
+    head = (f"{labels[names[0]]} / {labels[names[1]]}", *(level.label for level in across))
+    yield Table(head, rows, range(1, len(head)))
+    yield Listing([f"In a cell: points that did not pass, of how many; {measure.text}."])
+
+
+def _grid_cell(rows: Sequence[Row], measure: Measure) -> str:
+    if not rows:
+        return ""
+    wrong = sum(row["verdict"] != "pass" for row in rows)
+    figures = [row[measure.column] for row in rows if row.get(measure.column) is not None]
+    largest = f"; {max(figures):.2g}" if figures else ""
+    return f"{wrong}/{len(rows)}{largest}"
 
 
 def _sweep_level_table(name: str, levels: Sequence[SweepLevel], measure: Measure) -> Table:

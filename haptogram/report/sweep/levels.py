@@ -23,22 +23,14 @@ class SweepLevel:
     ----------
     label : str
         The value or the range in words.
-    place : float
-        The value, the middle of the range, or the place of a text among the others.
     rows : sequence of Row
     figures : sequence of float
         The figure of each row that has one.
     """
 
     label: str
-    place: float
     rows: Sequence[Row]
     figures: Sequence[float]
-
-    @property
-    def failed(self) -> int:
-        """Number of points that did not pass."""
-        return sum(row["verdict"] != "pass" for row in self.rows)
 
     def cells(self) -> tuple[str, ...]:
         """Return the row of a table: points, verdicts, median and largest figure."""
@@ -56,16 +48,14 @@ def sweep_levels(rows: Sequence[Row], axis: str, column: str) -> list[SweepLevel
     for row in rows:
         by_value.setdefault(row[axis], []).append(row)
     if any(isinstance(value, str) for value in by_value):
-        pairs = enumerate(by_value.items())
-        return [_level(str(value), place, found, column) for place, (value, found) in pairs]
+        return [_sweep_level(str(value), found, column) for value, found in by_value.items()]
     values = sorted(by_value)
     if len(values) <= _MOST_VALUES:
-        return [_level(f"{value:.6g}", value, by_value[value], column) for value in values]
+        return [_sweep_level(f"{value:.6g}", by_value[value], column) for value in values]
     edges = [len(values) * place // _RANGES for place in range(_RANGES + 1)]
     return [
-        _level(
+        _sweep_level(
             f"{values[begin]:.4g} to {values[end - 1]:.4g}",
-            statistics.median(values[begin:end]),
             [row for value in values[begin:end] for row in by_value[value]],
             column,
         )
@@ -73,6 +63,6 @@ def sweep_levels(rows: Sequence[Row], axis: str, column: str) -> list[SweepLevel
     ]
 
 
-def _level(label: str, place: float, rows: Sequence[Row], column: str) -> SweepLevel:
+def _sweep_level(label: str, rows: Sequence[Row], column: str) -> SweepLevel:
     figures = [row[column] for row in rows if row.get(column) is not None]
-    return SweepLevel(label, place, rows, figures)
+    return SweepLevel(label, rows, figures)

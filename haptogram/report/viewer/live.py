@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from itertools import islice
@@ -13,22 +12,15 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
 from haptogram.machine.terminal import printable_on_terminal
-from haptogram.records.frame import FrameKey, Intended, Observation
+from haptogram.records.frame import Observation
 
-from .frames import LATE, TIMELY, Place, ViewerFrame, found_fields_of_viewer
+from .frames import LATE, TIMELY, ViewerFrame, found_fields_of_viewer
 from .scene import ViewerScene, other_axes_of_viewer
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
 _OF_THE_WATCH: Final = frozenset({"wire_compared", "client_left"})  # nothing for a reader
 _LONGEST_NAME: Final = 80  # characters of the name of a board
 _AT_ONCE: Final = 2_000  # frames in one answer: a megabyte
-
-
-def viewer_target_line(intended: Intended) -> bytes:
-    """Return the line that tells a view the first target of a frame."""
-    key = intended.key
-    fields = [key.session, key.sequence, key.loop, key.index, intended.foci[0].position_m]
-    return json.dumps(fields).encode() + b"\n"
 
 
 class LiveViewerScene:
@@ -67,22 +59,8 @@ class LiveViewerScene:
         self.shown = 0
         self.ended = False
         self._frames: deque[ViewerFrame] = deque(maxlen=kept)
-        self._targets: dict[FrameKey, Place] = {}
         self._counters: Counter[str] = Counter()
         self._state = ""
-
-    def expect(self, lines: Iterable[bytes]) -> None:
-        """Take the targets of frames to be latched, as :func:`viewer_target_line` writes them."""
-        for line in lines:
-            try:
-                session, sequence, loop, index, (x, y, z) = json.loads(line)
-                self._targets[FrameKey(session, sequence, loop, index)] = tuple(
-                    map(float, (x, y, z))
-                )
-            except (ValueError, TypeError) as error:
-                raise ConfigurationError(f"not a line with key and target: {line!r}") from error
-        while len(self._targets) > KEPT:  # of frames that were never latched
-            del self._targets[next(iter(self._targets))]
 
     def take(self, records: Iterable[Mapping[str, Any]]) -> None:
         """Take records as they come."""
@@ -136,7 +114,6 @@ class LiveViewerScene:
             seen.reconstruction,
             timing=LATE if seen.late else TIMELY,
             received_us=seen.t_received_us,
-            target_m=self._targets.pop(seen.key, None),
         )
 
     def _pulses(self, seen: PulseObservation) -> None:
@@ -153,7 +130,6 @@ class LiveViewerScene:
         *,
         timing: int = TIMELY,
         received_us: int | None = None,
-        target_m: Place = None,
     ) -> None:
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")
@@ -163,7 +139,6 @@ class LiveViewerScene:
                 timing=timing,
                 latched_us=t_latch_us,
                 received_us=received_us,
-                target_m=target_m,
                 drive=drive,
                 **found_fields_of_viewer(field),
             )

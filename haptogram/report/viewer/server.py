@@ -14,7 +14,6 @@ import re
 import secrets
 import sys
 import threading
-from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any, Final
 from urllib.parse import parse_qs
@@ -87,17 +86,9 @@ class ViewServer:
         """Port that it listens on."""
         return int(self._server.server_address[1])
 
-    def take(
-        self,
-        scene: LiveViewerScene,
-        records: list[dict[str, Any]],
-        *,
-        ended: bool,
-        targets: Sequence[bytes] = (),
-    ) -> None:
-        """Hand targets and records of the back door to *scene*, and wake the pages that wait."""
+    def take(self, scene: LiveViewerScene, records: list[dict[str, Any]], *, ended: bool) -> None:
+        """Hand records of the back door to *scene*, and wake the pages that wait."""
         with self.news:
-            scene.expect(targets)
             scene.take(records)
             scene.ended |= ended
             self.news.notify_all()

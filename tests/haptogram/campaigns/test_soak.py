@@ -188,8 +188,10 @@ def test_the_reports_of_a_healthy_board_pass(uninterrupted: SoakCampaign, tmp_pa
     assert {outcome.tag for outcome in outcomes.values()} == {"system-out"}
     write_document_page(tmp_path / "soak.html", document, UNSTATED)
     page = (tmp_path / "soak.html").read_text(encoding="utf-8")
-    assert page.count("<img") == 1
-    assert "The course of the soak." in page
+    assert "<img" not in page
+    (course,) = [section for section in document.sections if section.title == "Course"]
+    frames = sum(int(row[1]) for row in course.blocks[0].rows)
+    assert frames == uninterrupted.tally.totals["frames"]
 
 
 def test_a_board_that_is_wrong_fails_its_case(tmp_path: Path) -> None:
@@ -261,9 +263,9 @@ def test_processes_give_what_one_gives(uninterrupted: SoakCampaign) -> None:
 def test_a_soak_says_how_long_it_takes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("haptogram.commands.soak._MEASURED_S", 0.0)
+    monkeypatch.setattr("haptogram.commands.shell.progress._MEASURED_S", 0.0)
     assert main(["soak", "--hours", "0.0004", "--seed", "7"]) == 0
-    assert capsys.readouterr().err.count("the rest takes about ") == 1
+    assert 1 <= capsys.readouterr().err.count("the rest takes about ") <= 11
 
 
 def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(

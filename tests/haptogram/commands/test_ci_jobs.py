@@ -22,13 +22,6 @@ HOSTILE = "\n::error::<b>|`"  # 15 of the 16 bytes that HELLO has for it
 FORMS = ("html", "junit", "summary")
 
 
-@pytest.fixture(autouse=True)
-def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the pictures out, which take most of the time and repeat by tests of their own."""
-    monkeypatch.setattr("haptogram.report.run.document._run_page_pictures", lambda *_: ())
-    monkeypatch.setattr("haptogram.report.run.document.frame_field_picture", lambda *_: None)
-
-
 def written(folder: Path, words: list[str], status: int = 0) -> dict[str, bytes]:
     """Run a command and return its files by form."""
     folder.mkdir()

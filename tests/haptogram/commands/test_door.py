@@ -197,7 +197,6 @@ OTHERS = [
     ("field", "--drive nowhere.csv", "'nowhere.csv' cannot be read: there is no such file"),
     ("field", "--step-mm 0.01 --half-width-mm 900 --picture a.png", "is 0.01; with --half-width"),
     ("field", "--step-mm 90 --picture a.png", "is 90, must be below 60 mm with --half-width-mm"),
-    ("field", "--step-mm 1 --half-width-mm 900 --view isosurface --picture a.png", "is 1; with"),
 ]
 
 

@@ -9,19 +9,14 @@ from haptogram.acoustics import (
     AcousticModel,
     Drive,
     NumpyEngine,
-    Resonator,
     Transducer,
     TransducerArray,
-    demodulated_level_db_a,
-    exposure_at,
     focus_phases,
-    switching_level_db_a,
 )
 from haptogram.acoustics.field.engines.engine import why_not_compiled
 from haptogram.cli import command_parser, main
 from haptogram.commands.field.scene import FieldScene
 from haptogram.errors import ConfigurationError
-from haptogram.objects.modulation import Modulation
 
 pytestmark = pytest.mark.sampled(3)
 
@@ -82,16 +77,10 @@ MOVED = {
 }
 
 
-def view_words(view):
-    coarse = () if view == "cuts" else ("--step-mm", "3")
-    return ("--view", view, "--picture", "a.png", *coarse)
-
-
 @pytest.mark.nightly
 @pytest.mark.parametrize("where", MOVED)
-@pytest.mark.parametrize("view", ["plane", "cuts", "isosurface"])
 def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
-    run, tmp_path, capsys, where, view
+    run, tmp_path, capsys, where
 ):
     turn, shift_m = MOVED[where]
     here = TransducerArray.grid(10, 8)
@@ -105,7 +94,18 @@ def test_an_array_that_is_turned_and_moved_is_described_by_the_same_figures(
         lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
         (tmp_path / name).write_text("\n".join(["x,y,z,nx,ny,nz", *lines]))
         place = ",".join(f"{value * 1e3:.9g}" for value in focus)
-        assert run("--array", tmp_path / name, f"--focus-mm={place}", *view_words(view)) == 0
+        assert (
+            run(
+                "--array",
+                tmp_path / name,
+                f"--focus-mm={place}",
+                "--picture",
+                "a.png",
+                "--step-mm",
+                "3",
+            )
+            == 0
+        )
         out = capsys.readouterr().out
         text[name] = re.sub(r"\([-\d., e]+\)", "(place)", out)
     assert text["there"] == text["here"]
@@ -144,16 +144,13 @@ def test_an_array_too_small_to_focus_is_described_as_such(run, capsys, array, sa
     [
         ("--plane", "xy", "--quantity", "phase", "--picture", "a.svg"),
         ("--plane", "yz", "--quantity", "force", "--picture", "a.svg"),
-        ("--view", "cuts", "--picture", "a.svg"),
-        ("--view", "isosurface", "--half-width-mm", "30", "--picture", "a.svg"),
         ("--preset", "sonicsurface", "--picture", "a.svg"),
         ("--object", "circle", "--radius-mm", "15", "--plane", "xy", "--picture", "a.svg"),
         ("--array", "8x8", "--pitch-mm", "8", "--picture", "a.svg"),
     ],
 )
 def test_every_view_is_written_as_a_picture_with_axes_in_mm(run, tmp_path, words, capsys):
-    coarse = () if "cuts" in words else ("--step-mm", "3")
-    assert run(*words, *coarse, "--quiet") == 0
+    assert run(*words, "--step-mm", "3", "--quiet") == 0
     picture = (tmp_path / "a.svg").read_text()
     assert "<svg" in picture
     assert "(mm)" in picture or "(Hz)" in picture
@@ -174,8 +171,6 @@ def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
     assert "peak" in picture
     assert "target" not in picture
     assert "focus (20, 0, 120) mm: 4132 Pa RMS" in capsys.readouterr().out
-    assert run("--drive", "drive.csv", "--view", "cuts", "--picture", "drive.svg") == 0
-    assert "target" not in (tmp_path / "drive.svg").read_text()
     place = ("--at-mm", "20,0,125")
     assert run("--drive", "drive.csv", *place, "--picture", "a.svg", "--step-mm", "3") == 0
     there = NumpyEngine(AcousticModel.default()).pressure(drive.weights(), [(0.02, 0.0, 0.125)])
@@ -207,7 +202,6 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
     [
         (("--focus-mm", "0,0,5"), "height"),
         (("--focus-mm", "nan,0,100"), "must be X,Y,Z, each"),
-        (("--object", "circle", "--view", "cuts", "--picture", "field.png"), "one focus"),
         (("--object", "circle", "--quantity", "phase", "--picture", "field.png"), "no phase"),
         (("--object", "dodecahedron"), "known are"),
         (("--preset", "unknown"), "known are"),
@@ -215,8 +209,6 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
         (("--at-mm", "0,0,-100"), "100 mm behind the baffle"),
         (("--picture", "field.gif"), "possible are"),
         (("--object", "circle", "--rate-hz", "0"), "1 to 40000"),
-        (("--ear-mm", "--modulation-hz", "900"), "half of"),
-        (("--ear-mm", "--modulation-hz", "0"), "must be 0.01 to"),
         (("--temperature-c", "90"), "--temperature-c is 90, must be -20 to 50 degrees Celsius"),
         (("--half-width-mm", "1e4", "--picture", "field.png"), "samples, must be"),
     ],
@@ -237,27 +229,6 @@ def test_a_place_that_is_no_triple_is_a_usage_error(capsys):
     )
 
 
-def test_the_levels_at_an_ear_are_those_of_the_library(run, capsys):
-    assert run("--array", "6x6", "--focus-mm", "0,0,80", "--ear-mm") == 0
-    out = " ".join(capsys.readouterr().out.split())
-    model = AcousticModel.default(6, 6)
-    frames = Modulation("am").frames([(0.0, 0.0, 0.08)], 1000.0)
-    engine, weights, lag = NumpyEngine(model), frames.weights(model), Resonator.from_bandwidth()
-    ear_m = (0.0, -0.3, 0.4)
-    heard = exposure_at(engine, weights, [ear_m], 1e-3, lag)[0]
-    steps = switching_level_db_a(engine, weights, ear_m, 1e-3, lag)
-    hum = demodulated_level_db_a(engine, weights, 0.5, 1e-3, lag)
-    assert "at an ear at (0, -300, 400) mm, 500 mm from the centre; AM at 200 Hz, 1000" in out
-    found = re.search(
-        r"ultrasound: ([\d.]+) dB SPL at most, ([\d.]+) dB SPL on average .* 110 dB SPL .*"
-        r"drive to drive: ([\d.]+) dB\(A\) .* by the air: ([\d.]+) dB\(A\) at most",
-        out,
-    )
-    assert [float(value) for value in found.groups()] == pytest.approx(
-        [heard.maximum_db_spl, heard.equivalent_db_spl, steps, hum], abs=0.1
-    )
-
-
 def test_one_line_says_that_numba_is_missing(run, monkeypatch, capsys):
     words = ("--array", "4x4")
     monkeypatch.setattr("haptogram.acoustics.field.engines.engine.load_kernels", lambda: None)
@@ -265,35 +236,3 @@ def test_one_line_says_that_numba_is_missing(run, monkeypatch, capsys):
     assert capsys.readouterr().out.count("since numba is not installed") == 1
     monkeypatch.undo()
     assert why_not_compiled(AcousticModel.default(4, 4)) is None
-
-
-def test_an_ear_hears_a_sequence_and_nothing_of_a_steady_drive(run, tmp_path, capsys):
-    words = ("--array", "4x4", "--ear-mm", "100,-200,300")
-    assert run(*words, "--object", "circle", "--resolution-mm", "20") == 0
-    sequence = " ".join(capsys.readouterr().out.split())
-    assert re.search(
-        r"\(100, -200, 300\) mm.*; 16 drives of 1 ms: .* by the air: [\d.]+ dB", sequence
-    )
-    (tmp_path / "steady.csv").write_text("phase,amplitude\n" + "0,255\n" * 16)
-    assert run(*words, "--drive", "steady.csv") == 0
-    steady = " ".join(capsys.readouterr().out.split())
-    assert "a steady drive:" in steady
-    assert steady.count("below 0 dB(A)") == 2
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--ear-mm", "0,0,-100"), "100 mm behind the baffle"),
-        (
-            ("--ear-mm", "0,0,0"),
-            "within the array, 0.0 mm from .*; it can be from 20 mm on",
-        ),
-        (("--ear-mm", "--modulation-hz", "900"), "half of"),
-        (("--ear-mm", "--modulation-hz", "-1"), "must be 0.01 to"),
-    ],
-)
-def test_an_ear_out_of_the_field_is_refused_before_the_picture(run, tmp_path, words, message):
-    with pytest.raises(ConfigurationError, match=message):
-        run(*words)
-    assert not (tmp_path / "field.png").exists()

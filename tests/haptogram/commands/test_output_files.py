@@ -23,11 +23,11 @@ WRITERS = {
         ("--json", "--junit", "--html", "--summary", "--write-baseline"),
     ),
     "soak": (["--hours", "0.0001", "--quiet"], ("--json", "--html", "--summary", "--resume")),
-    "bench": (["--seconds", "0.1"], ("--json", "--html", "--summary", "--picture")),
+    "bench": (["--seconds", "0.1"], ("--json", "--html", "--summary")),
     "field": (["--array", "4x4"], ("--picture",)),
     "modulation": (
         ["am", "--array", "4x4", "--center-mm", "0,0,80"],
-        ("--picture", "--csv", "--json"),
+        ("--csv", "--json"),
     ),
     "presets": (["autd3"], ("--json",)),
     "sweep": ([str(ROOT / "tests/data/sweep.toml"), "--quiet"], ("--rows", "--html")),

@@ -21,13 +21,9 @@ from haptogram.errors import ConfigurationError
 from haptogram.report.figures import (
     PicturePlane,
     check_picture_format,
-    draw_cuts,
-    draw_isosurfaces,
     draw_plane_figure,
-    draw_spectrum,
     encode_figure,
     figure_quantity_and_label,
-    isosurface_mesh,
     sample_picture_mean,
     sample_picture_plane,
 )
@@ -116,95 +112,6 @@ def test_phase_and_force_are_drawn_as_such():
     )
 
 
-def test_the_cuts_go_through_the_target():
-    lateral, axial = draw_cuts(ENGINE, WEIGHTS, TARGET).axes
-    level = np.abs(pressure(MODEL, WEIGHTS, [TARGET]))[0] / math.sqrt(2.0) / 1e3
-    for line in lateral.lines[:2]:
-        x, y = line.get_data()
-        assert np.interp(0.0, x, y) == pytest.approx(level, rel=1e-6)
-    x, y = axial.lines[0].get_data()
-    assert np.interp(80.0, x, y) == pytest.approx(level, rel=1e-4)
-    assert x.min() >= 20.0
-
-
-def test_cuts_and_surfaces_lie_along_the_axes_of_a_turned_array():
-    """The same curves; what is behind the array, or on an element, is a gap."""
-    turn, shift_m = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0.1, 0.0, -0.2])
-    model = AcousticModel(MODEL.array.moved(turn, shift_m), MODEL.medium, MODEL.transducer)
-    engine, target = NumpyEngine(model), turn @ TARGET + shift_m
-    here, there = draw_cuts(ENGINE, WEIGHTS, TARGET).axes, draw_cuts(engine, WEIGHTS, target).axes
-    for axes, expected in zip(there, here, strict=True):
-        for line, other in zip(axes.lines[:1], expected.lines[:1], strict=True):
-            assert line.get_ydata() == pytest.approx(other.get_ydata(), rel=1e-6, abs=1e-6)
-    assert there[0].lines[0].get_label() == "along the array's x"
-    assert there[1].get_xlabel() == "the array's z (mm)"
-    figure = draw_isosurfaces(engine, WEIGHTS, target, step_m=4e-3)
-    assert figure.axes[0].get_zlabel() == "own z (mm)"
-    low, high = figure.axes[0].get_zlim()
-    middle = 1e3 * float(model.array.axes[2] @ target)
-    assert low < middle < high
-
-
-def volume_of(triangles):
-    a, b, c = triangles.swapaxes(0, 1)
-    return (a * np.cross(b, c)).sum() / 6
-
-
-@pytest.mark.parametrize(
-    ("quantity", "label", "largest"),
-    [("phase", "rad", np.pi), ("force", "radiation pressure", 1e4), ("pressure", "RMS", 1e4)],
-)
-def test_cuts_show_the_quantity_that_was_asked_for(quantity, label, largest):
-    lateral, axial = draw_cuts(ENGINE, WEIGHTS, TARGET, quantity=quantity).axes
-    assert label in lateral.get_ylabel()
-    values = axial.lines[0].get_ydata()
-    assert np.abs(values).max() <= largest
-    assert (values.min() < 0.0) == (quantity == "phase")
-
-
-def test_the_surfaces_of_the_force_say_so_and_a_phase_has_none():
-    figure = draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3, quantity="force")
-    assert "radiation pressure" in figure.get_suptitle()
-    with pytest.raises(ConfigurationError, match="no surfaces"):
-        draw_isosurfaces(ENGINE, WEIGHTS, TARGET, quantity="phase")
-
-
-@pytest.mark.nightly
-@given(st.floats(2.0, 7.5), st.tuples(*[st.floats(-0.5, 0.5)] * 3))
-def test_the_isosurface_of_a_ball_is_a_closed_sphere(radius, centre):
-    grid = np.stack(np.meshgrid(*[np.arange(-9.0, 10.0)] * 3, indexing="ij"), axis=-1)
-    distance = np.linalg.norm(grid - np.array(centre), axis=-1)
-    triangles = isosurface_mesh(-distance, -radius) - 9.0 - np.array(centre)
-    assert np.linalg.norm(triangles, axis=2) == pytest.approx(
-        np.full(triangles.shape[:2], radius), abs=0.5
-    )
-    # Closed and turned outward: the normals add to nothing, the volume is that of the ball.
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    assert np.abs(normals.sum(axis=0)).max() < 1e-9
-    assert volume_of(triangles) == pytest.approx(4 / 3 * math.pi * radius**3, rel=0.15)
-
-
-@given(st.integers(0, 200))
-def test_an_isosurface_of_anything_is_watertight_inside_the_volume(seed):
-    values = np.zeros((6, 6, 6))
-    values[1:-1, 1:-1, 1:-1] = np.random.default_rng(seed).uniform(0.0, 1.0, (4, 4, 4))
-    triangles = isosurface_mesh(values, 0.5)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    assert np.abs(normals.sum(axis=0)).max() < 1e-9
-    edges = {}
-    for triangle in np.round(triangles, 9).tolist():
-        for a, b in ((0, 1), (1, 2), (2, 0)):
-            first, second = tuple(triangle[a]), tuple(triangle[b])
-            if first != second:
-                edges[first, second] = edges.get((first, second), 0) + 1
-                edges[second, first] = edges.get((second, first), 0) - 1
-    assert not any(edges.values())
-
-
-def test_an_isosurface_out_of_reach_is_empty():
-    assert isosurface_mesh(np.zeros((3, 3, 3)), 1.0).shape == (0, 3, 3)
-
-
 @pytest.mark.nightly
 def test_pictures_are_repeatable():
     svg, again = (
@@ -212,8 +119,6 @@ def test_pictures_are_repeatable():
     )
     assert svg == again
     assert b"pressure (kPa RMS)" in svg
-    png = encode_figure(draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=4e-3), ".png")
-    assert png.startswith(b"\x89PNG")
 
 
 def test_a_picture_says_what_it_is_of_and_where_and_marks_target_and_peak():
@@ -241,14 +146,6 @@ def test_nothing_of_a_picture_is_cut_whatever_the_shape_of_its_plane(up_m):
     assert legend.y1 < picture.axes[0].xaxis.label.get_window_extent().y0
 
 
-def test_a_spectrum_shows_its_lines():
-    time, frequency = np.arange(4.0), np.array([0.0, 500.0, 2000.0])
-    left, right = draw_spectrum(time, time, frequency, np.array([1.0, 2.0, 3.0])).axes
-    assert "Hz" in right.get_xlabel()
-    assert "ms" in left.get_xlabel()
-    assert right.lines[0].get_xdata() == pytest.approx([0.0, 500.0])
-
-
 @pytest.mark.parametrize(
     "make",
     [
@@ -260,10 +157,6 @@ def test_a_spectrum_shows_its_lines():
         lambda: field(PicturePlane("xy", (0, 0, 1e-4), (0.0050, 0.0052), (0.0050, 0.0052), 1e-4)),
         lambda: draw_plane_figure(field(), quantity="colour"),
         lambda: draw_plane_figure(mean_field(), quantity="phase"),
-        lambda: draw_cuts(ENGINE, WEIGHTS, TARGET, 2.0),
-        lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=1e-5),
-        lambda: draw_isosurfaces(ENGINE, WEIGHTS, TARGET, step_m=0.0),
-        lambda: isosurface_mesh(np.zeros((3, 3)), 0.0),
         lambda: check_picture_format(Path("field.gif")),
     ],
 )
@@ -290,21 +183,13 @@ def labelled(axes):
 UPRIGHT = PicturePlane("xz", TARGET, (-0.06, 0.06), (0.005, 0.12), 4e-3)
 
 
-def test_the_array_lies_below_an_upright_plane_and_around_a_level_one():
+def test_the_array_lies_below_an_upright_plane():
     axes = draw_plane_figure(field(UPRIGHT)).axes[0]
     elements = labelled(axes)["transducers"]
     assert sorted(map(tuple, elements)) == sorted(
         map(tuple, 1e3 * MODEL.array.positions_m[:, [0, 2]])
     )
     assert axes.get_ylim()[0] < 0.0 < axes.get_ylim()[1]
-    within = labelled(draw_plane_figure(field()).axes[0])
-    assert "outline of the array" not in within  # it lies beyond the picture
-    level = PicturePlane("xy", TARGET, (-0.05, 0.05), (-0.05, 0.05), 4e-3)
-    outline = labelled(draw_plane_figure(field(level)).axes[0])["outline of the array"]
-    assert sorted(set(map(tuple, outline))) == [
-        (x, y) for x in (-35.0, 35.0) for y in (-35.0, 35.0)
-    ]
-    assert tuple(outline[0]) == tuple(outline[-1])
 
 
 def test_an_array_that_is_far_off_leaves_the_picture_as_it_is():
@@ -313,22 +198,6 @@ def test_an_array_that_is_far_off_leaves_the_picture_as_it_is():
     ).axes[0]
     assert "transducers" not in labelled(axes)
     assert axes.get_ylim() == pytest.approx((69.0, 91.0))
-
-
-def test_an_array_in_a_line_has_a_line_for_an_outline():
-    model = AcousticModel.default(8, 1)
-    plane = sample_picture_plane(NumpyEngine(model), np.ones(8), PLANE)
-    outline = labelled(draw_plane_figure(plane).axes[0])["outline of the array"]
-    assert sorted(map(tuple, outline)) == [(-35.0, 0.0), (35.0, 0.0)]
-
-
-def test_an_ear_is_marked_in_its_place_or_where_the_picture_ends():
-    axes = draw_plane_figure(field(UPRIGHT), ear_m=(0.03, 0.5, 0.1)).axes[0]
-    assert labelled(axes)["ear"][0] == pytest.approx((30.0, 100.0))
-    axes = draw_plane_figure(field(UPRIGHT), ear_m=(-0.3, 0.0, 0.06)).axes[0]
-    (note,) = axes.texts
-    assert note.get_text() == "ear, 238 mm beyond"
-    assert axes.get_xlim()[0] < note.xy[0] < -50.0
 
 
 @pytest.mark.parametrize("quantity", ["pressure", "force"])
@@ -343,10 +212,10 @@ def test_decibels_are_relative_to_the_largest_value(quantity):
         draw_plane_figure(field(), quantity="phase", decibels=True)
 
 
-def test_surfaces_fill_their_frame():
-    from haptogram.report.figures.isosurface import _frame_isosurface
+def test_a_picture_leaves_the_settings_of_the_user_alone():
+    import matplotlib
 
-    low, high = _frame_isosurface(np.array([[-5.0, 0.0, 60.0], [5.0, 20.0, 160.0]]))
-    assert high[2] - low[2] == pytest.approx(110.0)  # the longest side with a margin
-    assert high[:2] - low[:2] == pytest.approx([41.0, 41.0])  # room for the names
-    assert (low + high) / 2.0 == pytest.approx([0.0, 10.0, 110.0])
+    usual = encode_figure(draw_plane_figure(field()), ".svg")
+    with matplotlib.rc_context({"font.size": 31.0}):
+        assert encode_figure(draw_plane_figure(field()), ".svg") == usual
+        assert matplotlib.rcParams["font.size"] == 31.0

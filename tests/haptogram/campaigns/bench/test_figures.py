@@ -1,4 +1,4 @@
-"""Percentiles, comparisons, the focus that was held, the control loop, the fingerprint."""
+"""Percentiles, comparisons, the control loop, the fingerprint."""
 
 import json
 
@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from haptogram.campaigns.bench.compare import bench_differences, compare_benches
 from haptogram.campaigns.bench.control import NoiseFloorLoop
-from haptogram.campaigns.bench.focus_error import bench_focus_error
 from haptogram.campaigns.bench.percentiles import (
     BLOCKS,
     TimingPercentiles,
@@ -101,53 +100,6 @@ def test_what_was_set_differently_is_named():
     old, new = a_result(0), a_result(1)
     new["configuration"] = {"rate_hz": 2000}
     assert bench_differences(old, new) == ["configuration: rate_hz was 1000, is 2000"]
-
-
-# --- space ---------------------------------------------------------------------------------------
-
-LINE_M = np.column_stack([np.arange(10) * 1e-3, np.zeros(10), np.full(10, 0.1)])
-DUE_US = np.arange(10) * 1000
-
-
-def error_of(latched_us):
-    return bench_focus_error(LINE_M, DUE_US, np.asarray(latched_us, float), carrier_us=25)
-
-
-def test_on_time_there_is_no_error():
-    assert error_of(DUE_US + 24.0).frames == 0
-
-
-def test_a_lost_frame_leaves_the_old_focus_for_a_period():
-    latched = DUE_US.astype(float)
-    latched[4] = np.nan
-    found = error_of(latched)
-    assert (found.frames, found.held_us) == (1, 1000.0)
-    assert found.greatest_mm == found.mean_mm == pytest.approx(1.0)
-    assert found.run_mean_mm == pytest.approx(0.1)
-
-
-def test_a_late_frame_leaves_it_until_its_latch():
-    latched = DUE_US.astype(float)
-    latched[4] += 400.0
-    found = error_of(latched)
-    assert (found.frames, found.held_us) == (1, 400.0)
-    assert found.greatest_mm == pytest.approx(1.0)
-
-
-def test_lost_in_a_row_the_distance_grows():
-    latched = DUE_US.astype(float)
-    latched[3:6] = np.nan
-    found = error_of(latched)
-    assert found.frames == 3
-    assert found.greatest_mm == pytest.approx(3.0)
-    assert found.mean_mm == pytest.approx(2.0)
-
-
-def test_before_the_first_latch_no_focus_is_wrong():
-    latched = DUE_US.astype(float)
-    latched[:2] = np.nan
-    assert error_of(latched).frames == 0
-    assert error_of(np.full(10, np.nan)).held_us == 0.0
 
 
 # --- control, fingerprint ------------------------------------------------------------------------
