@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.settings.command_line import add_command_options, given_options
-from haptogram.settings.option import options_of
-from haptogram.settings.parser import file_name_option
+from haptogram.settings.option import Settings, option, options_of
 from haptogram.settings.run.outputs import output_options
 
 from .acting_options import STAMPED, refuse_idle_options
 from .shell.exit_status import PASS, USAGE
-from .shell.output_files import FILE_HELP, CommandOutputs
+from .shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
 
 if TYPE_CHECKING:
     from haptogram.settings.parser import Parser
@@ -30,6 +31,16 @@ exit status:
   2    usage or environment error
   130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
 """
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchFiles(Settings):
+    """The picture that a benchmark writes, and the file that it is compared with."""
+
+    picture: Path | None = option(
+        None, unit="FILE", help="write the histogram alone: .png, .svg or .pdf"
+    )
+    compare: Path | None = option(None, unit="OLD.json", help="say what changed beyond the noise")
 
 
 _ACTING: Final = {"stamp": STAMPED}
@@ -50,24 +61,19 @@ def set_up_bench(parser: Parser) -> None:
     parser.add_argument("--quiet", action="store_true", help="print changes and errors only")
     result = parser.add_argument_group("result", FILE_HELP)
     add_command_options(result, output_options("json html summary stamp record"))
-    result.add_argument(
-        "--compare",
-        type=file_name_option,
-        metavar="OLD.json",
-        help="say what changed beyond the noise [none]",
-    )
+    add_command_options(result, options_of(BenchFiles).values())
 
 
 def run_bench(arguments: argparse.Namespace) -> int:
     """Measure, print and write; return 0."""
     from haptogram.campaigns.bench.measure import run_bench
     from haptogram.campaigns.bench.result import bench_dict, read_bench_result
-    from haptogram.report.bench.document import bench_document
+    from haptogram.report.bench.document import bench_document, draw_bench_histograms
     from haptogram.report.formats.console import document_text
     from haptogram.report.run import write_run_json
 
     refuse_idle_options(arguments)
-    outputs = CommandOutputs(arguments, "json", "html", "summary", "record")
+    outputs = CommandOutputs(arguments, "json", "html", "summary", "picture", "record")
     old = None if arguments.compare is None else read_bench_result(arguments.compare)
     config = BenchConfig.of(**given_options(arguments, options_of(BenchConfig)))
     with outputs.recording(config.as_dict()) as writer:
@@ -84,7 +90,11 @@ def run_bench(arguments: argparse.Namespace) -> int:
         outputs.print(document_text(document))
     elif changes:
         outputs.print("\n".join(changes))
-    written = outputs.write(document, json=lambda path: write_run_json(path, result))
+    written = outputs.write(
+        document,
+        json=lambda path: write_run_json(path, result),
+        picture=lambda path: write_picture_output(path, draw_bench_histograms(found.stages_us)),
+    )
     return PASS if outputs.is_recorded(writer) and written else USAGE
 
 

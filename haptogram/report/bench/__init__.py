@@ -1,1 +1,1 @@
-"""The report of one benchmark of the loop: page, text for a terminal, summary."""
+"""The report of one benchmark of the loop: page, pictures, text for a terminal."""

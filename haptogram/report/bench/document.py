@@ -1,14 +1,32 @@
-"""The result of one benchmark of the loop as a document."""
+"""The result of one benchmark of the loop as a document, and its picture."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from haptogram.campaigns.bench.attribution import MISS_LIMITS_US
 from haptogram.campaigns.bench.percentiles import LEVELS
 from haptogram.campaigns.bench.result import STAGES
 
+from ..figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    figure_legend,
+    new_figure,
+)
 from ..formats.document import Document, Finding, Level, Listing, Section, Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 Result = Mapping[str, Any]
 
@@ -158,3 +176,42 @@ def _bench_machine_rows(result: Result) -> Iterator[str]:
     shares = ", ".join(f"{name} {100 * v:.1f} %" for name, v in result["processors"].items())
     if shares:
         yield f"processors during the run: {shares}"
+
+
+_BINS: Final = np.geomspace(0.1, 1e6, 141)  # microseconds
+_SHOWN: Final = (
+    ("wake", "wake, from the intended time", BLUE),
+    ("work", "encode and write", ORANGE),
+    ("board", "complete at the board, after the line", GREEN),
+    ("complete", "all of it, from the intended time", VERMILION),
+    ("control", "control loop beside it", BLACK),
+)
+
+
+def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figure:
+    """Draw a histogram of the duration of each stage, both axes logarithmic to show the tail.
+
+    Lines mark the limits from which on a frame counts as late.
+    """
+    with new_figure(8.0, 4.8) as figure:
+        axes = figure.add_subplot()
+        for name, label, colour in _SHOWN:
+            values = stages_us[name][~np.isnan(stages_us[name])]
+            if len(values):
+                width = 1.0 if name == "control" else 1.6
+                axes.hist(
+                    np.clip(values, _BINS[0], _BINS[-1]),
+                    _BINS.tolist(),
+                    histtype="step",
+                    color=colour,
+                    linewidth=width,
+                    label=f"{label} (n = {len(values)})",
+                )
+        axes.set(xscale="log", yscale="log", xlabel="time (µs)", ylabel="frames")
+        most = max(np.nanmax(stages_us[name], initial=0.0) for name, *_ in _SHOWN)
+        axes.set_xlim(_BINS[0] / 1.5, min(_BINS[-1], 3.0 * max(most, *MISS_LIMITS_US)))
+        for limit_us in MISS_LIMITS_US:
+            name = "limits of the miss counts"
+            axes.axvline(limit_us, color=GREY, linewidth=1.0, linestyle="--", label=name)
+        figure_legend(figure, columns=2)
+    return figure

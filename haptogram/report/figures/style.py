@@ -110,7 +110,7 @@ def figure_title(title: str, detail: str) -> str:
     return f"{title}\n{detail}" if title else detail
 
 
-def figure_legend(figure: Figure, columns: int) -> None:
+def figure_legend(figure: Figure, columns: int = 4) -> None:
     """Draw one legend below all panels, with each label once."""
     found = [axes.get_legend_handles_labels() for axes in figure.axes]
     entries = {

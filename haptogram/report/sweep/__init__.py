@@ -1,1 +1,1 @@
-"""The result of a sweep: where it breaks, as text and page."""
+"""The result of a sweep: where it breaks, as text, page and pictures."""

@@ -23,7 +23,7 @@ WRITERS = {
         ("--json", "--junit", "--html", "--summary", "--write-baseline"),
     ),
     "soak": (["--hours", "0.0001", "--quiet"], ("--json", "--html", "--summary", "--resume")),
-    "bench": (["--seconds", "0.1"], ("--json", "--html", "--summary")),
+    "bench": (["--seconds", "0.1"], ("--json", "--html", "--summary", "--picture")),
     "field": (["--array", "4x4"], ("--picture",)),
     "modulation": (
         ["am", "--array", "4x4", "--center-mm", "0,0,80"],

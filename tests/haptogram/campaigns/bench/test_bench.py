@@ -59,9 +59,10 @@ def test_a_board_at_a_port_is_measured_by_its_own_word(board):
 
 def test_the_command_writes_compares_and_draws(run, tmp_path, capsys):
     old, new, page = tmp_path / "old.json", tmp_path / "new.json", tmp_path / "page.html"
+    picture = tmp_path / "histogram.svg"
     old.write_text(json.dumps(bench_dict(run)))
     arguments = ["bench", "--seconds", "0.5", "--rate-hz", "500", "--json", str(new)]
-    more = ["--compare", str(old), "--html", str(page)]
+    more = ["--compare", str(old), "--html", str(page), "--picture", str(picture)]
     assert main([*arguments, "--trim", "--realtime", *more]) == 0
     text = capsys.readouterr().out
     assert "unchanged within the noise: " in text
@@ -71,6 +72,7 @@ def test_the_command_writes_compares_and_draws(run, tmp_path, capsys):
         assert meaning in text
     assert json.loads(new.read_text())["frames"]["due"] == 250
     assert "data:image" not in page.read_text()
+    assert picture.read_text().startswith("<?xml")
     assert read_bench_result(new)["configuration"]["trim"]
 
 

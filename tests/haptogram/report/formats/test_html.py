@@ -59,6 +59,7 @@ def test_dark_and_light_and_print_are_one_style_sheet():
         (["conform", "--html", "a.html"], "jinja2"),
         (["conform", "--compare", "a.json", "--html", "a.html"], "jinja2"),
         (["bench", "--html", "a.html"], "jinja2"),
+        (["bench", "--picture", "a.png"], "matplotlib"),
         (["field", "--picture", "a.png"], "matplotlib"),
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(value),
