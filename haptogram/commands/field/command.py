@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.settings.command_line import add_command_options, add_setting_options
-from haptogram.settings.option import Settings, option, options_of
+from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.parser import Acting
 from haptogram.settings.run.verify import VerifyConfig
+from haptogram.settings.shape import ModulationConfig
 
 from ..acting_options import (
     PITCH,
@@ -22,7 +23,7 @@ from ..acting_options import (
 from ..shell.array_options import add_array_options
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
-from ..shell.positions import position_argument_mm
+from ..shell.positions import Position, position_argument_mm
 from ..shell.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 PLANES: Final = ("xy", "xz", "yz")
 QUANTITIES: Final = ("pressure", "phase", "force")
+EAR_MM: Final[Position] = (0.0, -300.0, 400.0)  # someone who sits before an array that looks up
 
 _EPILOG: Final = """\
 examples:
@@ -41,6 +43,8 @@ examples:
   haptogram field --preset autd3 --picture autd3.png
   haptogram field --object circle --radius-mm 20 --plane xy --picture circle.png
       what a hand feels over one pass: mean square over the sequence, with narrow transducers
+  haptogram field --ear-mm --modulation am
+      what reaches an ear: ultrasound in dB SPL, what is audible of a 200 Hz modulation in dB(A)
   haptogram field --drive drive.csv --at-mm 10,0,120 --plane xy --picture drive.svg
       a drive as codes, a header phase,amplitude and one line for each element, around a place
 
@@ -61,6 +65,13 @@ class FieldConfig(Settings):
     phase_bits: int = option(
         8, unit="BITS", low=1, high=16, help="resolution of the phases, 1 to 16"
     )
+    modulation: str = option_of(
+        ModulationConfig,
+        "modulation",
+        default="am",
+        help="for what is audible at --ear-mm: amplitude, lateral, or spatio-temporal along a "
+        "circle",
+    )
     plane: str = option("xz", choices=PLANES, help="axes of a plane")
     quantity: str = option(
         "pressure",
@@ -80,7 +91,13 @@ class FieldConfig(Settings):
 _PICTURE: Final = ("plane", "quantity", "decibels", "half_width_mm", "step_mm", "picture")
 
 
+def _acts_for_an_ear(arguments: argparse.Namespace) -> bool:
+    """Return True if the options for a listener take effect."""
+    return arguments.ear_mm is not None and not arguments.object and not arguments.drive
+
+
 _WITH_PICTURE: Final = with_option("picture")
+_FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _acts_for_an_ear)
 _ACTING: Final = {
     "resolution_mm": Acting(
         "with --object, on other objects than a point",
@@ -91,8 +108,15 @@ _ACTING: Final = {
         lambda a: a.object is not None and acts_on_a_size(a),
     ),
     "unit": Acting("with --object, on a mesh file", lambda a: a.object and not acts_on_a_shape(a)),
-    **dict.fromkeys(("center_mm", "rate_hz"), with_option("object")),
+    "center_mm": with_option("object"),
+    "rate_hz": Acting(
+        "with --object, or on one focus with --ear-mm",
+        lambda a: a.object is not None or _acts_for_an_ear(a),
+    ),
+    "modulation": _FOR_AN_EAR,
+    "modulation_hz": _FOR_AN_EAR,
     "pitch_mm": PITCH,
+    "ear_mm": Acting("without --quiet", lambda a: not a.quiet),
     "quiet": _WITH_PICTURE,
     **dict.fromkeys(("plane", "quantity", "half_width_mm", "step_mm"), _WITH_PICTURE),
     "decibels": Acting(
@@ -111,7 +135,7 @@ def set_up_field(parser: Parser) -> None:
         "modulation'."
     )
     parser.epilog = _EPILOG
-    parser.main_options = "focus_mm object drive rate_hz array picture plane quantity at_mm"
+    parser.main_options = "focus_mm object drive rate_hz array picture plane quantity at_mm ear_mm"
     _add_field_source(parser)
     add_array_options(parser.add_argument_group("array and air"))
     _add_field_picture(parser)
@@ -132,9 +156,9 @@ def _add_field_source(parser: Parser) -> None:
     add_setting_options(source, [rows["object"]], object="one focus")
     own = options_of(FieldConfig)
     add_command_options(source, [own["drive"]])
-    names = ("unit", "resolution_mm", "radius_mm", "rate_hz", "center_mm")
+    names = ("unit", "resolution_mm", "radius_mm", "rate_hz", "center_mm", "modulation_hz")
     add_command_options(group, [rows[name] for name in names])
-    add_command_options(group, [own["phase_bits"]])
+    add_command_options(group, [own["phase_bits"], own["modulation"]])
 
 
 def _add_field_picture(parser: Parser) -> None:
@@ -147,6 +171,15 @@ def _add_field_picture(parser: Parser) -> None:
         metavar="X,Y,Z",
         help="place to look at: its pressure is printed, and a picture is centred there [the "
         "focus, the centre of the object; of --drive, where it is loudest]",
+    )
+    group.add_argument(
+        "--ear-mm",
+        type=position_argument_mm,
+        nargs="?",
+        const=EAR_MM,
+        metavar="X,Y,Z",
+        help="also print the levels at an ear [0,-300,400: before the array, bent over it]: of the "
+        "ultrasound, next to a guideline, and of what is audible; a focus is modulated",
     )
     group.add_argument("--quiet", action="store_true", help="no progress and no text")
 
@@ -161,7 +194,7 @@ def run_field(arguments: argparse.Namespace) -> int:
     if arguments.picture is not None:
         check_field_picture_size(arguments)
     scene = FieldScene.from_arguments(arguments)
-    levels = [] if arguments.quiet else list(describe_field_levels(scene))
+    levels = [] if arguments.quiet else list(describe_field_levels(arguments, scene))
     lines = [] if arguments.quiet else [*describe_field_scene(scene), *levels]
     for line in lines:
         print(line, file=outputs.text)

@@ -9,14 +9,19 @@ from haptogram.acoustics import (
     AcousticModel,
     Drive,
     NumpyEngine,
+    Resonator,
     Transducer,
     TransducerArray,
+    demodulated_level_db_a,
+    exposure_at,
     focus_phases,
+    switching_level_db_a,
 )
 from haptogram.acoustics.field.engines.engine import why_not_compiled
 from haptogram.cli import command_parser, main
 from haptogram.commands.field.scene import FieldScene
 from haptogram.errors import ConfigurationError
+from haptogram.objects.modulation import Modulation
 
 pytestmark = pytest.mark.sampled(3)
 
@@ -209,6 +214,8 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
         (("--at-mm", "0,0,-100"), "100 mm behind the baffle"),
         (("--picture", "field.gif"), "possible are"),
         (("--object", "circle", "--rate-hz", "0"), "1 to 40000"),
+        (("--ear-mm", "--modulation-hz", "900"), "half of"),
+        (("--ear-mm", "--modulation-hz", "0"), "must be 0.01 to"),
         (("--temperature-c", "90"), "--temperature-c is 90, must be -20 to 50 degrees Celsius"),
         (("--half-width-mm", "1e4", "--picture", "field.png"), "samples, must be"),
     ],
@@ -229,6 +236,27 @@ def test_a_place_that_is_no_triple_is_a_usage_error(capsys):
     )
 
 
+def test_the_levels_at_an_ear_are_those_of_the_library(run, capsys):
+    assert run("--array", "6x6", "--focus-mm", "0,0,80", "--ear-mm") == 0
+    out = " ".join(capsys.readouterr().out.split())
+    model = AcousticModel.default(6, 6)
+    frames = Modulation("am").frames([(0.0, 0.0, 0.08)], 1000.0)
+    engine, weights, lag = NumpyEngine(model), frames.weights(model), Resonator.from_bandwidth()
+    ear_m = (0.0, -0.3, 0.4)
+    heard = exposure_at(engine, weights, [ear_m], 1e-3, lag)[0]
+    steps = switching_level_db_a(engine, weights, ear_m, 1e-3, lag)
+    hum = demodulated_level_db_a(engine, weights, 0.5, 1e-3, lag)
+    assert "at an ear at (0, -300, 400) mm, 500 mm from the centre; AM at 200 Hz, 1000" in out
+    found = re.search(
+        r"ultrasound: ([\d.]+) dB SPL at most, ([\d.]+) dB SPL on average .* 110 dB SPL .*"
+        r"drive to drive: ([\d.]+) dB\(A\) .* by the air: ([\d.]+) dB\(A\) at most",
+        out,
+    )
+    assert [float(value) for value in found.groups()] == pytest.approx(
+        [heard.maximum_db_spl, heard.equivalent_db_spl, steps, hum], abs=0.1
+    )
+
+
 def test_one_line_says_that_numba_is_missing(run, monkeypatch, capsys):
     words = ("--array", "4x4")
     monkeypatch.setattr("haptogram.acoustics.field.engines.engine.load_kernels", lambda: None)
@@ -236,3 +264,35 @@ def test_one_line_says_that_numba_is_missing(run, monkeypatch, capsys):
     assert capsys.readouterr().out.count("since numba is not installed") == 1
     monkeypatch.undo()
     assert why_not_compiled(AcousticModel.default(4, 4)) is None
+
+
+def test_an_ear_hears_a_sequence_and_nothing_of_a_steady_drive(run, tmp_path, capsys):
+    words = ("--array", "4x4", "--ear-mm", "100,-200,300")
+    assert run(*words, "--object", "circle", "--resolution-mm", "20") == 0
+    sequence = " ".join(capsys.readouterr().out.split())
+    assert re.search(
+        r"\(100, -200, 300\) mm.*; 16 drives of 1 ms: .* by the air: [\d.]+ dB", sequence
+    )
+    (tmp_path / "steady.csv").write_text("phase,amplitude\n" + "0,255\n" * 16)
+    assert run(*words, "--drive", "steady.csv") == 0
+    steady = " ".join(capsys.readouterr().out.split())
+    assert "a steady drive:" in steady
+    assert steady.count("below 0 dB(A)") == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--ear-mm", "0,0,-100"), "100 mm behind the baffle"),
+        (
+            ("--ear-mm", "0,0,0"),
+            "within the array, 0.0 mm from .*; it can be from 20 mm on",
+        ),
+        (("--ear-mm", "--modulation-hz", "900"), "half of"),
+        (("--ear-mm", "--modulation-hz", "-1"), "must be 0.01 to"),
+    ],
+)
+def test_an_ear_out_of_the_field_is_refused_before_the_picture(run, tmp_path, words, message):
+    with pytest.raises(ConfigurationError, match=message):
+        run(*words)
+    assert not (tmp_path / "field.png").exists()
