@@ -73,7 +73,9 @@ def run_bench(arguments: argparse.Namespace) -> int:
     from haptogram.report.run import write_run_json
 
     refuse_idle_options(arguments)
-    outputs = CommandOutputs(arguments, "json", "html", "summary", "picture", "record")
+    outputs = CommandOutputs(
+        arguments, "json", "html", "summary", "picture", "record", pictures=True
+    )
     old = None if arguments.compare is None else read_bench_result(arguments.compare)
     config = BenchConfig.of(**given_options(arguments, options_of(BenchConfig)))
     with outputs.recording(config.as_dict()) as writer:
@@ -85,7 +87,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
 
             writer.document(SUMMARY, writer.last_ns, result)
     changes = [] if old is None else _bench_changes(old, result)
-    document = bench_document(result, changes)
+    document = bench_document(found, result, changes)
     if not arguments.quiet:
         outputs.print(document_text(document))
     elif changes:

@@ -11,6 +11,7 @@ from markupsafe import Markup
 from haptogram.errors import ConfigurationError
 from haptogram.machine.provenance import UNSTATED, Provenance
 from haptogram.report.figures import encode_figure
+from haptogram.report.figures.style import embed_picture
 from haptogram.report.formats.html import check_html_page, render_html_page
 
 from .document import (
@@ -20,7 +21,6 @@ from .document import (
     PaperReproduction,
     paper_prose,
 )
-from .embedded import embed_picture
 from .equations import EQUATIONS
 from .mathml import equation_mathml
 from .pictures import draw_paper_figure_4, draw_paper_hemispheres, draw_paper_table_1

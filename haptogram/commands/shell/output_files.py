@@ -59,6 +59,8 @@ class CommandOutputs:
     *names : str
         The options that name a file; ``picture`` must be a format of pictures, and ``html`` needs
         the extra for pages.
+    pictures : bool
+        Whether the page holds pictures.
 
     Attributes
     ----------
@@ -74,7 +76,7 @@ class CommandOutputs:
         ``stamp`` is no date.
     """
 
-    def __init__(self, settings: Any, *names: str) -> None:
+    def __init__(self, settings: Any, *names: str, pictures: bool = False) -> None:
         self._program: str = settings.parser.prog
         given = {option_word(name): getattr(settings, name) for name in names}
         self.paths: dict[str, Path] = {
@@ -85,7 +87,7 @@ class CommandOutputs:
         for option, path in self.paths.items():
             if is_standard_output(path):
                 self.paths[option] = STANDARD_OUTPUT
-        self._check_formats()
+        self._check_formats(pictures=pictures)
         for folder in dict.fromkeys(path.parent for path in self.paths.values()):
             if not folder.exists():
                 print(f"{folder}: a new folder, to be made for what is written", file=sys.stderr)
@@ -95,13 +97,13 @@ class CommandOutputs:
             stamp = getattr(settings, "stamp", None)
             self.provenance = Provenance.of_run(settings.command_line, stamp)
 
-    def _check_formats(self) -> None:
+    def _check_formats(self, *, pictures: bool) -> None:
         if "--picture" in self.paths:
             _check_output_picture(self.paths["--picture"])
         if "--html" in self.paths:
             from haptogram.report.formats.html import check_html_page
 
-            check_html_page()
+            check_html_page(pictures=pictures)
 
     @property
     def text(self) -> TextIO:

@@ -109,6 +109,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     outputs = CommandOutputs(
         settings,
         *(name for name in options_of(OutputConfig) if name != "stamp"),
+        pictures=bool(config.captures.capture),
     )
     if config.captures.from_recording is not None:
         return verify_recorded_captures(config, outputs, quiet=arguments.quiet)

@@ -1,4 +1,4 @@
-"""The result of one benchmark of the loop as a document, and its picture."""
+"""The result of one benchmark of the loop as a document, with its pictures."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.campaigns.bench.attribution import MISS_LIMITS_US
+from haptogram.campaigns.bench.measure import BenchRun
 from haptogram.campaigns.bench.percentiles import LEVELS
 from haptogram.campaigns.bench.result import STAGES
 
@@ -19,10 +20,11 @@ from ..figures.style import (
     GREY,
     ORANGE,
     VERMILION,
+    embed_picture,
     figure_legend,
     new_figure,
 )
-from ..formats.document import Document, Finding, Level, Listing, Section, Table
+from ..formats.document import Document, Finding, Level, Listing, Picture, Section, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,8 +39,8 @@ _NOTABLE_SHARE: Final = 0.01  # of all frames
 _PLACES: Final = {"at_port": "at the port", "at_board": "complete at the board"}
 
 
-def bench_document(result: Result, changes: Sequence[str] = ()) -> Document:
-    """Return a run as a document; nothing is judged, so that it has warnings only.
+def bench_document(run: BenchRun, result: Result, changes: Sequence[str] = ()) -> Document:
+    """Return *run* as a document; nothing is judged, so that it has warnings only.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ def bench_document(result: Result, changes: Sequence[str] = ()) -> Document:
         findings=[Finding(Level.WARNING, "bench", text) for text in result["warnings"]],
         lead=[_bench_conditions_text(result), _bench_frames_text(result)],
         sections=[
-            _bench_stages_section(result),
+            _bench_stages_section(run, result),
             Section(
                 "Late frames and their causes",
                 [Table(_MISS_HEAD, list(_bench_misses_rows(result)), (0, 2, 4), (3,))],
@@ -67,7 +69,7 @@ def bench_document(result: Result, changes: Sequence[str] = ()) -> Document:
     )
 
 
-def _bench_stages_section(result: Result) -> Section:
+def _bench_stages_section(run: BenchRun, result: Result) -> Section:
     last = len(_STAGE_HEAD) - 1
     rows = list(_bench_stages_rows(result))
     return Section(
@@ -75,6 +77,15 @@ def _bench_stages_section(result: Result) -> Section:
         [
             Table(_STAGE_HEAD, rows, range(1, last), (last,)),
             Listing([_bench_clocks_text(result)]),
+            Picture(
+                lambda: embed_picture(
+                    draw_bench_histograms(run.stages_us),
+                    "Histogram of the stages of a frame and of the control loop.",
+                    "Both axes are logarithmic, so that rare delays show. The control loop does "
+                    "nothing but wake up, in a process of its own: where it is late too, the "
+                    "machine was.",
+                )
+            ),
         ],
     )
 

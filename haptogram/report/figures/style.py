@@ -1,4 +1,4 @@
-"""The one style of all pictures: how a figure is made, marked, and encoded.
+"""The one style of all pictures: how a figure is made, marked, encoded and put into a page.
 
 matplotlib draws as an object: no window, no global figure, no setting of the user.
 """
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
 
+from ..formats.document import PagePicture
 from ..formats.html import require_report_packages
 
 if TYPE_CHECKING:
@@ -95,13 +96,21 @@ def check_picture_format(path: Path) -> None:
     require_report_packages("pictures", "matplotlib")
 
 
-def encode_figure(figure: Figure, suffix: str) -> bytes:
-    """Return *figure* in the format of *suffix*, one of `FORMATS`, without date and version."""
+def encode_figure(figure: Figure, suffix: str, *, transparent: bool = False) -> bytes:
+    """Return *figure* in the format of *suffix*, one of `FORMATS`, without date and version.
+
+    Parameters
+    ----------
+    transparent : bool
+        Leave out the white ground.
+    """
     left_out = {".png": ("Software",), ".svg": ("Date", "Creator"), ".pdf": ("CreationDate",)}
     metadata: Any = dict.fromkeys(left_out[suffix])
     buffer = io.BytesIO()
     with _styled():
-        figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=metadata)
+        figure.savefig(
+            buffer, format=suffix[1:], dpi=DPI, metadata=metadata, transparent=transparent
+        )
     return buffer.getvalue()
 
 
@@ -151,3 +160,22 @@ def _styled() -> contextlib.AbstractContextManager[None]:
     import matplotlib.style
 
     return matplotlib.style.context(["default", _STYLE])
+
+
+#: Ink, ground, lines and remarks of a picture: in a light page, and in a dark one (style.css).
+_DARK: Final = {"000000": "e4e6e8", "ffffff": "16181b", "dddddd": "3a3f45", "555555": "a8adb3"}
+
+
+def embed_picture(figure: Figure, title: str, caption: str = "") -> PagePicture:
+    """Return *figure* as a picture for a page, dark in a dark one."""
+    svg = encode_figure(figure, ".svg", transparent=True).decode()
+    for colour in _DARK:
+        svg = svg.replace(f"#{colour}", f"var(--c{colour})")
+    light, dark = (
+        f"svg{{{';'.join(f'--c{name}:#{colour}' for name, colour in colours.items())}}}"
+        for colours in ({name: name for name in _DARK}, _DARK)
+    )
+    # What has no colour of its own is black in SVG.
+    theme = f"{light}svg{{fill:var(--c000000)}}@media screen and (prefers-color-scheme:dark)"
+    svg = svg.replace("</style>", f"{theme}{{{dark}}}</style>", 1)
+    return PagePicture(svg.encode(), title, caption)

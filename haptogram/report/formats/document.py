@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import enum
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -117,6 +118,38 @@ class Listing:
 
 
 @dataclass(frozen=True, slots=True)
+class PagePicture:
+    """A picture for a page.
+
+    Attributes
+    ----------
+    svg : bytes
+        The picture.
+    title : str
+        What it is a picture of; read aloud in its place.
+    caption : str
+        What to see in it.
+    """
+
+    svg: bytes
+    title: str
+    caption: str = ""
+
+    @property
+    def source(self) -> str:
+        """The picture as the address of an image."""
+        return f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode('ascii')}"
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture, drawn when a page is written: text needs no matplotlib."""
+
+    kind: ClassVar = "picture"
+    draw: Callable[[], PagePicture]
+
+
+@dataclass(frozen=True, slots=True)
 class View:
     """The interactive view of a scene, as ``ViewerScene.embedded`` returns it, and a note on it."""
 
@@ -125,7 +158,7 @@ class View:
     note: str
 
 
-Block: TypeAlias = Table | Listing | View
+Block: TypeAlias = Table | Listing | Picture | View
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Pages of HTML that need no other file: templates filled in.
+"""Pages of HTML that need no other file: templates filled in, pictures embedded.
 
 The templates lie in ``templates/``; all of them extend ``base.html``, share its style sheet, and
 build their tables by the one macro in ``parts.html``.  Every text that goes in is escaped.
@@ -27,15 +27,20 @@ if TYPE_CHECKING:
 _CODE: Final = re.compile("`([^`]+)`")
 
 
-def check_html_page() -> None:
+def check_html_page(*, pictures: bool = False) -> None:
     """Raise, before the work begins, unless a page can be written.
+
+    Parameters
+    ----------
+    pictures : bool
+        Whether the page holds pictures.
 
     Raises
     ------
     ConfigurationError
         If the extra ``report`` is not installed.
     """
-    require_report_packages("HTML pages", "jinja2")
+    require_report_packages("HTML pages", "jinja2", *(["matplotlib"] if pictures else []))
 
 
 def write_document_page(path: Path, document: Document, provenance: Provenance) -> None:

@@ -119,7 +119,9 @@ def _run_sections(result: Mapping[str, Any]) -> Iterator[document.Section]:
         yield document.Section("Damage on the line", [table], folds=True)
     if elements := pins.run_pin_elements(result.get("captures")):
         table = document.Table(tuple(pins.PIN_COLUMNS), elements, (0, 2, 3, 4, 5, 6))
-        yield document.Section("Elements at their pins", [table], folds=True)
+        drawn = [one for one in result["captures"]["captures"] if one["elements_shown"]]
+        pictures = [document.Picture(partial(pins.run_pin_picture, one)) for one in drawn]
+        yield document.Section("Elements at their pins", [table, *pictures], folds=True)
     if result["warnings"]:
         yield document.Section("Warnings", [document.Listing(result["warnings"])])
 

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from haptogram.verification import RunVerdict, Verdict
 from haptogram.verification.pins.joined import JoinedCaptureVerdict
 from haptogram.verification.pins.pin_verdict import PIN_CHECKS
 
-from ..formats.document import Check, Outcome
+from ..figures.style import BLUE, GREY, VERMILION, embed_picture, new_figure
+from ..formats.document import Check, Outcome, PagePicture
 from .wording import run_count_wording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Columns of the table, and the fields of an element in the result.
 PIN_COLUMNS: Final = {
@@ -97,11 +103,6 @@ def run_capture_figures(captures: Mapping[str, Any]) -> Iterator[tuple[str, str,
     if known and not math.isnan(max(known)):
         yield "phase error at the pins that are right, largest", f"{max(known):.2f}", "degrees"
     yield "phase error at a pin that passes", f"{max(limits):.2f}", "degrees"
-    shown = [one["levels"]["level_db"] for one in captures["captures"] if one["levels"]]
-    levels = [level for some in shown for level in some if level is not None]
-    if levels:
-        yield "level of the pins in time, lowest", f"{min(levels):.1f}", "dB"
-        yield "level of the pins in time, highest", f"{max(levels):.1f}", "dB"
 
 
 # --- elements ----------------------------------------------------------------------------------
@@ -121,3 +122,58 @@ def _pin_cell(value: object) -> str:
     if value is None:
         return "–"
     return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def run_pin_picture(one: Mapping[str, Any]) -> PagePicture:
+    """Return the picture of the elements of a capture."""
+    return embed_picture(
+        draw_pin_elements(one),
+        f"The elements at their pins: {one['capture']}.",
+        "Mean over the frames that were judged, and standard deviation from frame to frame. "
+        "Phases are behind (+) or ahead of (-) the drives that were meant, after the one that all "
+        "pins share; amplitudes are over those that were meant.",
+    )
+
+
+def draw_pin_elements(one: Mapping[str, Any]) -> Figure:
+    """Draw phase and amplitude of each element of a capture; its level in time if it has one."""
+    rows, levels = one["elements_shown"], one["levels"]
+    table = {
+        name: np.array([np.nan if row[name] is None else row[name] for row in rows])
+        for name in ("element", "phase_deg", "phase_spread_deg", "gain", "gain_spread")
+    }
+    limit = one["phase_limit_deg"]
+    with new_figure(8.0, 3.0 if levels is None else 4.4) as figure:
+        panels = figure.subplots(2 if levels is None else 3, 1)
+        panels[0].axhspan(-limit, limit, color=GREY, alpha=0.3, linewidth=0)
+        _draw_pin_values(panels[0], table, "phase_deg", "phase_spread_deg", limit)
+        panels[0].set_ylabel("phase (degrees)")
+        _draw_pin_values(panels[1], table, "gain", "gain_spread", None)
+        panels[1].set_ylim(0.0, 1.1 * max(1.0, float(np.nanmax(table["gain"], initial=1.0))))
+        panels[1].set_ylabel("amplitude")
+        panels[1].set_xlabel("element")
+        if levels is not None:
+            values = [np.nan if level is None else level for level in levels["level_db"]]
+            panels[2].plot(levels["t_ms"], values, color=VERMILION, linewidth=1.0)
+            panels[2].set_ylabel("level (dB)")
+            panels[2].set_xlabel("time from the begin of the capture (ms)")
+    return figure
+
+
+def _draw_pin_values(
+    axes: Any, table: Mapping[str, Any], name: str, spread: str, limit: float | None
+) -> None:
+    """Draw one value of the elements with its spread; those beyond the *limit* stand out."""
+    values = table[name]
+    off = np.zeros(len(values), np.bool_) if limit is None else np.abs(values) > limit
+    for colour, chosen in ((BLUE, ~off), (VERMILION, off)):
+        if chosen.any():
+            axes.errorbar(
+                table["element"][chosen],
+                values[chosen],
+                yerr=table[spread][chosen],
+                fmt="o",
+                color=colour,
+                markersize=2.5,
+                linewidth=0.8,
+            )

@@ -1,6 +1,7 @@
 """Pictures: what is sampled, where marks lie, and that files say what they should."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from haptogram.report.figures import (
     sample_picture_mean,
     sample_picture_plane,
 )
+from haptogram.report.figures.style import embed_picture
 
 pytestmark = pytest.mark.sampled(3)
 
@@ -212,10 +214,21 @@ def test_decibels_are_relative_to_the_largest_value(quantity):
         draw_plane_figure(field(), quantity="phase", decibels=True)
 
 
+_COLOUR = re.compile(rb"#[0-9a-f]{6}")
+_THEMED = {b"#000000", b"#ffffff", b"#dddddd", b"#555555", b"#e4e6e8", b"#16181b", b"#3a3f45"}
+
+
+def test_in_a_dark_page_nothing_is_black_on_black():
+    svg = embed_picture(draw_plane_figure(field()), "").svg
+    drawn = svg[svg.index(b"</style>") :]
+    assert set(_COLOUR.findall(drawn)).isdisjoint(_THEMED)
+    assert b"prefers-color-scheme:dark" in svg
+
+
 def test_a_picture_leaves_the_settings_of_the_user_alone():
     import matplotlib
 
-    usual = encode_figure(draw_plane_figure(field()), ".svg")
+    usual = embed_picture(draw_plane_figure(field()), "")
     with matplotlib.rc_context({"font.size": 31.0}):
-        assert encode_figure(draw_plane_figure(field()), ".svg") == usual
+        assert embed_picture(draw_plane_figure(field()), "") == usual
         assert matplotlib.rcParams["font.size"] == 31.0

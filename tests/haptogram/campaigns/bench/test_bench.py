@@ -71,7 +71,7 @@ def test_the_command_writes_compares_and_draws(run, tmp_path, capsys):
         assert name in text
         assert meaning in text
     assert json.loads(new.read_text())["frames"]["due"] == 250
-    assert "data:image" not in page.read_text()
+    assert page.read_text().count("data:image/svg") == 1
     assert picture.read_text().startswith("<?xml")
     assert read_bench_result(new)["configuration"]["trim"]
 

@@ -7,9 +7,10 @@ from importlib.resources import files
 import pytest
 
 from haptogram.cli import main
-from haptogram.errors import missing_extra
+from haptogram.errors import ConfigurationError, missing_extra
 from haptogram.machine.provenance import UNSTATED
-from haptogram.report.formats.html import render_html_page
+from haptogram.report.formats.document import PagePicture
+from haptogram.report.formats.html import check_html_page, render_html_page
 
 FRAME = {"title": "t", "heading": "h", "tone": "plain", "lead": []}
 PAGES = [
@@ -45,6 +46,10 @@ def test_a_value_that_is_missing_is_an_error_and_no_gap():
         render_html_page("comparison.html", UNSTATED, **FRAME, names=[], rows=[], tone_of=None)
 
 
+def test_a_picture_is_part_of_the_page():
+    assert PagePicture(b"svg", "").source == "data:image/svg+xml;base64,c3Zn"
+
+
 def test_dark_and_light_and_print_are_one_style_sheet():
     page = comparison()
     assert page.count("<style>") == 1
@@ -59,6 +64,7 @@ def test_dark_and_light_and_print_are_one_style_sheet():
         (["conform", "--html", "a.html"], "jinja2"),
         (["conform", "--compare", "a.json", "--html", "a.html"], "jinja2"),
         (["bench", "--html", "a.html"], "jinja2"),
+        (["bench", "--html", "a.html"], "matplotlib"),
         (["bench", "--picture", "a.png"], "matplotlib"),
         (["field", "--picture", "a.png"], "matplotlib"),
     ],
@@ -76,6 +82,13 @@ def test_without_the_extra_a_command_refuses_before_it_works(
     assert err.endswith(f"{missing_extra(f' need {package}', 'report')}\n")
     assert err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_page_without_pictures_needs_no_matplotlib(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    check_html_page()
+    with pytest.raises(ConfigurationError, match="matplotlib"):
+        check_html_page(pictures=True)
 
 
 def test_what_stands_between_backticks_is_code_and_still_escaped():
