@@ -10,13 +10,15 @@ from typing import Final
 from haptogram.campaigns.sweep.campaign import SweepCampaign
 from haptogram.campaigns.sweep.rows import MEASURES, VERDICTS, Measure, Row, badness
 
-from ..formats.document import TONES, Block, Document, Listing, Section, Table
-from .levels import SweepLevel, sweep_levels
+from ..figures.style import embed_picture
+from ..formats.document import TONES, Block, Document, Picture, Section, Table
+from .levels import SweepLevel, sweep_level, sweep_levels
+from .pictures import draw_sweep_map
 
 _SEED: Final = "seed"
 _MOST_WORST: Final = 20
 _MOST_REASON: Final = 60  # characters; the rows have all of it
-_MOST_LEVELS: Final = 20  # of one axis
+_MOST_LEVELS: Final = 20  # of one axis of a map, or of a table
 
 
 def sweep_document(campaign: SweepCampaign) -> Document:
@@ -42,7 +44,7 @@ def sweep_document(campaign: SweepCampaign) -> Document:
         tone=TONES[verdict],
         lead=[f"{len(rows)} points of {plan.config.run}, over {names}"],
         sections=[
-            Section("Where it breaks", list(_sweep_grid(labels, levels, measure))),
+            Section("Where it breaks", list(_sweep_pictures(rows, labels, levels, measure))),
             *(
                 Section(f"By {labels[name]}", [_sweep_level_table(name, found, measure)])
                 for name, found in levels.items()
@@ -52,37 +54,24 @@ def sweep_document(campaign: SweepCampaign) -> Document:
     )
 
 
-def _sweep_grid(
-    labels: Mapping[str, str], levels: Mapping[str, Sequence[SweepLevel]], measure: Measure
+def _sweep_pictures(
+    rows: Sequence[Row],
+    labels: Mapping[str, str],
+    levels: Mapping[str, Sequence[SweepLevel]],
+    measure: Measure,
 ) -> Iterator[Block]:
-    """Yield the points over the first two axes: how many did not pass, and the largest figure."""
-    names = [name for name in levels if name != _SEED][:2]
-    if len(names) < 2:
-        return
-    downward, across = (levels[name] for name in names)
-    columns = [{row["point"] for row in level.rows} for level in across]
-    rows = [
-        (
-            level.label,
-            *(
-                _grid_cell([row for row in level.rows if row["point"] in column], measure)
-                for column in columns
-            ),
+    names = ([name for name in levels if name != _SEED] or list(levels))[:2]
+    titles, shown = [labels[name] for name in names], [levels[name] for name in names]
+    if len(names) == 1:
+        titles, shown = ["", *titles], [[sweep_level("", rows, measure.column)], *shown]
+    if names:
+        yield Picture(
+            lambda: embed_picture(
+                draw_sweep_map(titles, shown, measure),
+                f"Points over {' and '.join(filter(None, titles))}.",
+                "Left: how many points did not pass, of how many. Right: the largest figure.",
+            )
         )
-        for level in downward
-    ]
-    head = (f"{labels[names[0]]} / {labels[names[1]]}", *(level.label for level in across))
-    yield Table(head, rows, range(1, len(head)))
-    yield Listing([f"In a cell: points that did not pass, of how many; {measure.text}."])
-
-
-def _grid_cell(rows: Sequence[Row], measure: Measure) -> str:
-    if not rows:
-        return ""
-    wrong = sum(row["verdict"] != "pass" for row in rows)
-    figures = [row[measure.column] for row in rows if row.get(measure.column) is not None]
-    largest = f"; {max(figures):.2g}" if figures else ""
-    return f"{wrong}/{len(rows)}{largest}"
 
 
 def _sweep_level_table(name: str, levels: Sequence[SweepLevel], measure: Measure) -> Table:

@@ -48,13 +48,13 @@ def sweep_levels(rows: Sequence[Row], axis: str, column: str) -> list[SweepLevel
     for row in rows:
         by_value.setdefault(row[axis], []).append(row)
     if any(isinstance(value, str) for value in by_value):
-        return [_sweep_level(str(value), found, column) for value, found in by_value.items()]
+        return [sweep_level(str(value), found, column) for value, found in by_value.items()]
     values = sorted(by_value)
     if len(values) <= _MOST_VALUES:
-        return [_sweep_level(f"{value:.6g}", by_value[value], column) for value in values]
+        return [sweep_level(f"{value:.6g}", by_value[value], column) for value in values]
     edges = [len(values) * place // _RANGES for place in range(_RANGES + 1)]
     return [
-        _sweep_level(
+        sweep_level(
             f"{values[begin]:.4g} to {values[end - 1]:.4g}",
             [row for value in values[begin:end] for row in by_value[value]],
             column,
@@ -63,6 +63,7 @@ def sweep_levels(rows: Sequence[Row], axis: str, column: str) -> list[SweepLevel
     ]
 
 
-def _sweep_level(label: str, rows: Sequence[Row], column: str) -> SweepLevel:
+def sweep_level(label: str, rows: Sequence[Row], column: str) -> SweepLevel:
+    """Return the level of *rows*, with the figures in *column*."""
     figures = [row[column] for row in rows if row.get(column) is not None]
     return SweepLevel(label, rows, figures)
