@@ -63,13 +63,6 @@ def _as_argument_array(name: str, values: ArrayLike, kind: type[_Kind]) -> NDArr
         raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
 
 
-def as_phasor_array(name: str, values: ArrayLike) -> ComplexArray:
-    """Return *values* as finite complex128 of any shape, or raise."""
-    phasors = as_complex_array(name, values)
-    _check_finite_array(name, phasors)
-    return phasors
-
-
 def as_complex_array(name: str, values: ArrayLike) -> ComplexArray:
     """Return *values* as complex128 of any shape, NaN included, or raise."""
     return _as_argument_array(name, values, np.complex128)

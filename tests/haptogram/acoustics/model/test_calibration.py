@@ -16,14 +16,11 @@ from haptogram.acoustics import (
     AcousticModel,
     Calibration,
     Drive,
-    FocusCodes,
     FocusTracker,
-    GridField,
     NoFocus,
     NumbaEngine,
     Numpy32Engine,
     NumpyEngine,
-    PlaneField,
     PointSource,
     Reconstructor,
     RectangularPiston,
@@ -46,7 +43,6 @@ from haptogram.acoustics import (
     predict_focal_shift,
     predict_spot_width_m,
     pressure,
-    pressure_after_hop,
     propagators,
     quantise_phase,
     radiated_power_w,
@@ -159,7 +155,6 @@ OF_A_DRIVE = {
     "propagators": (lambda m, w, c: propagators(m, c.points) @ w[0], 1e-12),
     "NumpyEngine": (lambda m, w, c: NumpyEngine(m).pressure(w, c.points), 1e-12),
     "choose_engine": (lambda m, w, c: choose_engine(m).pressure(w, c.points), 1e-6),
-    "GridField": (lambda m, w, c: GridField(m, c.points).pressure(w), 1e-6),
     "mean_square_pressure": (
         lambda m, w, c: mean_square_pressure(choose_engine(m), w, c.points, FRAME_S, LAG),
         1e-5,
@@ -231,16 +226,6 @@ def test_the_fast_engines_follow_near_and_far(kind, name, pose, away_m):
     assert (np.abs(engine.propagators(points) @ c.drives.T - expected).max(axis=1) <= limit).all()
 
 
-@pytest.mark.parametrize("pose", POSES)
-@pytest.mark.parametrize("name", ["grid", "points", "rectangles"])
-def test_a_plane_by_convolution_follows_elements_that_are_in_place(name, pose):
-    c = Case.of(name, pose, away_m=0.0)
-    plane = PlaneField(c.real, 0.1, half_width_m=0.02, oversampling=2)
-    expected = pressure(c.placed, c.drives[0] * c.h, plane.points_m.reshape(-1, 3))
-    found = plane.pressure(c.drives[0]).ravel()
-    assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max()
-
-
 # --- from targets to drives --------------------------------------------------------------------
 
 
@@ -250,10 +235,6 @@ def test_what_focuses_takes_the_phases_of_the_elements_off(case):
     exact = focus_phases(case.placed, targets)
     turn = focus_phases(case.real, targets) - (exact - lags)
     assert np.abs(turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))).max() <= 1e-9
-    off = FocusCodes(case.real).codes(targets) - (exact - lags) * 256 / (2.0 * np.pi)
-    assert np.abs(np.mod(off + 128, 256) - 128).max() <= 0.5 + 1e-9
-    one = FocusCodes(case.real).focus(*case.target)
-    assert (one == FocusCodes(case.real).codes(case.target)).all()
     arguments = targets, [1.0, 0.5], [0.0, 0.8]
     assert superpose_foci(case.real, *arguments) == pytest.approx(
         superpose_foci(case.placed, *arguments) * np.exp(-1j * lags), abs=1e-9
@@ -311,18 +292,6 @@ def test_the_width_of_a_focus_is_that_of_what_arrives(case):
     assert predict_spot_width_m(case.real, case.target) == pytest.approx(
         2.0 * half / (case.real.wavenumber * spread), rel=1e-9
     )
-
-
-def test_a_hop_builds_up_from_what_each_element_makes(case):
-    times = np.linspace(0.0, 2e-3, 41)
-    model, path = case.placed, propagators(case.placed, case.other[None])[0] * np.abs(case.h)
-    old, new = np.exp(1j * focus_phases(model, [case.target, case.other]))
-    travel = np.linalg.norm(case.other - model.array.positions_m, axis=1)
-    heard = times[:, None] - travel / model.medium.sound_speed_m_s
-    left = np.exp(-np.maximum(heard, 0.0) / LAG.time_constant_s)
-    expected = np.abs((new + left * (old - new)) @ path) / abs(new @ path)
-    targets = case.target, case.other
-    assert pressure_after_hop(case.real, LAG, targets, times) == pytest.approx(expected, rel=1e-9)
 
 
 # --- from drives to the focus ------------------------------------------------------------------
@@ -425,8 +394,8 @@ GEOMETRY_ALONE = {
     "paraxial_focal_shift_m",
 }
 OTHERWISE_ABOVE = {
-    "FocusCodes", "FocusTracker", "NumbaEngine", "Numpy32Engine", "PlaneField", "Reconstructor",
-    "fit_focus", "focus_phases", "predict_spot_width_m", "pressure_after_hop",
+    "FocusTracker", "NumbaEngine", "Numpy32Engine", "Reconstructor",
+    "fit_focus", "focus_phases", "predict_spot_width_m",
     "solve_foci", "solver_quality", "superpose_foci", "weights_for_foci",
 }  # fmt: skip
 
