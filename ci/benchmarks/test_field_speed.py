@@ -7,7 +7,7 @@ import pytest
 import references
 
 from haptogram.acoustics import AcousticModel, TransducerArray
-from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine
+from haptogram.acoustics.field.engines.engine import NumbaEngine
 
 FLOPS_PER_PAIR = 69  # of the prototype whose arithmetic sets the limit; ours needs fewer
 COUNTS = [100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000]
@@ -94,20 +94,4 @@ def test_arbitrary_points_against_the_arithmetic_limit(count, compare, engine, d
         reference_repeats=max(1, flops // (2 * side**3) // 4),
         pairs=256 * count,
         share=2 * side**3 / flops,
-    )
-
-
-@pytest.mark.row("field at {count} points without numba")
-@pytest.mark.parametrize("count", [1_000, 10_000])
-def test_numpy_single_precision_against_numpy(count, compare, board, drive, scattered):
-    """What is left without numba."""
-    points = scattered(count)
-    fallback = Numpy32Engine(board)
-    part = points[:1_000]
-    compare(
-        None,
-        lambda: fallback.pressure(drive, points),
-        lambda: references.field(board, drive, part),
-        pairs=256 * count,
-        share=len(part) / count,
     )

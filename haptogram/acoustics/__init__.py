@@ -23,7 +23,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
-from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine, choose_engine
+from haptogram.acoustics.field.engines.engine import NumbaEngine, choose_engine
 from haptogram.acoustics.field.reference import (
     FieldEngine,
     NumpyEngine,
@@ -118,7 +118,6 @@ __all__ = [
     "NoFocus",
     "NotSingle",
     "NumbaEngine",
-    "Numpy32Engine",
     "NumpyEngine",
     "PhaseFit",
     "PointSource",

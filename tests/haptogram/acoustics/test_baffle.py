@@ -12,7 +12,6 @@ from haptogram.acoustics import (
     AcousticModel,
     Medium,
     NumbaEngine,
-    Numpy32Engine,
     NumpyEngine,
     PointSource,
     Reconstructor,
@@ -33,7 +32,7 @@ from haptogram.acoustics.field.reference import points_clear_of_elements
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose, seeds
 
-ENGINES = [NumpyEngine, NumbaEngine, Numpy32Engine]
+ENGINES = [NumpyEngine, NumbaEngine]
 FLAT = AcousticModel.default(5, 4)
 
 

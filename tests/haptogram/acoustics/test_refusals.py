@@ -10,7 +10,6 @@ from haptogram.acoustics import (
     Drive,
     Medium,
     NumbaEngine,
-    Numpy32Engine,
     NumpyEngine,
     RectangularPiston,
     Resonator,
@@ -45,7 +44,7 @@ ONE, PLACE = np.ones(16), [0.0, 0.0, 0.1]
 TWO = np.ones((2, 16))
 
 
-@pytest.mark.parametrize("kind", [NumpyEngine, NumbaEngine, Numpy32Engine])
+@pytest.mark.parametrize("kind", [NumpyEngine, NumbaEngine])
 @pytest.mark.parametrize(
     ("weights", "points", "message"),
     [

@@ -260,7 +260,7 @@ def test_the_levels_at_an_ear_are_those_of_the_library(run, capsys):
 
 def test_one_line_says_that_numba_is_missing(run, monkeypatch, capsys):
     words = ("--array", "4x4")
-    monkeypatch.setattr("haptogram.acoustics.field.engines.engine.load_kernels", lambda: None)
+    monkeypatch.setattr("haptogram.acoustics.field.engines.numba_engine.load_kernels", lambda: None)
     assert run(*words) == 0
     assert capsys.readouterr().out.count("since numba is not installed") == 1
     monkeypatch.undo()

@@ -23,16 +23,15 @@ from haptogram.acoustics import (
     points_in_front,
     propagators,
 )
-from haptogram.acoustics.field.engines import engine as engine_module
-from haptogram.acoustics.field.engines import single_precision
-from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine, choose_engine
+from haptogram.acoustics.field.engines import numba_engine
+from haptogram.acoustics.field.engines.engine import NumbaEngine, choose_engine
 from haptogram.acoustics.field.engines.polynomials import fit_gain_polynomial
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose, grids, models, seeds
 
 ROOT = Path(__file__).resolve().parents[4]
 TOLERANCE = 2e-5  # of the sum of magnitudes: what the engines promise
-ENGINES = [NumbaEngine, Numpy32Engine]
+ENGINES = [NumbaEngine]
 
 
 def assert_agrees(engine, weights, points):
@@ -129,7 +128,7 @@ def test_compiled_loops_serve_wide_arrays_and_far_points(seed, side, width, bent
     weights = rng.normal(size=(side * side, 2)) @ [1, 1j]
     engine = NumbaEngine(model)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(single_precision, "propagators", None)
+        patch.setattr(numba_engine, "propagators", None)
         matrix, field = engine.propagators(points), engine.pressure(weights, points)
     exact = propagators(model, points)
     assert (np.abs(matrix - exact) <= 5e-6 * np.abs(exact)).all()
@@ -271,7 +270,7 @@ def test_a_model_beyond_single_precision_takes_the_reference(model, reason, capl
 
 def test_the_engine_asked_for_is_the_one_returned(caplog):
     model = AcousticModel.default(2, 2)
-    kinds = {"numpy": NumpyEngine, "numpy32": Numpy32Engine, "numba": NumbaEngine}
+    kinds = {"numpy": NumpyEngine, "numba": NumbaEngine}
     with caplog.at_level(logging.INFO):
         for name, kind in kinds.items():
             assert type(choose_engine(model, prefer=name)) is kind
@@ -358,7 +357,7 @@ model = AcousticModel.default(8, 8)
 points = np.array([[0.0, 0.01, 0.2], [0.02, 0.0, 0.15]])
 exact = pressure(model, np.ones(64), points)
 engine = choose_engine(model)
-assert type(engine).__name__ == "Numpy32Engine"
+assert type(engine).__name__ == "NumpyEngine"
 assert np.allclose(engine.pressure(np.ones(64), points), exact, rtol=1e-3)
 assert solver_quality(model, solve_foci(model, points), points, np.ones(2)).uniformity > 0.99
 for needs_numba in (NumbaEngine, FocusTracker):
@@ -370,7 +369,7 @@ for needs_numba in (NumbaEngine, FocusTracker):
         raise SystemExit("numba was not missed")
 """
     lines = run_python(code).stderr.splitlines()
-    assert set(lines) == {"field engine: numpy in single precision, since numba is not installed"}
+    assert set(lines) == {"field engine: numpy in double precision, since numba is not installed"}
 
 
 def test_the_kernels_say_the_same_as_plain_python():
@@ -434,4 +433,4 @@ def test_no_other_error_of_the_import_is_swallowed(monkeypatch):
     monkeypatch.setattr(_compiled, "import_module", broken)
     with pytest.raises(RuntimeError, match="is broken"):
         _compiled.load_kernels()
-    assert engine_module.load_kernels is _compiled.load_kernels
+    assert numba_engine.load_kernels is _compiled.load_kernels

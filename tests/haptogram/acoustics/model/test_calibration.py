@@ -19,7 +19,6 @@ from haptogram.acoustics import (
     FocusTracker,
     NoFocus,
     NumbaEngine,
-    Numpy32Engine,
     NumpyEngine,
     PointSource,
     Reconstructor,
@@ -208,7 +207,7 @@ def test_a_drive_is_what_the_elements_make_of_it(case, name):
     )
 
 
-@pytest.mark.parametrize("kind", [NumbaEngine, Numpy32Engine])
+@pytest.mark.parametrize("kind", [NumbaEngine])
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("name", ["grid", "points", "bowl"])
 @pytest.mark.parametrize("away_m", [0.0, 0.3e-3], ids=["lattice", "scattered"])
@@ -394,7 +393,7 @@ GEOMETRY_ALONE = {
     "paraxial_focal_shift_m",
 }
 OTHERWISE_ABOVE = {
-    "FocusTracker", "NumbaEngine", "Numpy32Engine", "Reconstructor",
+    "FocusTracker", "NumbaEngine", "Reconstructor",
     "fit_focus", "focus_phases", "predict_spot_width_m",
     "solve_foci", "solver_quality", "superpose_foci", "weights_for_foci",
 }  # fmt: skip
