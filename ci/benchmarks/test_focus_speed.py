@@ -143,9 +143,7 @@ def test_solver_from_foci_to_drive(compare, board):
         start = superpose_foci(board, foci, np.ones(16), np.zeros(16))
         return weighted_gerchberg_saxton(matrix, np.ones(16), start, 50)
 
-    compare(
-        None, lambda: solve_foci(board, foci), plainly, repeats=20, reference_repeats=2, rounds=50
-    )
+    compare(None, lambda: solve_foci(board, foci), plainly, repeats=20, reference_repeats=2)
 
 
 def test_table_of_the_solvers(benchmark, board):
