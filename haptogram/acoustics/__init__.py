@@ -64,19 +64,8 @@ from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 
 if TYPE_CHECKING:
     from haptogram.acoustics.levels.average import mean_square_pressure
-    from haptogram.acoustics.levels.demodulation import (
-        demodulated_level_db_a,
-        demodulated_lines,
-        radiated_power_w,
-    )
     from haptogram.acoustics.levels.dynamics import Resonator
-    from haptogram.acoustics.levels.exposure import (
-        Exposure,
-        a_weighting_db,
-        exposure_at,
-        switching_level_db_a,
-        worst_exposure,
-    )
+    from haptogram.acoustics.levels.exposure import Exposure, exposure_at, worst_exposure
     from haptogram.acoustics.levels.harmonic import shock_lengths
     from haptogram.acoustics.levels.lobes import (
         GratingLobe,
@@ -130,11 +119,8 @@ __all__ = [
     "SolverQuality",
     "Transducer",
     "TransducerArray",
-    "a_weighting_db",
     "check_focus_target",
     "choose_engine",
-    "demodulated_level_db_a",
-    "demodulated_lines",
     "dequantise_phase",
     "exposure_at",
     "find_pressure_peak",
@@ -155,23 +141,20 @@ __all__ = [
     "pressure",
     "propagators",
     "quantise_phase",
-    "radiated_power_w",
     "radiation_pressure_pa",
     "saturated_weights",
     "shock_lengths",
     "solve_foci",
     "solver_quality",
     "superpose_foci",
-    "switching_level_db_a",
     "weights_for_foci",
     "worst_exposure",
 ]
 
 _LATER: Final = {
     "levels.average": "mean_square_pressure",
-    "levels.demodulation": "demodulated_level_db_a demodulated_lines radiated_power_w",
     "levels.dynamics": "Resonator",
-    "levels.exposure": "Exposure a_weighting_db exposure_at switching_level_db_a worst_exposure",
+    "levels.exposure": "Exposure exposure_at worst_exposure",
     "levels.harmonic": "shock_lengths",
     "levels.lobes": "GratingLobe SecondaryLobe grating_lobes largest_secondary_lobe",
     "levels.shift": "FocalShift find_pressure_peak paraxial_focal_shift_m predict_focal_shift",

@@ -28,8 +28,6 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
     choose_engine,
-    demodulated_level_db_a,
-    demodulated_lines,
     dequantise_phase,
     exposure_at,
     find_pressure_peak,
@@ -44,12 +42,10 @@ from haptogram.acoustics import (
     pressure,
     propagators,
     quantise_phase,
-    radiated_power_w,
     shock_lengths,
     solve_foci,
     solver_quality,
     superpose_foci,
-    switching_level_db_a,
     weights_for_foci,
     worst_exposure,
 )
@@ -164,19 +160,6 @@ OF_A_DRIVE = {
         1e-12,
     ),
     "worst_exposure": (lambda m, w, _: worst_exposure(NumpyEngine(m), w, 0.5, FRAME_S, 500), 1e-9),
-    "switching_level_db_a": (
-        lambda m, w, c: switching_level_db_a(NumpyEngine(m), w, c.target, FRAME_S, LAG),
-        1e-12,
-    ),
-    "radiated_power_w": (lambda m, w, _: radiated_power_w(NumpyEngine(m), w, 500), 1e-12),
-    "demodulated_lines": (
-        lambda m, w, _: demodulated_lines(NumpyEngine(m), w, 1.0, FRAME_S, LAG, 500),
-        1e-9,
-    ),
-    "demodulated_level_db_a": (
-        lambda m, w, _: demodulated_level_db_a(NumpyEngine(m), w, 1.0, FRAME_S, LAG),
-        1e-9,
-    ),
     "shock_lengths": (lambda m, w, c: shock_lengths(NumpyEngine(m), w[0], c.target), 1e-9),
     "find_pressure_peak": (
         lambda m, w, c: find_pressure_peak(NumpyEngine(m), w[0], c.target),
