@@ -7,6 +7,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +17,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from haptogram.acoustics import AcousticModel
+from haptogram.acoustics import AcousticModel, Drive
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.recordings.channels import (
@@ -134,7 +135,11 @@ def test_other_programs_find_channels_schemas_layout_and_times(tmp_path):
 def test_intended_frames_of_every_resolution_come_back(tmp_path):
     """A drive that comes again is written once."""
     model = AcousticModel.default(3, 4)
-    frames = [intend(model, (0.0, 0.0, 0.1), bits, number=bits) for bits in range(3, 17)]
+    drives = {bits: Drive(np.arange(12) % 2**bits, np.full(12, 255), bits) for bits in range(3, 17)}
+    frames = [
+        intend(model, (0.0, 0.0, 0.1), bits, number=bits, drive=drive)
+        for bits, drive in drives.items()
+    ]
     frames.append(dataclasses.replace(frames[2], number=17))
     with RecordingWriter(tmp_path / "run.mcap") as writer:
         record_intended(writer, model, frames)
