@@ -68,25 +68,20 @@ if TYPE_CHECKING:
     from haptogram.acoustics.levels.exposure import Exposure, exposure_at, worst_exposure
     from haptogram.acoustics.levels.harmonic import shock_lengths
     from haptogram.acoustics.levels.lobes import (
-        GratingLobe,
         SecondaryLobe,
-        grating_lobes,
         largest_secondary_lobe,
     )
     from haptogram.acoustics.levels.shift import (
         FocalShift,
         find_pressure_peak,
-        paraxial_focal_shift_m,
         predict_focal_shift,
     )
-    from haptogram.acoustics.levels.spot import FocalSpot, measure_spot, predict_spot_width_m
+    from haptogram.acoustics.levels.spot import FocalSpot, measure_spot
     from haptogram.acoustics.model.calibration import Calibration
     from haptogram.acoustics.model.directivities import RectangularPiston
     from haptogram.acoustics.reconstruct.tracking import Fix, FocusTracker
     from haptogram.acoustics.solvers.several import (
-        SolverQuality,
         solve_foci,
-        solver_quality,
         weights_for_foci,
     )
 
@@ -102,7 +97,6 @@ __all__ = [
     "FocalShift",
     "FocalSpot",
     "FocusTracker",
-    "GratingLobe",
     "Medium",
     "NoFocus",
     "NotSingle",
@@ -116,7 +110,6 @@ __all__ = [
     "Resonator",
     "SecondaryLobe",
     "SingleFocus",
-    "SolverQuality",
     "Transducer",
     "TransducerArray",
     "check_focus_target",
@@ -127,17 +120,14 @@ __all__ = [
     "fit_focus",
     "focus_phases",
     "force_on_disc_n",
-    "grating_lobes",
     "iso_9613_absorption_np_m",
     "largest_secondary_lobe",
     "level_db_spl",
     "mean_square_pressure",
     "measure_spot",
-    "paraxial_focal_shift_m",
     "phase_step_rad",
     "points_in_front",
     "predict_focal_shift",
-    "predict_spot_width_m",
     "pressure",
     "propagators",
     "quantise_phase",
@@ -145,7 +135,6 @@ __all__ = [
     "saturated_weights",
     "shock_lengths",
     "solve_foci",
-    "solver_quality",
     "superpose_foci",
     "weights_for_foci",
     "worst_exposure",
@@ -156,13 +145,13 @@ _LATER: Final = {
     "levels.dynamics": "Resonator",
     "levels.exposure": "Exposure exposure_at worst_exposure",
     "levels.harmonic": "shock_lengths",
-    "levels.lobes": "GratingLobe SecondaryLobe grating_lobes largest_secondary_lobe",
-    "levels.shift": "FocalShift find_pressure_peak paraxial_focal_shift_m predict_focal_shift",
-    "levels.spot": "FocalSpot measure_spot predict_spot_width_m",
+    "levels.lobes": "SecondaryLobe largest_secondary_lobe",
+    "levels.shift": "FocalShift find_pressure_peak predict_focal_shift",
+    "levels.spot": "FocalSpot measure_spot",
     "model.calibration": "Calibration",
     "model.directivities": "RectangularPiston",
     "reconstruct.tracking": "Fix FocusTracker",
-    "solvers.several": "SolverQuality solve_foci solver_quality weights_for_foci",
+    "solvers.several": "solve_foci weights_for_foci",
 }
 _HOME: Final = {name: module for module, names in _LATER.items() for name in names.split()}
 

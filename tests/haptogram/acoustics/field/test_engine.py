@@ -268,18 +268,6 @@ def test_a_model_beyond_single_precision_takes_the_reference(model, reason, capl
             kind(model)
 
 
-def test_the_engine_asked_for_is_the_one_returned(caplog):
-    model = AcousticModel.default(2, 2)
-    kinds = {"numpy": NumpyEngine, "numba": NumbaEngine}
-    with caplog.at_level(logging.INFO):
-        for name, kind in kinds.items():
-            assert type(choose_engine(model, prefer=name)) is kind
-        assert type(choose_engine(model)) is NumbaEngine
-    assert caplog.records == []
-    with pytest.raises(ConfigurationError, match="'cuda'"):
-        choose_engine(model, prefer="cuda")
-
-
 @pytest.mark.parametrize("kind", ENGINES)
 @pytest.mark.parametrize(
     ("weights", "points", "message"),
@@ -350,7 +338,7 @@ logging.basicConfig(level=logging.INFO, format="%(message)s")
 import numpy as np
 from haptogram.acoustics import AcousticModel, pressure
 from haptogram.acoustics.field.engines.engine import NumbaEngine, choose_engine
-from haptogram.acoustics.solvers.several import solver_quality, solve_foci
+from haptogram.acoustics.solvers.several import solve_foci
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.errors import ConfigurationError
 model = AcousticModel.default(8, 8)
@@ -359,7 +347,8 @@ exact = pressure(model, np.ones(64), points)
 engine = choose_engine(model)
 assert type(engine).__name__ == "NumpyEngine"
 assert np.allclose(engine.pressure(np.ones(64), points), exact, rtol=1e-3)
-assert solver_quality(model, solve_foci(model, points), points, np.ones(2)).uniformity > 0.99
+levels = np.abs(pressure(model, solve_foci(model, points), points))
+assert levels.min() > 0.99 * levels.max()
 for needs_numba in (NumbaEngine, FocusTracker):
     try:
         needs_numba(model)

@@ -27,9 +27,9 @@ from haptogram.acoustics import (
     propagators,
     quantise_phase,
     solve_foci,
-    solver_quality,
     superpose_foci,
 )
+from solver_oracles import solver_quality
 from strategies_acoustics import poses, seeds, targets, upright_poses
 
 GRID = AcousticModel.default(8, 7)

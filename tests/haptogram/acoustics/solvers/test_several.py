@@ -21,11 +21,11 @@ from haptogram.acoustics.solvers import several
 from haptogram.acoustics.solvers.several import (
     METHODS,
     solve_foci,
-    solver_quality,
     weighted_gerchberg_saxton,
     weights_for_foci,
 )
 from haptogram.errors import ConfigurationError
+from solver_oracles import solver_quality
 from strategies_acoustics import seeds
 
 BOARD = AcousticModel.default()
@@ -207,10 +207,3 @@ def test_a_focus_that_no_element_reaches_is_refused():
     for method in METHODS:
         with pytest.raises(ConfigurationError, match="focus 1 gets no sound"):
             solve_foci(model, foci, method=method)
-    with pytest.raises(ConfigurationError, match="focus 1 gets no sound"):
-        solver_quality(model, np.ones(16), foci, [1, 1])
-
-
-def test_quality_wants_one_weight_per_element():
-    with pytest.raises(ConfigurationError, match="weights have shape"):
-        solver_quality(BOARD, np.ones(3), [[0, 0, 0.1]], [1.0])
