@@ -11,6 +11,7 @@ from haptogram.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from haptogram.records.pins import PinRecord
+    from haptogram.settings.arguments import Progress
     from haptogram.settings.run.captures import CaptureConfig
 
 _PATIENCE_S: Final = 120.0  # of a run that is over, for an analyser that still writes
@@ -18,8 +19,10 @@ _QUIET_S: Final = 1.0  # in which a file that is complete does not change
 _POLL_S: Final = 0.1
 
 
-def read_capture_arguments(config: CaptureConfig) -> list[PinRecord]:
-    """Return the pins of all captures.
+def read_capture_arguments(
+    config: CaptureConfig, progress: Progress | None = None
+) -> list[PinRecord]:
+    """Return the pins of all captures; *progress* is told how many were read, and their number.
 
     Raises
     ------
@@ -32,10 +35,12 @@ def read_capture_arguments(config: CaptureConfig) -> list[PinRecord]:
 
     maps = [ChannelMap.from_file(path) for path in config.channels]
     every = maps * len(config.capture) if len(maps) == 1 else maps
-    return [
-        pin_record_of_capture(read_capture(path), mapped)
-        for path, mapped in zip(config.capture, every, strict=True)
-    ]
+    records: list[PinRecord] = []
+    for path, mapped in zip(config.capture, every, strict=True):
+        if progress is not None:
+            progress(len(records), len(every))
+        records.append(pin_record_of_capture(read_capture(path), mapped))
+    return records
 
 
 def wait_for_capture_arguments(config: CaptureConfig, since_s: float) -> None:

@@ -21,20 +21,20 @@ if TYPE_CHECKING:
     from haptogram.records.frame import Intended
     from haptogram.settings.run.verify import VerifyConfig
     from haptogram.verification import RunVerdict
-    from haptogram.verification.pins.capture_verdict import CaptureVerdict
+    from haptogram.verification.pins.joined import JoinedCaptureVerdict
 
     from ..shell.output_files import CommandOutputs
 
 
-def verify_run_by_capture(
+def verify_run_by_captures(
     config: VerifyConfig,
     model: AcousticModel,
     intended: Sequence[Intended],
     incomplete: str = "",
     *,
     quiet: bool,
-) -> CaptureVerdict:
-    """Return the verdict of the capture on the frames of a run.
+) -> JoinedCaptureVerdict:
+    """Return the verdict of the captures on the frames of a run.
 
     *incomplete* is why frames may be missing: then nothing passes or fails. Unless it shall be
     *quiet*, a bar shows the progress.
@@ -45,12 +45,13 @@ def verify_run_by_capture(
         A capture or a map that cannot be read, or that does not suit the run.
     """
     from haptogram.verification import tolerance_of, uncertainty_of
-    from haptogram.verification.pins.capture_verdict import verify_capture
+    from haptogram.verification.pins.joined import verify_captures
 
-    (record,) = read_capture_arguments(config.captures)
-    with progress_bar("judging the capture", quiet=quiet) as progress:
-        return verify_capture(
-            record,
+    with progress_bar("reading captures", quiet=quiet, unit="captures") as progress:
+        records = read_capture_arguments(config.captures, progress)
+    with progress_bar("judging captures", quiet=quiet) as progress:
+        return verify_captures(
+            records,
             intended,
             model=model,
             min_verified=config.least_verified,
@@ -61,18 +62,18 @@ def verify_run_by_capture(
         )
 
 
-def verified_capture_at_port(
+def verified_captures_at_port(
     config: VerifyConfig, found: RunRecord, since_s: float, *, quiet: bool
-) -> CaptureVerdict | None:
-    """Return the verdict of the capture of a run at a port.
+) -> JoinedCaptureVerdict | None:
+    """Return the verdict of the captures of a run at a port.
 
-    None: the capture did not come, or cannot be judged; that was said, and the run stands alone.
+    None: a capture did not come, or cannot be judged; that was said, and the run stands alone.
     """
     try:
         if found.interrupted:
             raise KeyboardInterrupt
         wait_for_capture_arguments(config.captures, since_s)
-        return verify_run_by_capture(config, found.model, found.intended, quiet=quiet)
+        return verify_run_by_captures(config, found.model, found.intended, quiet=quiet)
     except KeyboardInterrupt:
         print("haptogram verify: interrupted; --capture was not judged", file=sys.stderr)
     except ConfigurationError as error:
@@ -80,8 +81,8 @@ def verified_capture_at_port(
     return None
 
 
-def verify_recorded_capture(config: VerifyConfig, outputs: CommandOutputs, *, quiet: bool) -> int:
-    """Judge a capture by the frames of a recording, and return the exit status."""
+def verify_recorded_captures(config: VerifyConfig, outputs: CommandOutputs, *, quiet: bool) -> int:
+    """Judge captures by the frames of a recording, and return the exit status."""
     from haptogram.evidence.recordings.reader import Recording
     from haptogram.evidence.recordings.recorded_run import recorded_run
     from haptogram.report import run as report
@@ -91,7 +92,7 @@ def verify_recorded_capture(config: VerifyConfig, outputs: CommandOutputs, *, qu
         raise ConfigurationError("no --from-recording to judge by")
     recording = Recording(path)
     recorded = recorded_run(recording)
-    verdict = verify_run_by_capture(
+    verdict = verify_run_by_captures(
         config, recorded.model, recorded.intended, recorded.incomplete, quiet=quiet
     )
     run = verdict.run
@@ -119,7 +120,7 @@ def verify_recorded_capture(config: VerifyConfig, outputs: CommandOutputs, *, qu
     return verdict.exit_status
 
 
-def _verify_without_field(verdict: CaptureVerdict, model: AcousticModel) -> RunVerdict:
+def _verify_without_field(verdict: JoinedCaptureVerdict, model: AcousticModel) -> RunVerdict:
     """Return the run verdict from captured pins alone, without field reconstruction."""
     from haptogram.verification import verify_run
 

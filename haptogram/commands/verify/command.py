@@ -35,7 +35,7 @@ from ..shell.output_files import (
 )
 from ..shell.progress import progress_bar
 from .boards import ProgramBoards, RunBoards
-from .captures import verified_capture_at_port, verify_recorded_capture
+from .captures import verified_captures_at_port, verify_recorded_captures
 from .files import verify_seen_by_number, write_run_files
 from .live_view import VerifyLiveView, live_view
 from .options import add_verify_options
@@ -111,7 +111,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         settings, *(name for name in options_of(OutputConfig) if name != "stamp")
     )
     if config.captures.from_recording is not None:
-        return verify_recorded_capture(config, outputs, quiet=arguments.quiet)
+        return verify_recorded_captures(config, outputs, quiet=arguments.quiet)
     boards = RunBoards.of(config, arguments, made)
     boards.virtual  # noqa: B018  it checks, before anything starts
     if config.shape.object not in SHAPES:
@@ -191,7 +191,7 @@ def _run_verify(
         outputs.print(f"  warning   {warning}")
     captures = None
     if config.captures.capture:
-        captures = verified_capture_at_port(config, found, begin_s, quiet=quiet)
+        captures = verified_captures_at_port(config, found, begin_s, quiet=quiet)
     if captures is not None:
         outputs.print(f"drive pins\n{captures}")
         result = report.run_result_with_captures(result, captures, is_run_judged=True)

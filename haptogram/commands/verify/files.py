@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from haptogram.records.frame import Intended, Observation
     from haptogram.settings.run.verify import VerifyConfig
     from haptogram.verification import RunVerdict
-    from haptogram.verification.pins.capture_verdict import CaptureVerdict
+    from haptogram.verification.pins.joined import JoinedCaptureVerdict
 
     from ..shell.output_files import CommandOutputs
 
@@ -26,7 +26,7 @@ def write_run_files(
     model: AcousticModel,
     seen: Mapping[int, Observation],
     outputs: CommandOutputs,
-    capture: CaptureVerdict | None = None,
+    captures: JoinedCaptureVerdict | None = None,
 ) -> bool:
     """Write every file that was asked for; return False if one could not be written.
 
@@ -41,12 +41,12 @@ def write_run_files(
         in_virtual_time=is_virtual,
         frames=lambda path: report.write_run_frame_lines(path, verdict),
         json=lambda path: report.write_run_json(path, result),
-        pin_calibration=lambda path: _write_pin_calibration(path, capture, model),
+        pin_calibration=lambda path: _write_pin_calibration(path, captures, model),
     )
 
 
 def _write_pin_calibration(
-    path: Path, capture: CaptureVerdict | None, model: AcousticModel
+    path: Path, captures: JoinedCaptureVerdict | None, model: AcousticModel
 ) -> None:
     """Write the gain and phase offsets measured at the captured pins.
 
@@ -57,10 +57,10 @@ def _write_pin_calibration(
     """
     from haptogram.verification.pins.elements.offsets import calibration_of_pins
 
-    offsets = None if capture is None else capture.pins.offsets
-    if offsets is None:
-        raise ConfigurationError(f"--pin-calibration {path}: the capture shows no element")
-    calibration_of_pins(offsets, model.array).to_file(path)
+    shown = [one.offsets for one in captures.pins if one.offsets] if captures is not None else []
+    if not shown:
+        raise ConfigurationError(f"--pin-calibration {path}: the captures show no element")
+    calibration_of_pins(shown, model.array).to_file(path)
 
 
 def verify_seen_by_number(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from haptogram.verification import RunVerdict, Verdict
-from haptogram.verification.pins.capture_verdict import CaptureVerdict
+from haptogram.verification.pins.joined import JoinedCaptureVerdict
 from haptogram.verification.pins.pin_verdict import PIN_CHECKS
 
 from ..figures.style import BLUE, GREY, VERMILION, embed_picture, new_figure
@@ -33,7 +33,7 @@ _ORDER: Final = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.PASS)
 
 
 def run_result_with_captures(
-    result: Mapping[str, Any], captures: CaptureVerdict, *, is_run_judged: bool
+    result: Mapping[str, Any], captures: JoinedCaptureVerdict, *, is_run_judged: bool
 ) -> dict[str, Any]:
     """Return the *result* of a run with the verdict of its captures: the worse of both counts.
 
@@ -68,9 +68,11 @@ def run_result_sentence(run: RunVerdict, result: Mapping[str, Any]) -> str:
 
 def run_capture_checks(captures: Mapping[str, Any]) -> Iterator[Check]:
     """Yield the checks of the ``captures`` of a result."""
-    (one,) = captures["captures"]
-    for name, statement in PIN_CHECKS.items():
-        yield _run_capture_check(one, name, f"drive pins: {statement}")
+    several = len(captures["captures"]) > 1
+    for one in captures["captures"]:
+        for name, statement in PIN_CHECKS.items():
+            where = f"{one['capture']}: " if several else ""
+            yield _run_capture_check(one, name, f"drive pins: {where}{statement}")
 
 
 def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> Check:
@@ -95,11 +97,12 @@ def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> Che
 
 def run_capture_figures(captures: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Yield the key figures of the captures: what, value, unit."""
-    (one,) = captures["captures"]
-    error = one["phase_error_deg"]
-    if error is not None and not math.isnan(error):
-        yield "phase error at the pins that are right, largest", f"{error:.2f}", "degrees"
-    yield "phase error at a pin that passes", f"{one['phase_limit_deg']:.2f}", "degrees"
+    errors = [one["phase_error_deg"] for one in captures["captures"]]
+    known = [error for error in errors if error is not None]
+    limits = [one["phase_limit_deg"] for one in captures["captures"]]
+    if known and not math.isnan(max(known)):
+        yield "phase error at the pins that are right, largest", f"{max(known):.2f}", "degrees"
+    yield "phase error at a pin that passes", f"{max(limits):.2f}", "degrees"
 
 
 # --- elements ----------------------------------------------------------------------------------

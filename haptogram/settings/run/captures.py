@@ -16,7 +16,7 @@ class CaptureConfig(Settings):
         (),
         unit="FILE",
         help="capture of drive pins (VCD, or .sr of sigrok) of the run at --port, or of the one in "
-        "--from-recording",
+        "--from-recording; may be repeated: captures of all elements are joined",
         absent="none",
     )
     channels: tuple[Path, ...] = option(

@@ -59,8 +59,6 @@ class VerifyConfig(Settings):
             raise SettingError(
                 "pin_calibration", "is of captured pins: name the --capture and its --channels"
             )
-        if len(self.captures.capture) > 1:
-            raise SettingError("capture", "is given twice; a run is judged by one capture")
         if self.link.port is not None:
             self._check_port(self.link.port)
         elif self.captures.capture and self.captures.from_recording is None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, phase_step_rad
-from haptogram.acoustics.arrays import ComplexArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
@@ -36,6 +36,7 @@ from .held.frame_times import frames_at_held_drives
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase
 from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
+from .shared_phase import shared_turns_of_pins
 from .shown_frames import (
     FIT_SHARE,
     LATE_PERIODS,
@@ -438,20 +439,25 @@ class _PinJudge:
             found[frame] = (np.abs(held - usual) > limit + _JITTERS * jitter).any()
         return found
 
+    @cached_property
+    def _turns_rad(self) -> FloatArray | None:
+        """Return the phase common to all pins, relative to the carrier clock; None without one."""
+        if self.record.reference_element is not None:
+            return None
+        return shared_turns_of_pins(self.shown)
+
     def _check_turns(self, judged: Bools) -> None:
         """Find frames in which the phases of all pins are shifted against the carrier clock.
 
         A phase that the whole array has moves no focus. Pins outside the capture may lack it.
         """
-        if self.record.reference_element is not None:
+        turns = self._turns_rad
+        if turns is None:
             return
-        drives = self.shown.drives
-        sounding = np.abs(np.where(self.shown.right, drives.weights, 0.0)) > 0.0
-        turns = np.where(sounding.any(axis=1), drives.turns_rad, np.nan)
         in_time = self.shown.late <= LATE_PERIODS  # the mean of a late frame may hold two drives
         frames = np.flatnonzero(judged & np.isfinite(turns) & in_time)
         away = wrapped_phases(turns[frames] - pins_phase(turns[frames], self._limits.phase_rad))
-        limit = 2.0 * np.median(drives.limit_rad[frames], axis=1)
+        limit = 2.0 * np.median(self.shown.drives.limit_rad[frames], axis=1)
         for place in np.flatnonzero(np.abs(away) > limit):
             self._find(
                 "phases",
@@ -529,6 +535,7 @@ class _PinJudge:
             carrier_hz=1.0 / record.period_s,
             drift_ppm=record.drift_ppm,
             weights=drives.weights,
+            turns_rad=self._turns_rad,
             right=right,
             judged=judged,
             late_us={int(f): round(float(late[f]) * self._period_us, 1) for f in self._late_frames},

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from haptogram.acoustics.arrays import ComplexArray
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.frame import Evidence
 from haptogram.records.pins import CarrierPeriods
 
@@ -94,6 +94,9 @@ class PinVerdict(Judged):
         Whether they are the intended ones.
     judged : (F,) numpy.ndarray of bool
         Frames that the capture shows as a whole.
+    turns_rad : (F,) numpy.ndarray or None
+        Phase that the pins share against the clock of the carrier; NaN: the frame is not seen.
+        None: the reference of the capture is an element.
     late_us : dict of int to float
         How much later than most a frame was latched, of those that were late.
     notes : tuple of str
@@ -124,6 +127,7 @@ class PinVerdict(Judged):
     weights: ComplexArray
     right: Bools
     judged: Bools
+    turns_rad: FloatArray | None
     late_us: dict[int, float] = field(default_factory=dict)
     events: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,15 +100,16 @@ def _mean_and_spread(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.where(none, np.nan, mean), np.where(none, np.nan, np.sqrt(square))
 
 
-def calibration_of_pins(one: ElementOffsets, array: TransducerArray) -> Calibration:
-    """Return gain and lag of the elements of an array, as a capture shows them; places as they are.
+def calibration_of_pins(every: Sequence[ElementOffsets], array: TransducerArray) -> Calibration:
+    """Return gain and lag of the elements of an array, as captures show them; places as they are.
 
-    An element of which it shows nothing is as it was meant.
+    An element of which no capture shows anything is as it was meant.
     """
     gain, phase = np.ones(array.count), np.zeros(array.count)
-    gain[np.array(one.elements)[np.isnan(one.duty)]] = 0.0  # no pulse at all: dead
-    shown = np.isfinite(one.phase_rad)
-    places = np.array(one.elements)[shown]
-    gain[places] = one.gain[shown] * np.abs(one.known[shown])
-    phase[places] = wrapped_phases(one.phase_rad[shown] + np.angle(one.known[shown]))
+    for one in every:
+        gain[np.array(one.elements)[np.isnan(one.duty)]] = 0.0  # no pulse at all: dead
+        shown = np.isfinite(one.phase_rad)
+        places = np.array(one.elements)[shown]
+        gain[places] = one.gain[shown] * np.abs(one.known[shown])
+        phase[places] = wrapped_phases(one.phase_rad[shown] + np.angle(one.known[shown]))
     return Calibration(np.minimum(gain, MAX_GAIN), phase, array.positions_m)

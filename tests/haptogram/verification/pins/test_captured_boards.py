@@ -14,7 +14,7 @@ from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.records.pins import LineBytes
 from haptogram.settings.faults.kinds import FAULT_KINDS, is_transducer_fault
 from haptogram.verification import Verdict
-from haptogram.verification.pins.capture_verdict import verify_capture
+from haptogram.verification.pins.joined import verify_captures
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Mute, build_body
 from pin_captures import MAP, captured_run
@@ -34,11 +34,11 @@ def some_pins(*elements):
 def judged(run, array="4x4", **keys):
     mapped = ChannelMap.of("map.toml", {**MAP, **keys})
     record = pin_record_of_capture(read_capture(run.path), mapped)
-    return verify_capture(record, run.intended, model=model_of(array))
+    return verify_captures([record], run.intended, model=model_of(array))
 
 
 def judged_record(run, record, array="4x4"):
-    return verify_capture(record, run.intended, model=model_of(array))
+    return verify_captures([record], run.intended, model=model_of(array))
 
 
 @pytest.mark.parametrize("array", ["2x1", "5x3", "8x8"])
@@ -50,7 +50,7 @@ def test_no_healthy_board_fails(array, mode, rate_hz, tmp_path):
     )
     for keys in ({}, {"reference": "e0"}, some_pins(0, 1)):
         found = judged(run, array, **keys)
-        pins = found.pins
+        (pins,) = found.pins
         assert not pins.findings, str(found)
         assert pins.verdict is Verdict.PASS, str(found)
         assert pins.counts["right"] == pins.counts["intended"] == 12
@@ -58,7 +58,7 @@ def test_no_healthy_board_fails(array, mode, rate_hz, tmp_path):
         edges = 1 if "reference" not in keys else 12  # every latch moves a reference that latches
         sample_ppm = edges * 1e6 / (rate_hz * 12e-3)  # of the length of the capture
         assert pins.drift_ppm == pytest.approx(-37.0, abs=1.0 + sample_ppm)
-        whole = len(pins.elements) == found.pins.array_count
+        whole = len(pins.elements) == found.array_count
         assert (found.run is not None) == (whole and rate_hz > 20e6)
         assert bool(found) or (found.run is not None and array == "2x1")  # two tell no focus
 
@@ -91,7 +91,7 @@ def test_every_fault_of_the_output_is_named_or_lies_outside_of_the_capture(kind,
         return
     for found in (whole, part):
         assert found.verdict is Verdict.FAIL
-        ((line,),) = found.pins.findings.values()
+        ((line,),) = found.pins[0].findings.values()
         assert line.startswith("element 3 (e3): ")
         assert re.search(NAMES[kind], line)
     assert whole.run.verdict is Verdict.FAIL
@@ -102,7 +102,7 @@ def test_every_fault_of_the_output_is_named_or_lies_outside_of_the_capture(kind,
 def test_a_torn_latch_is_a_failure_of_its_own(late_us, tmp_path):
     late = tuple(f"{pin}={late_us}" for pin in range(8, 16))
     run = captured_run(tmp_path / "pins.vcd", capture_late=late, capture_lingers=late)
-    pins = judged(run).pins
+    (pins,) = judged(run).pins
     assert pins.verdict is Verdict.FAIL
     assert pins.counts["torn"] == 12
     assert "8 of 16 pins (element 8, 9, 10, 11, ...) latch" in pins.findings["torn"][0]
@@ -114,7 +114,7 @@ def test_a_mirrored_map_is_named(tmp_path):
     run = captured_run(tmp_path / "pins.vcd", array="5x3")
     shown = np.arange(15).reshape(5, 3)[::-1].ravel()
     mapped = {"elements": {f"e{pin}": int(element) for element, pin in enumerate(shown)}}
-    (line,) = judged(run, "5x3", **mapped).pins.findings["phases"]
+    (line,) = judged(run, "5x3", **mapped).pins[0].findings["phases"]
     assert "show the drives of other elements: x mirrored" in line
 
 
@@ -129,19 +129,19 @@ def test_a_frame_in_which_all_pins_are_turned_together_fails_against_a_clock(pin
     for element, pin in record.pins.items():
         shift = 0.1 * ((pin.rises >= begin) & (pin.rises < end))
         turned = changed(turned, element, rises=pin.rises + shift, falls=pin.falls + shift)
-    found = judged_record(run, turned).pins
+    (found,) = judged_record(run, turned).pins
     (line,) = found.findings["phases"]
     assert line.startswith("frame 4: all pins are turned by +3")
     assert found.verdict is Verdict.FAIL
     blind = dataclasses.replace(turned, reference_element=pins[0])
-    found = judged_record(run, blind).pins
+    (found,) = judged_record(run, blind).pins
     assert "phases are relative to element 0" in found.notes[-1]
 
 
 def test_two_wires_that_were_exchanged_are_named(tmp_path):
     run = captured_run(tmp_path / "pins.vcd")
     elements = {f"e{n}": n for n in range(16)} | {"e3": 9, "e9": 3}
-    lines = judged(run, elements=elements).pins.findings["phases"]
+    lines = judged(run, elements=elements).pins[0].findings["phases"]
     assert lines == (
         "element 3 (e9): does what element 9 should",
         "element 9 (e3): does what element 3 should",
@@ -158,13 +158,13 @@ def test_inverted_pins_and_carriers_that_are_off_are_named(tmp_path):
     record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     pin = record.pins[4]
     inverted = changed(record, 4, rises=pin.falls[:-1], falls=pin.rises[1:])
-    pins = judged_record(run, inverted).pins
+    (pins,) = judged_record(run, inverted).pins
     assert any("element 4 (e4)" in line for line in pins.findings["pins"])
     fast = dataclasses.replace(record, period_s=record.period_s / 1.002)
-    (line,) = judged_record(run, fast).pins.findings["carrier"]
+    (line,) = judged_record(run, fast).pins[0].findings["carrier"]
     assert "+2000 ppm of 40000 Hz" in line
     stated = dataclasses.replace(fast, tolerance_ppm=2500.0)
-    assert "carrier" not in judged_record(run, stated).pins.findings
+    assert "carrier" not in judged_record(run, stated).pins[0].findings
 
 
 def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
@@ -178,7 +178,7 @@ def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
         rises=np.concatenate([pin.rises, pin.rises[-1] + more]),
         falls=np.concatenate([pin.falls, pin.falls[-1] + more]),
     )
-    (line,) = judged_record(run, longer).pins.findings["mute"]
+    (line,) = judged_record(run, longer).pins[0].findings["mute"]
     assert line.startswith("element 4 fall")
 
 
@@ -197,7 +197,7 @@ def test_a_late_frame_is_judged_from_its_latch_on(late_us, frames, elements, tmp
         late = dataclasses.replace(
             run, intended=[*run.intended[:frame], early, *run.intended[frame + 1 :]]
         )
-        pins = judged(late, "8x8", **some_pins(*elements)).pins
+        (pins,) = judged(late, "8x8", **some_pins(*elements)).pins
         assert (pins.findings, pins.counts["late"], pins.counts["right"]) == ({}, 1, 24), frame
 
 
@@ -212,11 +212,11 @@ def test_a_last_frame_that_a_mute_cuts_short_is_judged_while_it_sounds(periods, 
         sounding = pin.falls < muted
         keys = {"rises": pin.rises[sounding], "falls": pin.falls[sounding]}
         record = changed(record, element, **keys)
-    pins = judged_record(run, record).pins
+    (pins,) = judged_record(run, record).pins
     assert not pins.findings
     assert pins.counts["judged"] == pins.counts["right"] == 12
     wrong = changed(record, 4, rises=record.pins[4].rises + 0.1, falls=record.pins[4].falls + 0.1)
-    pins = judged_record(run, wrong).pins
+    (pins,) = judged_record(run, wrong).pins
     assert pins.right[-1].tolist() == [element != 4 for element in range(16)]
 
 
@@ -238,12 +238,12 @@ def test_pins_that_sound_again_after_the_end_were_not_muted(tmp_path):
     run = captured_run(tmp_path / "pins.vcd")
     record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     last = max(pin.rises[-1] for pin in record.pins.values())
-    (line,) = judged_record(run, sounding_again(record, 4)).pins.findings["mute"]
+    (line,) = judged_record(run, sounding_again(record, 4)).pins[0].findings["mute"]
     assert line == "element 4 sound again 0.5 ms after all fell silent, and the others do not"
-    every = judged_record(run, sounding_again(record, *range(16))).pins
+    every = judged_record(run, sounding_again(record, *range(16))).pins[0]
     assert "the output sounds again 0.5 ms after it fell silent" in every.not_judged["mute"]
     muted = with_mute(sounding_again(record, *range(16)), last)
-    (line,) = judged_record(run, muted).pins.findings["mute"]
+    (line,) = judged_record(run, muted).pins[0].findings["mute"]
     assert "600 µs after MUTE arrived, may be for 25 µs" in line
 
 
@@ -266,13 +266,13 @@ def test_with_the_line_of_the_host_the_pins_are_silent_a_period_after_mute(
     record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     last = max(pin.rises[-1] for pin in record.pins.values())
     muted = with_mute(record, last - before)
-    pins = judged_record(run, muted).pins
+    (pins,) = judged_record(run, muted).pins
     assert pins.after_mute_periods == pytest.approx(before)
     assert ("mute" in pins.findings) is (finding is not None)
     if finding:
         assert finding in pins.findings["mute"][0]
     endless = dataclasses.replace(muted, end=last + 1.5)
-    pins = judged_record(run, endless).pins
+    (pins,) = judged_record(run, endless).pins
     if before > 1.0:
         assert pins.findings["mute"][0].endswith(", up to the end of the capture")
     else:
@@ -292,7 +292,7 @@ def test_a_ramp_to_silence_is_no_torn_mute(tmp_path):
             rises=np.concatenate([pin.rises, pin.rises[-1] + more + narrower]),
             falls=np.concatenate([pin.falls, pin.falls[-1] + more - narrower + 0.001]),
         )
-    pins = judged_record(run, fading).pins
+    (pins,) = judged_record(run, fading).pins
     assert pins.findings == {}
     assert pins.not_judged == {"mute": "the output fades to silence (a ramp)"}
 
@@ -303,10 +303,28 @@ def test_frames_that_never_latched_are_those_of_the_back_door(fault, tmp_path):
     run = captured_run(tmp_path / "pins.vcd", frames=30, faults=[f"{fault} from=20ms"])
     latched = {latch.key.index for latch in run.latches}
     lost = [frame.number for frame in run.intended if frame.key.index not in latched]
-    pins = judged(run).pins
+    (pins,) = judged(run).pins
     assert lost
     assert [event.split(":")[0] for event in pins.events] == [str(frame) for frame in lost]
     assert pins.findings == {}
+
+
+def test_captures_of_parts_of_a_repeating_object_are_joined(tmp_path):
+    runs = [captured_run(tmp_path / f"{n}.vcd", seed=5, capture_ppm=20.0 * n) for n in range(4)]
+    records = [
+        pin_record_of_capture(
+            read_capture(run.path),
+            ChannelMap.of("map.toml", {**MAP, **some_pins(*range(4 * n, 4 * n + 4))}),
+        )
+        for n, run in enumerate(runs)
+    ]
+    found = verify_captures(records, runs[0].intended, model=model_of("4x4"))
+    assert found.verdict is Verdict.PASS
+    assert found.run.counts["on_target"] == 12
+    assert {str(frame.evidence) for frame in found.run.frames} == {"external"}
+    three = verify_captures(records[:3], runs[0].intended, model=model_of("4x4"))
+    assert three.run is None
+    assert three.scope == "12 of 16 elements"
 
 
 def test_another_run_and_an_element_too_many_are_refused_in_words(tmp_path):
@@ -325,7 +343,7 @@ def test_frames_without_times_are_found_by_their_drives(tmp_path):
     for keys in ({}, {"reference": "e0"}, some_pins(0, 1)):
         found = judged(dataclasses.replace(run, intended=timeless), **keys)
         assert found.verdict is Verdict.PASS, str(found)
-        assert found.pins.counts["right"] == 12
+        assert found.pins[0].counts["right"] == 12
     other = captured_run(tmp_path / "other.vcd", seed=2)
     found = judged(dataclasses.replace(other, intended=timeless))
     assert found.verdict is Verdict.INCONCLUSIVE
@@ -337,33 +355,8 @@ def test_a_capture_that_was_cut_off_passes_nothing(tmp_path):
     run.path.write_bytes(data[: len(data) // 2])
     found = judged(run)
     assert found.verdict is Verdict.INCONCLUSIVE
-    assert 3 < found.pins.counts["right"] < 9
+    assert 3 < found.pins[0].counts["right"] < 9
     assert any("cut off" in reason for reason in found.reasons)
-
-
-def test_most_of_the_frames_must_be_judged_and_the_progress_counts_pins_and_field(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
-    model, told = model_of("4x4"), []
-    every = verify_capture(
-        record, run.intended, model=model, progress=lambda *done: told.append(done)
-    )
-    assert every.verdict is Verdict.PASS
-    assert (told[:2], told[-1]) == ([(0, 24), (12, 24)], (24, 24))
-    end = float(record.latches[3])
-    pins = {
-        element: dataclasses.replace(
-            pin, rises=pin.rises[pin.falls < end], falls=pin.falls[pin.falls < end]
-        )
-        for element, pin in record.pins.items()
-    }
-    latches = record.latches[record.latches < end]
-    short = dataclasses.replace(record, pins=pins, latches=latches, end=end)
-    few = verify_capture(short, run.intended, model=model)
-    assert few.verdict is Verdict.INCONCLUSIVE
-    assert few.reasons[0].startswith("3 of 12 frames were judged; 90 % must be"), few.reasons
-    some = verify_capture(short, run.intended, model=model, min_verified=0.25)
-    assert some.verdict is Verdict.PASS, str(some)
 
 
 def test_a_frame_alone_before_missing_samples_fails_nothing(tmp_path):
@@ -399,11 +392,11 @@ def test_a_latch_pin_tells_frames_of_one_drive_apart(tmp_path):
     }
     lacking = np.delete(begin + 40.0 * np.arange(12), [4, 5])
     held = dataclasses.replace(record, pins=pins, latches=lacking, end=begin + 600.0)
-    found = verify_capture(held, same, model=model_of("4x4")).pins
+    found = verify_captures([held], same, model=model_of("4x4")).pins[0]
     assert found.findings == {}
     assert [event.split(":")[0] for event in found.events] == ["4", "5"]
     blind = dataclasses.replace(held, latches=None)
-    assert verify_capture(blind, same, model=model_of("4x4")).pins.events == ()
+    assert verify_captures([blind], same, model=model_of("4x4")).pins[0].events == ()
 
 
 def pulses_of(edges, begin):

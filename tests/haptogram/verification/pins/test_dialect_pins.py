@@ -11,7 +11,7 @@ from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record_of_capture
 from haptogram.verification import Verdict
-from haptogram.verification.pins.capture_verdict import verify_capture
+from haptogram.verification.pins.joined import verify_captures
 from pin_captures import captured_dialect_run
 
 MEGA_HZ = 16e6 / 396
@@ -23,7 +23,7 @@ def judged(board, path, keys, **how):
     record = pin_record_of_capture(
         read_capture(board.capture(path, **how)), ChannelMap.of("map.toml", keys)
     )
-    return verify_capture(record, board.intended, model=model_of(board.dialect))
+    return verify_captures([record], board.intended, model=model_of(board.dialect))
 
 
 def mega(gap_s=6e-3, **defects):
@@ -40,10 +40,10 @@ def test_a_healthy_board_passes(dialect, some, name, tmp_path):
     board = CapturedBoard(dialect, frames_of(dialect, 4), gap_s=6e-3)
     keys = EVERY | {"sample_rate_hz": 24e6}  # edges of ten steps of a period do not show it
     found = judged(board, tmp_path / name, keys, channels=some)
-    pins = found.pins
+    (pins,) = found.pins
     assert found.verdict is Verdict.PASS, str(found)
     assert pins.counts["right"] == pins.counts["captured"] == 4
-    assert (found.run is not None) == (len(some) == found.pins.array_count)
+    assert (found.run is not None) == (len(some) == found.array_count)
     assert "a delay does not show" in pins.notes[0]
 
 
@@ -51,10 +51,10 @@ def test_late_channels_are_one_line_and_lose_no_focus(tmp_path):
     late = tuple(range(3, 256, 8))
     board = CapturedBoard("sonicsurface", frames_of("sonicsurface", 3), gap_s=6e-3, late_step=late)
     found = judged(board, tmp_path / "pins.sr", EVERY)
-    assert found.pins.findings["phases"] == (
+    assert found.pins[0].findings["phases"] == (
         "elements n mod 8 = 3 (32 of 256 pins): one step of 32 late, +11.2 degrees",
     )
-    offsets = found.pins.offsets
+    offsets = found.pins[0].offsets
     assert np.degrees(offsets.phase_rad[3::8]) == pytest.approx(11.25, abs=0.3)
     assert np.degrees(np.delete(offsets.phase_rad, late)) == pytest.approx(0.0, abs=0.3)
     assert "wrong drive; elements n mod 8 = 3 (32 of 256): one step of 32 late" in str(found)
@@ -73,8 +73,8 @@ def test_ports_that_are_written_one_after_another_lag_behind_the_first(named, tm
         path.write_text(text)
     keys = MEGA | {"elements": elements}
     record = pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", keys))
-    found = verify_capture(record, board.intended, model=model_of(board.dialect))
-    lines = found.pins.findings["phases"]
+    found = verify_captures([record], board.intended, model=model_of(board.dialect))
+    lines = found.pins[0].findings["phases"]
     where = "port PH (8 of 64 pins)" if named else "elements 56 to 63 (8 of 64 pins)"
     base = "port PA" if named else "elements 0 to 7"
     assert len(lines) == 7
@@ -85,7 +85,7 @@ def test_ports_that_are_written_one_after_another_lag_behind_the_first(named, tm
 def test_a_carrier_passes_within_the_tolerance_that_is_stated(tmp_path):
     board = mega()
     off = judged(board, tmp_path / "pins.sr", EVERY)
-    ((line,),) = off.pins.findings.values()
+    ((line,),) = off.pins[0].findings.values()
     assert line.endswith("Hz on the analyser's clock, +10101 ppm of 40000 Hz; 1000 pass")
     stated = judged(board, tmp_path / "pins.sr", EVERY | {"carrier_tolerance_ppm": 2e4})
     assert stated.verdict is Verdict.PASS
@@ -96,7 +96,7 @@ def test_a_carrier_of_half_the_frequency_is_said(clock, tmp_path):
     board = mega(every=2)
     found = judged(board, tmp_path / "pins.sr", MEGA, clock=True)
     assert found.verdict is Verdict.FAIL
-    (line,) = found.pins.findings["carrier"]
+    (line,) = found.pins[0].findings["carrier"]
     assert line.startswith("20202 Hz: 64 of 64 pins pulse in one of 2 periods of the carrier")
     if clock:  # that of the timer alone is right
         found = judged(mega(), tmp_path / "right.sr", MEGA)
@@ -107,14 +107,14 @@ def test_a_carrier_of_half_the_frequency_is_said(clock, tmp_path):
 def test_a_carrier_that_is_not_steady_is_no_latch(reference, tmp_path):
     board = mega(busy_s=6e-3, gap_s=12e-3)
     found = judged(board, tmp_path / "pins.sr", MEGA | {"reference": reference})
-    pins = found.pins
+    (pins,) = found.pins
     assert pins.counts["right"] == 4, str(found)
     assert set(pins.findings) == {"amplitudes"}
     (line,) = pins.findings["amplitudes"]
     assert re.fullmatch(r"for \d\d % of the time: -\d+\.\d dB; capture to_board to know why", line)
     assert not pins.carrier.is_steady
     line = MEGA | {"reference": reference, "to_board": "rx", "baud": 115_200}
-    pins = judged(board, tmp_path / "pins.sr", line).pins
+    (pins,) = judged(board, tmp_path / "pins.sr", line).pins
     assert re.fullmatch(r"while bytes arrive: -\d+\.\d dB", pins.findings["amplitudes"][0])
     assert pins.not_judged["torn"] == "the carrier is not steady while pins change"
 
@@ -138,7 +138,7 @@ def test_the_emulated_board_shows_at_its_pins_what_was_found(option, tmp_path):
     intended = captured_dialect_run(path, name, frames_of(name, 3), **options)
     line = {"reference": "carrier", "elements": "e{}", "to_board": "to_board", "baud": 115_200}
     record = pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", line))
-    pins = verify_capture(record, intended, model=model_of(name)).pins
+    (pins,) = verify_captures([record], intended, model=model_of(name)).pins
     found, right = PINS[option]
     assert pins.counts["right"] == right, str(pins)
     assert set(pins.findings) == set(found)
@@ -150,7 +150,7 @@ def test_a_frame_that_never_came_is_lost_and_a_few_pins_say_what_they_cover(tmp_
     board = mega(left_out=(1,))
     for elements in ("p{}", {"p0": 0, "p9": 9, "p33": 33}):
         found = judged(board, tmp_path / "pins.sr", MEGA | {"elements": elements})
-        pins = found.pins
+        (pins,) = found.pins
         assert pins.events == ("1: not latched; the pins kept the drive they had",)
         assert pins.counts["right"] == 3
     assert "3 of 64 elements" in str(found)
@@ -161,10 +161,10 @@ def test_a_capture_of_a_part_of_the_run_judges_that_part(tmp_path):
     frames = frames_of("ultraino-mega64", 12)
     board = CapturedBoard("ultraino-mega64", frames[:4], gap_s=6e-3, carrier_hz=MEGA_HZ)
     board.intended = [frame.intended(number) for number, frame in enumerate(frames)]
-    pins = judged(board, tmp_path / "pins.sr", MEGA).pins
+    (pins,) = judged(board, tmp_path / "pins.sr", MEGA).pins
     assert pins.counts["right"] == 4
     assert pins.findings == {}
-    pins = judged(mega(left_out=(3,)), tmp_path / "pins.sr", MEGA).pins
+    (pins,) = judged(mega(left_out=(3,)), tmp_path / "pins.sr", MEGA).pins
     assert pins.events == ("3: not latched; the pins kept the drive they had",)
     assert pins.counts["right"] == 3
 
@@ -174,7 +174,7 @@ def test_exchanged_pins_and_other_frames_are_named(tmp_path):
     elements = {f"p{n}": n for n in range(16)} | {"p3": 9, "p9": 3}
     some = range(16)
     found = judged(board, tmp_path / "pins.sr", EVERY | {"elements": elements}, channels=some)
-    assert "element 3 (p9): does what element 9 should" in found.pins.findings["phases"]
+    assert "element 3 (p9): does what element 9 should" in found.pins[0].findings["phases"]
     board.intended = [f.intended(n) for n, f in enumerate(frames_of("sonicsurface", 5, seed=2))]
     found = judged(board, tmp_path / "pins.sr", EVERY, channels=some)
     assert found.verdict is Verdict.INCONCLUSIVE
@@ -199,7 +199,7 @@ def surface():
 
 def judged_shift(board, path, keys):
     record = pin_record_of_capture(read_capture(path), ChannelMap.of("map.toml", keys))
-    return verify_capture(record, board.intended, model=model_of(board.dialect))
+    return verify_captures([record], board.intended, model=model_of(board.dialect))
 
 
 @pytest.mark.parametrize("name", ["pins.sr", "pins.vcd"])
@@ -207,10 +207,10 @@ def test_data_shift_and_latch_show_all_outputs(name, surface, tmp_path):
     path = surface.capture_shift(tmp_path / name, CHAINS)
     found = judged_shift(surface, path, shift_map(CHAINS))
     assert found.verdict is Verdict.PASS, str(found)
-    assert found.pins.scope == "all 256 elements"
+    assert found.scope == "all 256 elements"
     path = surface.capture_shift(tmp_path / name, LATE, late_bit=True)
     found = judged_shift(surface, path, shift_map(LATE))
-    assert found.pins.findings["phases"] == (
+    assert found.pins[0].findings["phases"] == (
         "elements n mod 8 = 3 (32 of 256 pins): one step of 32 late, +11.2 degrees",
     )
 
@@ -222,10 +222,10 @@ def test_a_pattern_names_chains_and_the_order_may_be_the_other(tmp_path):
     keys = {"shift": {"clock": "SHIFT", "latch": "LATCH", "steps": 32, "data": "DATA{}"}}
     first = judged_shift(surface, path, {"shift": keys["shift"] | {"order": "first"}})
     assert first.verdict is Verdict.PASS, str(first)
-    assert first.pins.scope == "32 of 256 elements"
+    assert first.scope == "32 of 256 elements"
     other = judged_shift(surface, path, keys)
     assert other.verdict is Verdict.FAIL
-    (line,) = other.pins.findings["phases"]
+    (line,) = other.pins[0].findings["phases"]
     assert "each chain of 8 the other way round" in line
 
 
@@ -258,7 +258,7 @@ def test_a_capture_that_ends_in_a_shift_or_lacks_edges_says_so(surface, tmp_path
     whole = path.read_text()
     lines = whole.splitlines()
     path.write_text("\n".join(lines[:-20]) + "\n")
-    pins = judged_shift(surface, path, shift_map(CHAINS[:2])).pins
+    (pins,) = judged_shift(surface, path, shift_map(CHAINS[:2])).pins
     assert re.match(r"the capture ends in a shift, \d of 8 bits behind", pins.notes[0])
     name = next(line.split()[3] for line in lines if line.endswith("SHIFT $end"))
     edges = [n for n, line in enumerate(lines) if line in (f"0{name}", f"1{name}")]
