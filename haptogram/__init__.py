@@ -30,7 +30,6 @@ if TYPE_CHECKING:
         LinkError,
         VerificationError,
     )
-    from .evidence.recordings.record_file import RecordFile, read_records
     from .evidence.virtual_board import VirtualBoard
     from .objects.shapes import Circle, Hemisphere, Line, MeshSurface, Point, Sphere
     from .records.frame import Evidence, Focus, Intended, Observation
@@ -51,7 +50,6 @@ _LATER: Final = {
     "driver.dialect_driver": "DialectDriver",
     "driver.driver": "Driver",
     "errors": "ConfigurationError DeviceError HaptogramError LinkError VerificationError",
-    "evidence.recordings.record_file": "RecordFile read_records",
     "evidence.virtual_board": "VirtualBoard",
     "objects.shapes": "Circle Hemisphere Line MeshSurface Point Sphere",
     "records.frame": "Evidence Focus Intended Observation",
@@ -92,7 +90,6 @@ __all__ = [
     "Observation",
     "PictureField",
     "Point",
-    "RecordFile",
     "RunVerdict",
     "Sphere",
     "Tolerance",
@@ -101,6 +98,5 @@ __all__ = [
     "VirtualBoard",
     "field_on_plane",
     "judge",
-    "read_records",
     "verify_run",
 ]

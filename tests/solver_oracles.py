@@ -6,6 +6,12 @@ R. Di Leonardo et al., Opt. Express 15(4), 2007 (Gerchberg-Saxton, weighted; the
 D. Martinez Plasencia et al., ACM Trans. Graph. 39(4), 2020 (GS-PAT).
 """
 
+from typing import NamedTuple
+
+import numpy as np
+
+from haptogram.acoustics import propagators
+
 
 def backpropagation(gains, wanted, drive, rounds):
     reach = _reach(gains, wanted)
@@ -54,6 +60,17 @@ def measures(gains, wanted, drive):
     efficiency = sum((p / sum(map(abs, row))) ** 2 for p, row in zip(heard, gains, strict=True))
     shares = [(p / a) ** 2 for p, a in zip(heard, wanted, strict=True)]
     return efficiency, 1.0 - (max(shares) - min(shares)) / (max(shares) + min(shares))
+
+
+class Quality(NamedTuple):
+    efficiency: float
+    uniformity: float
+
+
+def solver_quality(model, drive, foci, wanted):
+    """The measures of a drive of a model's array."""
+    gains = propagators(model, foci).tolist()
+    return Quality(*measures(gains, np.asarray(wanted).tolist(), np.asarray(drive).tolist()))
 
 
 def _heard(gains, drive):

@@ -72,17 +72,6 @@ def direct_kernel(model, weights):
     return field
 
 
-def focus_codes(model, targets, chunk=250):
-    """Uint8 codes of T targets; in chunks, since that is faster than at once."""
-    codes = np.empty((len(targets), model.array.count), dtype=np.uint8)
-    for start in range(0, len(targets), chunk):
-        offset = targets[start : start + chunk, None, :] - model.array.positions_m
-        phases = (-model.wavenumber * np.linalg.norm(offset, axis=-1)) % (2.0 * np.pi)
-        steps = np.round(phases / (2.0 * np.pi) * 256.0).astype(int)
-        codes[start : start + chunk] = (steps % 256).astype(np.uint8)
-    return codes
-
-
 def local_grid(centre):
     """The 9 x 9 x 6 = 486 points of a search for the maximum around a guess."""
     lateral, axial = (np.arange(9) - 4) * 1e-3, (np.arange(6) - 2.5) * 2e-3

@@ -40,22 +40,6 @@ SECTIONS = [
         "test_sources_against_numpy",
     ),
     (
-        "Without numba",
-        "numpy in single precision against plain numpy in complex128.",
-        "test_numpy_single_precision_against_numpy",
-    ),
-    (
-        "Fixed grid: share of the rate of cgemm",
-        "Names are points-frames; a call makes all frames.",
-        "test_fixed_grid_against_cgemm",
-    ),
-    (
-        "Plane parallel to the array",
-        "Convolution against our own direct kernel; names are the half-width in metres. A "
-        "quicker kernel makes the ratio smaller.",
-        "test_plane_against_the_direct_kernel",
-    ),
-    (
         "Focus of one frame",
         "Warm: the phase fit from a hint 3.6 mm off, against a search of 486 points with our own "
         "kernel. Acquisition: no hint, against a search of 31 x 31 x 14 points with our own "
@@ -73,11 +57,6 @@ SECTIONS = [
         "256 drives of jittered foci: reconstruction and all criteria, at once; against the same "
         "one by one.",
         "test_distinct_drives",
-    ),
-    (
-        "Phase codes of foci",
-        "Against numpy (norm, modulo, round); names are the number of foci in a call.",
-        "test_codes",
     ),
     (
         "Weighted Gerchberg-Saxton, 100 rounds",

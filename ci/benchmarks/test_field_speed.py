@@ -1,4 +1,4 @@
-"""Fields: arbitrary points, fixed grids, planes."""
+"""Fields at arbitrary points."""
 
 import math
 
@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 import references
 
-from haptogram.acoustics import AcousticModel, TransducerArray, focus_phases
-from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine
-from haptogram.acoustics.field.grid import GridField
-from haptogram.acoustics.field.plane import PlaneField
+from haptogram.acoustics import AcousticModel, TransducerArray
+from haptogram.acoustics.field.engines.engine import NumbaEngine
 
 FLOPS_PER_PAIR = 69  # of the prototype whose arithmetic sets the limit; ours needs fewer
 COUNTS = [100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000]
@@ -96,62 +94,4 @@ def test_arbitrary_points_against_the_arithmetic_limit(count, compare, engine, d
         reference_repeats=max(1, flops // (2 * side**3) // 4),
         pairs=256 * count,
         share=2 * side**3 / flops,
-    )
-
-
-@pytest.mark.row("field at {count} points without numba")
-@pytest.mark.parametrize("count", [1_000, 10_000])
-def test_numpy_single_precision_against_numpy(count, compare, board, drive, scattered):
-    """What is left without numba."""
-    points = scattered(count)
-    fallback = Numpy32Engine(board)
-    part = points[:1_000]
-    compare(
-        None,
-        lambda: fallback.pressure(drive, points),
-        lambda: references.field(board, drive, part),
-        pairs=256 * count,
-        share=len(part) / count,
-    )
-
-
-@pytest.mark.row("grid of {points} points, {frames} drives")
-@pytest.mark.parametrize("frames", [1, 4, 16, 64, 256])
-@pytest.mark.parametrize("points", [512, 4096])
-def test_fixed_grid_against_cgemm(frames, points, compare, board, scattered):
-    """The rate of a product of 512 x 512 matrices: the ratio is the share of it."""
-    grid = GridField(board, scattered(points))
-    rng = np.random.default_rng(1)
-    drives = np.exp(2j * np.pi * rng.random((frames, 256))).astype(np.complex64)
-    out = np.empty((frames, points), dtype=np.complex64, order="F")
-    side = 512
-    a = (rng.random((side, side)) + 1j).astype(np.complex64)
-    b, c = a.copy(), np.empty_like(a)
-    work = 256 * points * frames
-    compare(
-        0.9 if frames >= 64 else None,
-        lambda: grid.pressure(drives, out),
-        lambda: np.matmul(a, b, out=c),
-        repeats=max(1, 100_000_000 // work),  # some 10 ms: the reference empties the caches
-        pairs=work,
-        share=side**3 / work,
-    )
-
-
-@pytest.mark.row("plane of half-width {half_width_m} m")
-@pytest.mark.parametrize("half_width_m", [0.0945, 0.1895])
-def test_plane_against_the_direct_kernel(half_width_m, compare, board, engine, drive):
-    plane = PlaneField(board, 0.2, half_width_m=half_width_m)
-    points = np.ascontiguousarray(plane.points_m.reshape(-1, 3))
-    weights = np.exp(1j * focus_phases(board, [0.01, 0.02, 0.2]))
-    exact = references.field(board, weights, points[::97])
-    error = np.abs(plane.pressure(weights).ravel()[::97] - exact).max() / np.abs(exact).max()
-    assert error <= 1e-6
-    compare(
-        8.0,
-        lambda: plane.pressure(drive),
-        lambda: engine.pressure(drive, points),
-        pairs=256 * len(points),
-        error=float(error),
-        nodes=len(points),
     )

@@ -23,7 +23,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
-from haptogram.acoustics.field.engines.engine import NumbaEngine, Numpy32Engine, choose_engine
+from haptogram.acoustics.field.engines.engine import NumbaEngine, choose_engine
 from haptogram.acoustics.field.reference import (
     FieldEngine,
     NumpyEngine,
@@ -63,50 +63,25 @@ from haptogram.acoustics.solvers.focus import check_focus_target, focus_phases, 
 from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 
 if TYPE_CHECKING:
-    from haptogram.acoustics.field.grid import GridField, box_points_m
-    from haptogram.acoustics.field.plane import PlaneField
-    from haptogram.acoustics.field.waveform import instantaneous_pressure, rms_pressure
     from haptogram.acoustics.levels.average import mean_square_pressure
-    from haptogram.acoustics.levels.demodulation import (
-        demodulated_level_db_a,
-        demodulated_lines,
-        radiated_power_w,
-    )
-    from haptogram.acoustics.levels.dynamics import (
-        Resonator,
-        amplitude_to_duty,
-        duty_to_amplitude,
-        pressure_after_hop,
-    )
-    from haptogram.acoustics.levels.exposure import (
-        Exposure,
-        a_weighting_db,
-        exposure_at,
-        switching_level_db_a,
-        worst_exposure,
-    )
+    from haptogram.acoustics.levels.dynamics import Resonator
+    from haptogram.acoustics.levels.exposure import Exposure, exposure_at, worst_exposure
     from haptogram.acoustics.levels.harmonic import shock_lengths
     from haptogram.acoustics.levels.lobes import (
-        GratingLobe,
         SecondaryLobe,
-        grating_lobes,
         largest_secondary_lobe,
     )
     from haptogram.acoustics.levels.shift import (
         FocalShift,
         find_pressure_peak,
-        paraxial_focal_shift_m,
         predict_focal_shift,
     )
-    from haptogram.acoustics.levels.spot import FocalSpot, measure_spot, predict_spot_width_m
+    from haptogram.acoustics.levels.spot import FocalSpot, measure_spot
     from haptogram.acoustics.model.calibration import Calibration
-    from haptogram.acoustics.model.directivities import MeasuredDirectivity, RectangularPiston
+    from haptogram.acoustics.model.directivities import RectangularPiston
     from haptogram.acoustics.reconstruct.tracking import Fix, FocusTracker
-    from haptogram.acoustics.solvers.batch import FocusCodes
     from haptogram.acoustics.solvers.several import (
-        SolverQuality,
         solve_foci,
-        solver_quality,
         weights_for_foci,
     )
 
@@ -121,19 +96,13 @@ __all__ = [
     "Fix",
     "FocalShift",
     "FocalSpot",
-    "FocusCodes",
     "FocusTracker",
-    "GratingLobe",
-    "GridField",
-    "MeasuredDirectivity",
     "Medium",
     "NoFocus",
     "NotSingle",
     "NumbaEngine",
-    "Numpy32Engine",
     "NumpyEngine",
     "PhaseFit",
-    "PlaneField",
     "PointSource",
     "Reconstruction",
     "Reconstructor",
@@ -141,69 +110,48 @@ __all__ = [
     "Resonator",
     "SecondaryLobe",
     "SingleFocus",
-    "SolverQuality",
     "Transducer",
     "TransducerArray",
-    "a_weighting_db",
-    "amplitude_to_duty",
-    "box_points_m",
     "check_focus_target",
     "choose_engine",
-    "demodulated_level_db_a",
-    "demodulated_lines",
     "dequantise_phase",
-    "duty_to_amplitude",
     "exposure_at",
     "find_pressure_peak",
     "fit_focus",
     "focus_phases",
     "force_on_disc_n",
-    "grating_lobes",
-    "instantaneous_pressure",
     "iso_9613_absorption_np_m",
     "largest_secondary_lobe",
     "level_db_spl",
     "mean_square_pressure",
     "measure_spot",
-    "paraxial_focal_shift_m",
     "phase_step_rad",
     "points_in_front",
     "predict_focal_shift",
-    "predict_spot_width_m",
     "pressure",
-    "pressure_after_hop",
     "propagators",
     "quantise_phase",
-    "radiated_power_w",
     "radiation_pressure_pa",
-    "rms_pressure",
     "saturated_weights",
     "shock_lengths",
     "solve_foci",
-    "solver_quality",
     "superpose_foci",
-    "switching_level_db_a",
     "weights_for_foci",
     "worst_exposure",
 ]
 
 _LATER: Final = {
-    "field.grid": "GridField box_points_m",
-    "field.plane": "PlaneField",
-    "field.waveform": "instantaneous_pressure rms_pressure",
     "levels.average": "mean_square_pressure",
-    "levels.demodulation": "demodulated_level_db_a demodulated_lines radiated_power_w",
-    "levels.dynamics": "Resonator amplitude_to_duty duty_to_amplitude pressure_after_hop",
-    "levels.exposure": "Exposure a_weighting_db exposure_at switching_level_db_a worst_exposure",
+    "levels.dynamics": "Resonator",
+    "levels.exposure": "Exposure exposure_at worst_exposure",
     "levels.harmonic": "shock_lengths",
-    "levels.lobes": "GratingLobe SecondaryLobe grating_lobes largest_secondary_lobe",
-    "levels.shift": "FocalShift find_pressure_peak paraxial_focal_shift_m predict_focal_shift",
-    "levels.spot": "FocalSpot measure_spot predict_spot_width_m",
+    "levels.lobes": "SecondaryLobe largest_secondary_lobe",
+    "levels.shift": "FocalShift find_pressure_peak predict_focal_shift",
+    "levels.spot": "FocalSpot measure_spot",
     "model.calibration": "Calibration",
-    "model.directivities": "MeasuredDirectivity RectangularPiston",
+    "model.directivities": "RectangularPiston",
     "reconstruct.tracking": "Fix FocusTracker",
-    "solvers.batch": "FocusCodes",
-    "solvers.several": "SolverQuality solve_foci solver_quality weights_for_foci",
+    "solvers.several": "solve_foci weights_for_foci",
 }
 _HOME: Final = {name: module for module, names in _LATER.items() for name in names.split()}
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import check_number
 
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
@@ -18,11 +17,6 @@ _Kind = TypeVar("_Kind", bound=np.generic)
 MAX_TRANSDUCERS: Final = 1024  # per array, and so per drive
 _MAX_COMPUTED: Final = 1e15  # no memory holds as many, and a float still counts them one by one
 MAX_POINT_M: Final = 1e6  # of any coordinate: nothing overflows, in single precision neither
-
-
-def check_computed_number(name: str, number: float) -> float:
-    """Return a *number* of things that was computed, or raise if it overflowed: to be rounded."""
-    return check_number(name, number, 0.0, _MAX_COMPUTED)
 
 
 def as_float_vector(name: str, values: ArrayLike, length: int) -> FloatArray:
@@ -61,13 +55,6 @@ def _as_argument_array(name: str, values: ArrayLike, kind: type[_Kind]) -> NDArr
         return np.asarray(values, dtype=kind)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
-
-
-def as_phasor_array(name: str, values: ArrayLike) -> ComplexArray:
-    """Return *values* as finite complex128 of any shape, or raise."""
-    phasors = as_complex_array(name, values)
-    _check_finite_array(name, phasors)
-    return phasors
 
 
 def as_complex_array(name: str, values: ArrayLike) -> ComplexArray:

@@ -69,8 +69,7 @@ class Driver(ClosedByWith):
         :attr:`events` keep, each.  None keeps all, which is 1 GB an hour at 1 kHz.  A verdict over
         frames that were dropped is no pass.
     sink : callable, optional
-        Called with every :class:`Intended` and :class:`Observation`, kept or not: for example a
-        :class:`~haptogram.evidence.recordings.record_file.RecordFile`.
+        Called with every :class:`Intended` and :class:`Observation`, kept or not.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A transducer in time: from duty to amplitude, and how fast the amplitude follows.
+"""A transducer in time: how fast its amplitude follows.
 
 A piezoelectric transducer is a narrow resonator.  Near its resonance the complex envelope of what
 it radiates follows the commanded one as a first-order lag,
@@ -18,55 +18,13 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates, as_float_array
-from haptogram.acoustics.field.reference import propagators
+from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.drive import as_weights
-from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.solvers.focus import focus_phases
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_positive
 
 DEFAULT_BANDWIDTH_HZ: Final = 2000.0  # at -6 dB: ProWave 400PT120, a common 10 mm, 40 kHz part
-FULL_DUTY: Final = 0.5
 _MAX_BANDWIDTH_HZ: Final = 1e6
-
-
-def duty_to_amplitude(duty: ArrayLike) -> FloatArray:
-    """Return A = sin(pi D): the fundamental of a pulse train, relative to a square wave.
-
-    Parameters
-    ----------
-    duty : array_like
-        Part of the carrier period for which the output is high, 0 to 0.5.
-
-    Raises
-    ------
-    ConfigurationError
-        A duty that is not finite or outside 0 to 0.5.
-
-    Examples
-    --------
-    >>> duty_to_amplitude([0.0, 0.25, 0.5]).round(3).tolist()
-    [0.0, 0.707, 1.0]
-    """
-    values = as_float_array("duty", duty)
-    _check_duty_values("duty", values, FULL_DUTY)
-    amplitude: FloatArray = np.sin(np.pi * values)
-    return amplitude
-
-
-def amplitude_to_duty(amplitude: ArrayLike) -> FloatArray:
-    """Return D = asin(A) / pi, 0 to 0.5: the inverse of :func:`duty_to_amplitude`.
-
-    Examples
-    --------
-    >>> float(amplitude_to_duty(1.0))
-    0.5
-    """
-    values = as_float_array("amplitude", amplitude)
-    _check_duty_values("amplitude", values, 1.0)
-    duty: FloatArray = np.arcsin(values) / np.pi
-    return duty
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,53 +113,3 @@ class Resonator:
             parts.append(target + left * (state - target))
             state = parts[-1][-1]
         return np.concatenate(parts)
-
-
-def pressure_after_hop(
-    model: AcousticModel,
-    resonator: Resonator,
-    targets_m: tuple[ArrayLike, ArrayLike],
-    times_s: ArrayLike,
-) -> FloatArray:
-    """Return the rise of the pressure at a target to which the focus has just been moved.
-
-    Travel times are kept: what an element sends arrives r_n / c later, so a target is still in the
-    sound of the old focus for a while.
-
-    Parameters
-    ----------
-    targets_m : pair of (3,) array_like
-        Old focus (settled) and new focus, in metres.
-    times_s : (T,) array_like
-        Times after the command.
-
-    Returns
-    -------
-    (T,) numpy.ndarray
-        |p| at the new focus over its final value.
-
-    Examples
-    --------
-    >>> lag = Resonator.from_bandwidth(2000.0)
-    >>> pressure_after_hop(model, lag, (target, (0.03, 0.0, 0.15)), [1e-4, 1e-3]).round(1).tolist()
-    [0.0, 0.9]
-    """
-    old, new = (as_coordinates("target_m", target) for target in targets_m)
-    times = as_float_array("times_s", times_s)
-    propagator = propagators(model, new[None])[0]
-    before, after = (np.exp(1j * focus_phases(model, target)) for target in (old, new))
-    delay = np.linalg.norm(new - model.array.positions_m, axis=1) / model.medium.sound_speed_m_s
-    heard = times[:, None] - delay
-    if resonator.time_constant_s > 0.0:
-        left = np.exp(-np.maximum(heard, 0.0) / resonator.time_constant_s)
-    else:
-        left = (heard < 0.0).astype(np.float64)
-    pressure = (after + left * (before - after)) @ propagator
-    response: FloatArray = np.abs(pressure) / abs(complex(after @ propagator))
-    return response
-
-
-def _check_duty_values(name: str, values: FloatArray, limit: float) -> None:
-    if values.size and (values.min() < 0.0 or values.max() > limit):
-        worst = values.min() if values.min() < 0.0 else values.max()
-        raise ConfigurationError(f"{name} is {worst:g}, must be 0 to {limit:g}")

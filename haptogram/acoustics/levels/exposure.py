@@ -1,10 +1,9 @@
 """Sound pressure levels of an array at people, in dB SPL.
 
 What is computed: levels re 20 uPa of the linear free field, of the carrier (unweighted, as no
-weighting is defined at 40 kHz) and of what switching drives puts below 20 kHz (A-weighted, IEC
-61672-1).  What is not: the demodulation of sound, which makes an amplitude modulation heard as a
-hum (:mod:`.demodulation` estimates that in air); reflections by walls, hand and head; and any
-judgement of the levels.
+weighting is defined at 40 kHz).  What is not: what is heard of a modulation or of steps between
+drives; reflections by walls, hand and head; and any judgement of the levels.
+
 Limits for airborne ultrasound differ between bodies and countries: compare with the one that
 applies to you.
 """
@@ -16,33 +15,25 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import (
-    ComplexArray,
     FloatArray,
-    as_coordinates,
-    as_float_array,
     as_point_array,
-    check_computed_number,
 )
 from haptogram.acoustics.field.reference import FieldEngine, points_with_field
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.levels.force import level_db_spl
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
-from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import as_drive_sequence
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.own_axes import axes_about_normal, plane_axes
-from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_positive, check_whole
 
-AUDIBLE_LIMIT_HZ: Final = 20e3
 MAX_DIRECTIONS: Final = 1_000_000
 _MOST_DIRECTIONS: Final = 100_000  # unless asked for
 _CLIMBED: Final = 16  # directions; the loudest of a grid may be next to another
-LOWEST_AUDIBLE_HZ: Final = 20.0
 STATEMENT: Final = (
     "Unweighted levels of the linear free field, re 20 uPa; no reflections, no demodulated sound, "
     "no judgement. Compare with the limits that apply where the array is used."
@@ -52,10 +43,6 @@ GUIDELINE: Final = (
     "25 to 50 kHz (review: C. Q. Howard, C. H. Hansen, A. C. Zander, J. Occup. Health Saf. Aust. "
     "N. Z. 21(3), 253-257, 2004); for the public less, where there is a limit at all"
 )
-
-# Pole frequencies of the A-weighting, IEC 61672-1:2013, annex E.
-_A_POLES_HZ: Final = (20.598997, 107.65265, 737.86223, 12194.217)
-_A_OFFSET_DB: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,122 +176,6 @@ def _exposed_directions_ahead(directions: FloatArray, facing: FloatArray) -> Flo
     level = directions - back[:, None] * facing
     unit: FloatArray = level / np.linalg.norm(level, axis=1)[:, None]
     return unit
-
-
-def a_weighting_db(frequency_hz: ArrayLike) -> FloatArray:
-    """Return the A-weighting, in dB.  IEC 61672-1:2013, annex E; from 10 Hz to 20 kHz.
-
-    Raises
-    ------
-    ConfigurationError
-        A frequency outside that range.
-
-    Examples
-    --------
-    >>> a_weighting_db([100.0, 1000.0]).round(1).tolist()
-    [-19.1, 0.0]
-    """
-    frequency = as_float_array("frequency_hz", frequency_hz)
-    if frequency.size and not (frequency.min() >= 10.0 and frequency.max() <= AUDIBLE_LIMIT_HZ):
-        raise ConfigurationError(
-            f"frequency_hz runs from {frequency.min():g} to {frequency.max():g}, "
-            f"must be 10 to {AUDIBLE_LIMIT_HZ:g}"
-        )
-    square = frequency**2
-    first, second, third, fourth = (pole**2 for pole in _A_POLES_HZ)
-    gain = fourth * square**2 / ((square + first) * (square + fourth))
-    gain = gain / np.sqrt((square + second) * (square + third))
-    level: FloatArray = 20.0 * np.log10(gain) + _A_OFFSET_DB
-    return level
-
-
-def switching_level_db_a(
-    engine: FieldEngine,
-    weights: ArrayLike,
-    place_m: ArrayLike,
-    frame_s: float,
-    resonator: Resonator,
-) -> float:
-    """Return the A-weighted level, at one place, of the sound below 20 kHz of switching drives.
-
-    The pressure is Re p(t) e^{-j w t}; a step of the envelope p has a spectrum that falls off only
-    as 1 / f^2 behind the transducers' lag, and its far tail, 20 to 40 kHz off the carrier, is
-    audible.
-    Exact Fourier coefficients of the repeated sequence, one per multiple of its repetition rate.
-
-    Parameters
-    ----------
-    weights : (F, N) array_like of complex
-        The drives, each held for *frame_s*.
-    place_m : (3,) array_like
-        Place, in metres.
-    resonator : Resonator
-        Envelope of the transducers.
-
-    Returns
-    -------
-    float
-        dB(A) re 20 uPa; minus infinity for a single drive.
-
-    Raises
-    ------
-    ConfigurationError
-        No drive, a duration that is not above 0, or a sequence whose lines would not fit.
-
-    Examples
-    --------
-    >>> other = np.exp(1j * focus_phases(model, (0.03, 0.0, 0.15)))
-    >>> lag = Resonator.from_bandwidth(2000.0)
-    >>> 0.0 < switching_level_db_a(engine, [weights, other], (0.0, -0.4, 0.4), 1e-3, lag) < 140.0
-    True
-    """
-    drives = as_drive_sequence(weights, engine.model.array.count)
-    settled = engine.pressure(drives, as_coordinates("place_m", place_m)[None])[:, 0]
-    period_s = len(drives) * check_positive("frame_s", frame_s)
-    if len(drives) == 1:
-        return -math.inf
-    frequency_hz, lines = _audible_lines(settled, period_s, engine.model.frequency_hz, resonator)
-    weighting = 10.0 ** (a_weighting_db(frequency_hz) / 20.0)
-    return level_db_spl(math.sqrt(0.5 * float(np.sum((weighting * np.abs(lines)) ** 2))))
-
-
-def _audible_lines(
-    settled: ComplexArray, period_s: float, carrier_hz: float, resonator: Resonator
-) -> tuple[FloatArray, ComplexArray]:
-    """Return frequencies and peak values of the lines of Re p(t) e^{-j w t} from 20 Hz to 20 kHz.
-
-    With e^{-j w t} a component e^{+j 2 pi m t / T} of the envelope lies at f0 - m / T; below zero
-    it is the conjugate of the line at the opposite frequency, to which it adds.
-    """
-    highest = check_computed_number("highest line", (carrier_hz + AUDIBLE_LIMIT_HZ) * period_s)
-    first, last = math.ceil((carrier_hz - AUDIBLE_LIMIT_HZ) * period_s), math.floor(highest)
-    check_array_memory("lines", (last + 1 - first,), 128)
-    orders = np.arange(first, last + 1)
-    offset_hz = orders / period_s
-    lines = _audible_step_series(settled, orders) / (
-        1.0 + 2.0j * np.pi * offset_hz * resonator.time_constant_s
-    )
-    frequency_hz = carrier_hz - offset_hz
-    lines = np.where(frequency_hz < 0.0, np.conj(lines), lines)
-    # A whole number of carrier periods in the sequence puts both kinds at the same frequencies.
-    keys, where = np.unique(np.round(np.abs(frequency_hz), 3), return_inverse=True)
-    sums = np.zeros(len(keys), dtype=np.complex128)
-    np.add.at(sums, where, lines)
-    heard = keys >= LOWEST_AUDIBLE_HZ
-    return np.minimum(keys[heard], AUDIBLE_LIMIT_HZ), sums[heard]
-
-
-def _audible_step_series(values: ComplexArray, orders: NDArray[np.int64]) -> ComplexArray:
-    """Return the Fourier coefficients of a staircase, one per non-zero order.
-
-    c_m = (1/T) int p(t) e^{-j 2 pi m t / T} dt; a staircase of F equal steps repeats its discrete
-    transform under a sinc.
-    """
-    count = len(values)
-    discrete = np.fft.fft(values)[orders % count] / count
-    hold = np.sinc(orders / count) * np.exp(-1j * np.pi * orders / count)
-    series: ComplexArray = discrete * hold
-    return series
 
 
 def half_sphere_directions(

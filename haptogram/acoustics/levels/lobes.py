@@ -1,4 +1,4 @@
-"""Grating lobes: where an array coarser than half a wavelength radiates besides its target."""
+"""Secondary lobes: where an array coarser than half a wavelength radiates besides its target."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import MAX_POINT_M, FloatArray, as_coordinates
+from haptogram.acoustics.arrays import FloatArray, as_coordinates
 from haptogram.acoustics.field.reference import (
     FieldEngine,
     check_field_points,
@@ -18,42 +18,11 @@ from haptogram.acoustics.field.reference import (
 )
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
 from haptogram.acoustics.model.drive import as_drive
-from haptogram.acoustics.model.model import AcousticModel
-from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number
 
 _POINTS_PER_WAVELENGTH: Final = 3
 _CLIMBED: Final = 8  # maxima of the grid
 _MAX_HALF_WIDTH_M: Final = 0.5
-_MIN_HEIGHT_M: Final = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class GratingLobe:
-    """One direction, besides the steered one, in which all elements add up.
-
-    Attributes
-    ----------
-    order : (int, int)
-        Orders along the array's own x and y; (0, 0) is the main lobe and not listed.
-    direction : (float, float, float)
-        Unit vector from the array's centre, in the world.
-    angle_deg : float
-        Angle to the array's own z.
-    level_db : float
-        Directivity there over the directivity in the steered direction.
-
-    Examples
-    --------
-    >>> sparse = AcousticModel(TransducerArray.grid(8, 8, pitch_m=0.02), Medium.air(), Transducer())
-    >>> max(lobe.level_db for lobe in grating_lobes(sparse, target)) < 0.0
-    True
-    """
-
-    order: tuple[int, int]
-    direction: tuple[float, float, float]
-    angle_deg: float
-    level_db: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,39 +45,6 @@ class SecondaryLobe:
 
     position_m: tuple[float, float, float]
     level_db: float
-
-
-def grating_lobes(model: AcousticModel, target_m: ArrayLike) -> list[GratingLobe]:
-    """Return the grating lobes of a planar grid, wherever it lies and faces, the loudest first.
-
-    Far-field directions sin = sin0 + m lambda / pitch along each axis, as far as they radiate.
-    A focus at a finite distance blurs them, and they leave a grid of few elements early.
-
-    Raises
-    ------
-    ConfigurationError
-        If the array is not a regular grid, whose pitch is known; a target that is not above it,
-        along its own z.
-
-    Examples
-    --------
-    >>> grating_lobes(model, (0.0, 0.0, 0.3))[0].order
-    (-1, 0)
-    """
-    pitch = model.array.pitch_m
-    if pitch is None or model.array.grid_shape is None:
-        raise ConfigurationError("the array is not a regular grid: it has no grating lobes")
-    steered = model.array.local_m(as_coordinates("target_m", target_m))
-    check_number("height of the target", steered[2], _MIN_HEIGHT_M, MAX_POINT_M)
-    steered = steered / np.linalg.norm(steered)
-    step = model.wavelength_m / pitch
-    orders = range(-math.ceil(2.0 / step), math.ceil(2.0 / step) + 1)
-    lobes = [
-        _grating_lobe(model, steered, (m, n), steered[:2] + step * np.array([m, n]))
-        for m, n in itertools.product(orders, orders)
-        if (m, n) != (0, 0) and np.hypot(steered[0] + m * step, steered[1] + n * step) < 1.0
-    ]
-    return sorted(lobes, key=lambda lobe: (-lobe.level_db, lobe.order))
 
 
 def largest_secondary_lobe(
@@ -158,21 +94,6 @@ def largest_secondary_lobe(
     focus = abs(complex(engine.pressure(drive, target[None])[0]))
     x_m, y_m, z_m = top_m.tolist()
     return SecondaryLobe((x_m, y_m, z_m), 20.0 * math.log10(found / focus))
-
-
-def _grating_lobe(
-    model: AcousticModel, steered: FloatArray, order: tuple[int, int], sines: FloatArray
-) -> GratingLobe:
-    cosine = math.sqrt(1.0 - float(sines @ sines))
-    gain = model.transducer.directivity.gain(np.array([cosine, steered[2]]), model.wavenumber)
-    ratio = abs(float(gain[0])) / max(abs(float(gain[1])), 1e-300)
-    x, y, z = (np.append(sines, cosine) @ model.array.axes).tolist()
-    return GratingLobe(
-        order,
-        (x, y, z),
-        math.degrees(math.acos(cosine)),
-        20.0 * math.log10(max(ratio, 1e-15)),
-    )
 
 
 def _lobe_maxima(level: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

@@ -19,7 +19,6 @@ from haptogram.acoustics.field import reference
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import check_positive
 
 _GRADIENT_STEP_M: Final = 1e-5
 _MAX_STEPS: Final = 400  # a steered focus of a small aperture creeps along its ridge
@@ -239,19 +238,3 @@ def _pressure_peak_derivatives(values: FloatArray, width: float) -> tuple[FloatA
             4.0 * width**2
         )
     return slope, hessian
-
-
-def paraxial_focal_shift_m(model: AcousticModel, distance_m: float) -> float:
-    """Return the paraxial shift -45 F^3 / (2 k^2 a^4) of a square aperture of half-width a.
-
-    For comparison only: it ignores the directivity and is 26 % too large at 400 mm (16 x 16).
-
-    Examples
-    --------
-    >>> f"{1e3 * paraxial_focal_shift_m(model, 0.15):.2f} mm"
-    '-3.47 mm'
-    """
-    half = float(model.array.half_extent_m[:2].max()) + (model.array.pitch_m or 0.0) / 2.0
-    check_positive("half-width of the array", half)
-    distance_m = check_positive("distance_m", distance_m)
-    return -45.0 * distance_m**3 / (2.0 * model.wavenumber**2 * math.pow(half, 4))

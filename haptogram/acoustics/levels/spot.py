@@ -1,4 +1,4 @@
-"""The size of a focal spot, measured in the field and predicted from the geometry."""
+"""The size of a focal spot, measured in the field."""
 
 from __future__ import annotations
 
@@ -10,17 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import FloatArray, as_coordinates
-from haptogram.acoustics.field.reference import FieldEngine, pressure_level_in_front, propagators
-from haptogram.acoustics.levels.shift import focal_shift_covariance
+from haptogram.acoustics.field.reference import FieldEngine, pressure_level_in_front
 from haptogram.acoustics.model.drive import as_drive
-from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
 _HALF_POWER: Final = 10.0 ** (-3.0 / 20.0)
 _HALF_PRESSURE: Final = 10.0 ** (-6.0 / 20.0)
 
-# Where exp(-x^2 / 2) is 3 dB down.
-_GAUSSIAN_HALF_WIDTH: Final = math.sqrt(3.0 * math.log(10.0) / 10.0)
 _STEPS_PER_WAVELENGTH: Final = 32
 _LATERAL_REACH: Final = 8.0  # wavelengths
 _AXIAL_REACH: Final = 40.0
@@ -77,28 +73,6 @@ def measure_spot(engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike) -
     depth, peak = _axial_spot(engine, drive, target)
     (three_x, six_x, null_x), (three_y, six_y, null_y) = sides
     return FocalSpot((three_x, three_y), (six_x, six_y), (null_x, null_y), depth, peak)
-
-
-def predict_spot_width_m(model: AcousticModel, target_m: ArrayLike) -> tuple[float, float]:
-    """Return the -3 dB widths along the own x and y from the spread of directions of arrival.
-
-    2 x 0.831 / (k sqrt(C_xx)): the curvature of the main lobe, continued as a Gaussian.  Good to
-    4 % at 50 to 200 mm from a 16 x 16 array; infinite along an axis without elements.
-
-    Examples
-    --------
-    >>> [f"{1e3 * width:.1f} mm" for width in predict_spot_width_m(model, target)]
-    ['8.7 mm', '8.7 mm']
-    """
-    target = as_coordinates("target_m", target_m)
-    shares = np.abs(propagators(model, target[None]))[0]
-    axes = model.array.axes
-    covariance = axes @ focal_shift_covariance(model, target, shares) @ axes.T
-    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    widths = [
-        2.0 * _GAUSSIAN_HALF_WIDTH / (model.wavenumber * s) if s > 0.0 else math.inf for s in spread
-    ]
-    return widths[0], widths[1]
 
 
 def _lateral_spot(

@@ -257,15 +257,6 @@ def as_drives(weights: ArrayLike, count: int) -> ComplexArray:
     return drives
 
 
-def as_single_drives(weights: ArrayLike, count: int) -> NDArray[np.complex64]:
-    """Return :func:`as_drives` in single precision; what already is so is not copied."""
-    if not (isinstance(weights, np.ndarray) and weights.dtype == np.complex64):
-        return as_drives(weights, count).astype(np.complex64)
-    check_array_magnitudes("weights", weights, _MAX_WEIGHT)
-    _check_drives(weights, count)
-    return weights
-
-
 def _check_drives(drives: NDArray[np.complexfloating], count: int) -> None:
     if drives.ndim not in (1, 2) or drives.shape[-1] != count:
         raise ConfigurationError(f"weights have shape {drives.shape}, must end in {count} elements")

@@ -7,7 +7,6 @@ propagators from elements to foci, `a` the wanted relative amplitudes, `w` the d
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 
@@ -18,7 +17,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_float_vector
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.parallel import ParallelPistons
 from haptogram.acoustics.field.reference import propagators
-from haptogram.acoustics.model.drive import as_drive, saturated_weights
+from haptogram.acoustics.model.drive import saturated_weights
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import check_focus_targets, superpose_foci
 from haptogram.errors import ConfigurationError
@@ -315,56 +314,3 @@ def _clip_solved_drive(drive: ComplexArray) -> ComplexArray:
     """Return *drive* with magnitudes of at most 1."""
     clipped: ComplexArray = drive / np.maximum(np.abs(drive), 1.0)
     return clipped
-
-
-@dataclass(frozen=True, slots=True)
-class SolverQuality:
-    """Efficiency and uniformity of the foci of a drive.
-
-    Attributes
-    ----------
-    efficiency : float
-        sum_i (|p_i| / sum_n |g_in|)^2: 1 is all the power of one perfect focus.
-    uniformity : float
-        1 - (max - min) / (max + min) of (|p_i| / a_i)^2: 1 if all are as wanted.
-
-    Examples
-    --------
-    >>> pair = [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)]
-    >>> found = solver_quality(model, solve_foci(model, pair), pair, [1.0, 1.0])
-    >>> found.uniformity > 0.99
-    True
-    """
-
-    efficiency: float
-    uniformity: float
-
-
-def solver_quality(
-    model: AcousticModel, weights: ArrayLike, points_m: ArrayLike, amplitudes: ArrayLike
-) -> SolverQuality:
-    """Return efficiency and uniformity of a drive (R. Di Leonardo et al., 2007, eq. 2).
-
-    Raises
-    ------
-    ConfigurationError
-        Shapes that do not fit each other or the array; no focus, one that no element reaches, or
-        no sound at any; amplitudes out of range.
-
-    Examples
-    --------
-    >>> pair = [(-0.03, 0.0, 0.15), (0.03, 0.0, 0.15)]
-    >>> solver_quality(model, solve_foci(model, pair), pair, [1.0, 1.0]).uniformity > 0.99
-    True
-    """
-    points = as_point_array("points_m", points_m)
-    wanted = as_float_vector("amplitudes", amplitudes, len(points))
-    check_whole("number of foci", len(points), 1, _MAX_FOCI)
-    _check_foci_levels(wanted)
-    drive, matrix = as_drive(weights, model.array.count), _solver_propagators(model, points)
-    level = np.abs(matrix @ drive)
-    if not level.max() > 0.0:
-        raise ConfigurationError("no sound at any focus")
-    intensity = (level / wanted) ** 2
-    spread = float(np.ptp(intensity)) / float(intensity.max() + intensity.min())
-    return SolverQuality(float(((level / np.abs(matrix).sum(axis=1)) ** 2).sum()), 1.0 - spread)

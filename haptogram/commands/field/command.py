@@ -44,7 +44,7 @@ examples:
   haptogram field --object circle --radius-mm 20 --plane xy --picture circle.png
       what a hand feels over one pass: mean square over the sequence, with narrow transducers
   haptogram field --ear-mm --modulation am
-      what reaches an ear: ultrasound in dB SPL, what is audible of a 200 Hz modulation in dB(A)
+      what reaches an ear of a focus that is modulated at 200 Hz, in dB SPL
   haptogram field --drive drive.csv --at-mm 10,0,120 --plane xy --picture drive.svg
       a drive as codes, a header phase,amplitude and one line for each element, around a place
 
@@ -69,8 +69,7 @@ class FieldConfig(Settings):
         ModulationConfig,
         "modulation",
         default="am",
-        help="for what is audible at --ear-mm: amplitude, lateral, or spatio-temporal along a "
-        "circle",
+        help="of what reaches --ear-mm: amplitude, lateral, or spatio-temporal along a circle",
     )
     plane: str = option("xz", choices=PLANES, help="axes of a plane")
     quantity: str = option(
@@ -178,8 +177,8 @@ def _add_field_picture(parser: Parser) -> None:
         nargs="?",
         const=EAR_MM,
         metavar="X,Y,Z",
-        help="also print the levels at an ear [0,-300,400: before the array, bent over it]: of the "
-        "ultrasound, next to a guideline, and of what is audible; a focus is modulated",
+        help="also print the levels at an ear [0,-300,400: before the array, bent over it], next "
+        "to a guideline; a focus is modulated",
     )
     group.add_argument("--quiet", action="store_true", help="no progress and no text")
 

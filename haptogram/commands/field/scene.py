@@ -19,10 +19,8 @@ from haptogram.acoustics import (
     Resonator,
     check_focus_target,
     choose_engine,
-    demodulated_level_db_a,
     exposure_at,
     focus_phases,
-    switching_level_db_a,
 )
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import pressure_level_in_front
@@ -202,7 +200,7 @@ def describe_field_levels(arguments: argparse.Namespace, scene: FieldScene) -> I
 
 
 def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> Iterator[str]:
-    """Yield the audible sound level at the listener's position."""
+    """Yield the levels of the ultrasound at the listener's position."""
     engine, lag = choose_engine(scene.model), Resonator.from_bandwidth()
     ear = metres_of_position(arguments.ear_mm)
     distance_m = math.dist(ear, scene.model.array.centre_m)
@@ -220,13 +218,6 @@ def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> 
         f"{exposure.equivalent_db_spl:.1f} dB SPL on average (Leq)"
     )
     yield from textwrap.wrap(GUIDELINE, 98, initial_indent="    ", subsequent_indent="    ")
-    switching = switching_level_db_a(engine, weights, ear, scene.frame_s, lag)
-    yield f"  audible, by the steps from drive to drive: {_audible_field_level_text(switching)}"
-    hum = demodulated_level_db_a(engine, weights, distance_m, scene.frame_s, lag)
-    yield (
-        f"  audible, demodulated by the air: {_audible_field_level_text(hum)} at most "
-        "(Berktay's law, on the axis of the beam)"
-    )
 
 
 def _sequence_of_scene(
@@ -241,7 +232,3 @@ def _sequence_of_scene(
     name = arguments.modulation.upper()
     what = f"{name} at {arguments.modulation_hz:g} Hz, {arguments.rate_hz:g} frames/s"
     return modulated_field_scene(arguments, scene).weights(scene.model), what
-
-
-def _audible_field_level_text(level_db_a: float) -> str:
-    return f"{level_db_a:.1f} dB(A)" if level_db_a >= 0.0 else "below 0 dB(A)"

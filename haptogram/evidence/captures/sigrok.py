@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import configparser
 import re
-import struct
 import zipfile
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +20,6 @@ from .capture import MOST_EDGES, Capture, ChannelEdges
 _BLOCK: Final = 4 << 20  # bytes of samples at a time
 _RATE: Final = re.compile(r"\s*([0-9.]+)\s*([kMG]?)(?:Hz)?\s*")
 _FACTORS: Final = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
-_LOCAL: Final = struct.Struct("<4s5H3I2H")  # header of an entry, APPNOTE 4.3.7
-_LOCAL_MAGIC: Final = b"PK\x03\x04"
-_DEFLATED: Final = 8
 _MOST_BYTES: Final = 4 << 30
 _MOST_METADATA: Final = 1 << 20
 
@@ -40,22 +35,20 @@ class _Metadata:
 def read_sigrok(path: Path) -> Capture:
     """Return the edges of all logic channels; a tick is a sample.
 
-    A file that was cut off is read as far as its samples come; :attr:`Capture.cut` tells.
-
     Raises
     ------
     ConfigurationError
-        A file that cannot be read or is no such session.
+        A file that cannot be read, is no such session, or was cut off.
     """
     try:
-        try:
-            with zipfile.ZipFile(path) as archive:
-                return _read_whole_sigrok(path, archive)
-        except (zipfile.BadZipFile, EOFError) as error:
-            with path.open("rb") as file:
-                return _read_cut_sigrok(path, file, str(error))
+        with zipfile.ZipFile(path) as archive:
+            return _read_whole_sigrok(path, archive)
     except OSError as error:
         raise unreadable_file(path, error, "capture") from error
+    except (zipfile.BadZipFile, EOFError) as error:
+        raise ConfigurationError(
+            f"{path}: no session file of sigrok, or one that was cut off ({error}); save it again"
+        ) from error
     except (zlib.error, NotImplementedError, RuntimeError) as error:
         raise ConfigurationError(f"{path}: the samples are damaged; capture again") from error
 
@@ -70,64 +63,16 @@ def _read_whole_sigrok(path: Path, archive: zipfile.ZipFile) -> Capture:
     samples = _SigrokSamples(path, found)
     parts = [(_sigrok_part(found.prefix, name), name) for name in names]
     size = sum(archive.getinfo(name).file_size for part, name in parts if part is not None)
-    _check_sigrok_size(path, size)
-    for _, name in sorted((part, name) for part, name in parts if part is not None):
-        with archive.open(name) as entry:
-            while block := entry.read(_BLOCK // found.unit_size * found.unit_size):
-                samples.take(block)
-    return samples.capture("")
-
-
-def _check_sigrok_size(path: Path, size: int) -> None:
-    """Raise ConfigurationError for more bytes of samples than are read in a minute."""
     if size > _MOST_BYTES:
         raise ConfigurationError(
             f"{path}: {size / 2**30:.3g} GiB of samples, can be {_MOST_BYTES >> 30} GiB; capture "
             "a shorter time, fewer channels, or at a lower rate"
         )
-
-
-def _read_cut_sigrok(path: Path, file: BinaryIO, why: str) -> Capture:
-    """Read the entries one after the other, without the directory at the end of the file."""
-    samples: _SigrokSamples | None = None
-    found: _Metadata | None = None
-    for name, blocks in _sigrok_entries(file):
-        if name == "metadata":
-            found = _sigrok_metadata(path, b"".join(blocks))
-            samples = _SigrokSamples(path, found)
-        elif (
-            found is not None
-            and samples is not None
-            and _sigrok_part(found.prefix, name) is not None
-        ):
-            for block in blocks:
+    for _, name in sorted((part, name) for part, name in parts if part is not None):
+        with archive.open(name) as entry:
+            while block := entry.read(_BLOCK // found.unit_size * found.unit_size):
                 samples.take(block)
-        else:
-            for _ in blocks:
-                pass
-    if samples is None:
-        raise ConfigurationError(f"{path}: no session file of sigrok ({why})")
-    return samples.capture("the file has no directory: it was cut off")
-
-
-def _sigrok_entries(file: BinaryIO) -> Iterator[tuple[str, Iterator[bytes]]]:
-    while len(head := file.read(_LOCAL.size)) == _LOCAL.size:
-        magic, _, flags, method, _, _, _, size, _, name_length, extra = _LOCAL.unpack(head)
-        if magic != _LOCAL_MAGIC or flags & 8 or method not in (0, _DEFLATED):
-            return  # the directory, or sizes that only it knows
-        name = file.read(name_length).decode("ascii", "replace")
-        file.read(extra)
-        begin = file.tell()
-        yield name, _sigrok_blocks(file, size, deflated=method == _DEFLATED)
-        file.seek(begin + size)
-
-
-def _sigrok_blocks(file: BinaryIO, size: int, *, deflated: bool) -> Iterator[bytes]:
-    inflater = zlib.decompressobj(-15)
-    while size and (data := file.read(min(size, 1 << 16))):
-        size -= len(data)
-        if block := inflater.decompress(data) if deflated else data:
-            yield block
+    return samples.capture()
 
 
 def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
@@ -187,7 +132,6 @@ class _SigrokSamples:
             self._firsts = self._last = samples[0].copy()
         for byte in range(size):
             self._take_byte(byte, samples[:, byte])
-        _check_sigrok_size(self._path, self._taken * size)
         self._last = samples[-1].copy()
         self._taken += len(samples)
         if self._edges > MOST_EDGES:
@@ -208,15 +152,14 @@ class _SigrokSamples:
                 self._times[bit].append(found + self._taken)
                 self._edges += len(found)
 
-    def capture(self, cut: str) -> Capture:
+    def capture(self) -> Capture:
         """Return everything that was taken."""
         if not self._taken:
-            raise ConfigurationError(f"{self._path}: no samples{f' ({cut})' if cut else ''}")
+            raise ConfigurationError(f"{self._path}: no samples")
         channels = {}
         for bit, name in self._metadata.probes.items():
             first = bool(self._firsts[bit // 8] >> (bit % 8) & 1)
             channels[name] = ChannelEdges(np.concatenate(self._times.pop(bit)), first)
         rate_hz = self._metadata.rate_hz
-        if self._rest:
-            cut = cut or "the last sample is not whole"
+        cut = "the last sample is not whole" if self._rest else ""
         return Capture(self._path, channels, 1.0 / rate_hz, self._taken - 1, rate_hz, cut)

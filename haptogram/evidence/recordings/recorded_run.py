@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -43,38 +42,18 @@ class RecordedRun:
     incomplete: str = ""
 
 
-class WrittenDrives:
-    """Writes a drive once: what comes again is named by the place of the frame that had it first.
-
-    Parameters
-    ----------
-    most : int, optional
-        Drives that are remembered, the last ones; by default all.
-    """
-
-    def __init__(self, most: float = math.inf) -> None:
-        self._most = most
-        self._places: dict[Drive, int] = {}
-
-    def fields_of(self, place: int, drive: Drive) -> dict[str, Any]:
-        """Return the fields for *drive* of the frame at *place*."""
-        if (first := self._places.get(drive)) is not None:
-            return {"drive_of": first}
-        if len(self._places) >= self._most:
-            del self._places[next(iter(self._places))]
-        self._places[drive] = place
-        return Codes.of(drive).as_record()
-
-
 def record_intended(
     writer: RecordingWriter, model: AcousticModel, intended: Sequence[Intended]
 ) -> None:
     """Write array, air and frames of a run; a drive that comes again is written once."""
     fields = {**model_record_fields(model), _COUNT: len(intended)}
     writer.document(MODEL, writer.last_ns, fields)
-    drives = WrittenDrives()
+    firsts: dict[Drive, int] = {}
     for frame in intended:
-        fields = intended_fields(frame) | drives.fields_of(frame.number, frame.drive)
+        first = firsts.setdefault(frame.drive, frame.number)
+        is_new = first == frame.number
+        drive = Codes.of(frame.drive).as_record() if is_new else {"drive_of": first}
+        fields = _intended_fields(frame) | drive
         writer.document(INTENDED, writer.host_ns(frame.t_apply_us), fields)
 
 
@@ -96,7 +75,7 @@ def recorded_run(recording: Recording) -> RecordedRun:
             model, count = board_model_of_evidence(fields), fields.get(_COUNT)
             continue
         try:
-            frame = intended_of_fields(fields, fields["number"], drives)
+            frame = _intended_of_fields(fields, drives)
         except _UNREADABLE as error:
             why = f"lacks the field {error}" if isinstance(error, KeyError) else error
             number = fields.get("number", f"at {entry.t_ns} ns")
@@ -130,8 +109,8 @@ def _why_recording_incomplete(recording: Recording, found: int, count: int | Non
     return recording.note
 
 
-def intended_fields(frame: Intended) -> dict[str, Any]:
-    """Return the fields by which every file holds *frame*, but for its drive."""
+def _intended_fields(frame: Intended) -> dict[str, Any]:
+    """Return the fields by which a recording holds *frame*, but for its drive."""
     return {
         **dataclasses.asdict(frame.key),
         "number": frame.number,
@@ -146,8 +125,8 @@ def intended_fields(frame: Intended) -> dict[str, Any]:
     }
 
 
-def intended_of_fields(fields: Mapping[str, Any], place: int, drives: dict[int, Drive]) -> Intended:
-    """Return the frame at *place*, whose drive may be that of an earlier one, and keep its drive.
+def _intended_of_fields(fields: Mapping[str, Any], drives: dict[int, Drive]) -> Intended:
+    """Return a frame, whose drive may be that of an earlier one, and keep its drive.
 
     Raises
     ------
@@ -157,7 +136,8 @@ def intended_of_fields(fields: Mapping[str, Any], place: int, drives: dict[int, 
     earlier = fields.get("drive_of")
     if earlier is not None and earlier not in drives:
         raise ConfigurationError(f"its drive is that of frame {earlier}, which the recording lacks")
-    drives[place] = drive = drive_of_record(fields) if earlier is None else drives[earlier]
+    drive = drive_of_record(fields) if earlier is None else drives[earlier]
+    drives[fields["number"]] = drive
     return Intended(
         number=fields["number"],
         key=FrameKey.from_record(fields),

@@ -25,14 +25,12 @@ from haptogram.acoustics import (
     find_pressure_peak,
     focus_phases,
     force_on_disc_n,
-    grating_lobes,
     largest_secondary_lobe,
     measure_spot,
     predict_focal_shift,
     solve_foci,
     worst_exposure,
 )
-from haptogram.acoustics.levels.spot import predict_spot_width_m
 from haptogram.acoustics.model.own_axes import array_axes
 from haptogram.acoustics.reconstruct.acquisition import FocusAcquisition
 from haptogram.acoustics.reconstruct.cells import cell_phasors, search_cells, search_volume
@@ -342,18 +340,6 @@ def test_the_largest_secondary_lobe_moves_with_the_array(name, turn):
 
 
 @pytest.mark.parametrize("turn", TURNS)
-def test_grating_lobes_move_with_the_array(turn):
-    pose, target = TURNS[turn], np.array([0.03, 0.02, 0.12])
-    there = model_of(GRID.array.moved(pose.turn, pose.shift_m))
-    expected, found = grating_lobes(GRID, target), grating_lobes(there, pose.points(target))
-    assert len(found) == len(expected) > 0
-    for lobe, other in zip(found, expected, strict=True):
-        assert lobe.order == other.order
-        assert lobe.direction == pytest.approx(pose.turn @ other.direction, abs=1e-9)
-        assert lobe.level_db == pytest.approx(other.level_db, abs=1e-9)
-
-
-@pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("name", ["grid", "5x5", "bowl", "scattered"])
 def test_spot_shift_force_and_loudest_place_move_with_the_array(name, turn):
     pose, array, target = TURNS[turn], ARRAYS[name], np.array([0.01, 0.02, 0.1])
@@ -362,9 +348,6 @@ def test_spot_shift_force_and_loudest_place_move_with_the_array(name, turn):
     spots = [measure_spot(NumpyEngine(m), weights, x) for m, x in ((here, target), (there, place))]
     assert spots[1].width_6db_m == pytest.approx(spots[0].width_6db_m, rel=1e-6)
     assert spots[1].depth_3db_m == pytest.approx(spots[0].depth_3db_m, rel=1e-6, nan_ok=True)
-    assert predict_spot_width_m(there, place) == pytest.approx(
-        predict_spot_width_m(here, target), rel=1e-9
-    )
     assert force_on_disc_n(there, weights, place) == pytest.approx(
         force_on_disc_n(here, weights, target), rel=1e-9
     )

@@ -5,7 +5,6 @@ import contextlib
 import numpy as np
 import pytest
 
-from haptogram import RecordFile
 from haptogram.acoustics import AcousticModel
 from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.driver.driver import Driver
@@ -200,14 +199,6 @@ def test_an_event_is_one_of_the_board():
     said = r"event is 5, must be an event, as in Driver\.events"
     with Driver(BoardPort(model=MODEL)) as driver, pytest.raises(ConfigurationError, match=said):
         driver.time_of_event_us(5)
-
-
-def test_a_record_file_takes_records_until_it_is_closed(tmp_path):
-    said = "entry is 5, must be an Intended or an Observation"
-    with RecordFile(tmp_path / "run.jsonl") as file, pytest.raises(ConfigurationError, match=said):
-        file(5)
-    with pytest.raises(ConfigurationError, match=r"run.jsonl: the record file was closed"):
-        file(intend(MODEL, PLACE))
 
 
 def test_a_board_in_this_program_wants_its_url_handler(monkeypatch):

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import (
     AcousticModel,
-    CircularPiston,
     Medium,
     NumpyEngine,
     PointSource,
@@ -18,13 +17,12 @@ from haptogram.acoustics import (
     focus_phases,
     pressure,
 )
-from haptogram.acoustics.levels.lobes import grating_lobes, largest_secondary_lobe
+from haptogram.acoustics.levels.lobes import largest_secondary_lobe
 from haptogram.acoustics.levels.shift import (
     find_pressure_peak,
-    paraxial_focal_shift_m,
     predict_focal_shift,
 )
-from haptogram.acoustics.levels.spot import measure_spot, predict_spot_width_m
+from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import hemisphere_targets, targets
 
@@ -42,21 +40,21 @@ def peak(model, target):
     return find_pressure_peak(NumpyEngine(model), focus(model, target), target)
 
 
-# On the axis, in mm: 1/r only, 1/r and directivity, the paraxial formula.
+# On the axis, in mm: 1/r only, 1/r and directivity.
 AXIAL_SHIFTS = [
-    (0.050, -0.82, 0.35, -0.13),
-    (0.075, -1.35, -0.02, -0.43),
-    (0.100, -2.17, -0.67, -1.02),
-    (0.150, -4.97, -3.15, -3.46),
-    (0.200, -9.73, -7.69, -8.19),
-    (0.250, -16.8, -14.7, -16.0),
-    (0.300, -26.4, -24.4, -27.7),
-    (0.400, -53.6, -52.4, -65.6),
+    (0.050, -0.82, 0.35),
+    (0.075, -1.35, -0.02),
+    (0.100, -2.17, -0.67),
+    (0.150, -4.97, -3.15),
+    (0.200, -9.73, -7.69),
+    (0.250, -16.8, -14.7),
+    (0.300, -26.4, -24.4),
+    (0.400, -53.6, -52.4),
 ]
 
 
-@pytest.mark.parametrize(("z", "plain", "shift", "paraxial"), AXIAL_SHIFTS)
-def test_the_maximum_on_the_axis_is_where_it_was_found_before(z, plain, shift, paraxial):
+@pytest.mark.parametrize(("z", "plain", "shift"), AXIAL_SHIFTS)
+def test_the_maximum_on_the_axis_is_where_it_was_found_before(z, plain, shift):
     target = np.array([0.0, 0.0, z])
     own = MODEL.with_sound_speed(AIR_M_S)
     omni = AcousticModel(MODEL.array, Medium(AIR_M_S, 1.204), Transducer(PointSource()))
@@ -64,9 +62,6 @@ def test_the_maximum_on_the_axis_is_where_it_was_found_before(z, plain, shift, p
         found = peak(model, target) - target
         assert found[2] * 1e3 == pytest.approx(expected, abs=0.01 + 0.0025 * abs(expected))
         assert np.abs(found[:2]).max() < 1e-9
-    assert paraxial_focal_shift_m(own, z) * 1e3 == pytest.approx(
-        paraxial, abs=0.006 + 0.002 * z * 1e3
-    )
 
 
 @pytest.mark.parametrize(("z", "shift"), [(0.1, -0.50), (0.2, -6.4)])
@@ -173,7 +168,6 @@ def test_the_spot_has_the_size_that_was_measured_before(z, three, six, null, bel
     from_target = np.array(spot.depth_3db_m) + np.array([-1, 1]) * spot.axial_peak_m
     assert 1e3 * from_target == pytest.approx([below, above], rel=0.035)
     assert spot.axial_peak_m == pytest.approx(peak(MODEL, target)[2] - z, abs=0.3e-3)
-    assert predict_spot_width_m(MODEL, target)[0] == pytest.approx(spot.width_3db_m[0], rel=0.045)
 
 
 def test_a_wide_array_makes_a_narrow_spot_across_its_width():
@@ -184,8 +178,6 @@ def test_a_wide_array_makes_a_narrow_spot_across_its_width():
         (x, y), (across, along) = (getattr(spot, name) for spot in spots)
         assert (across, along) == pytest.approx((y, x), rel=1e-9)
         assert y > 1.5 * x
-    for model, spot in zip((wide, deep), spots, strict=True):
-        assert predict_spot_width_m(model, target) == pytest.approx(spot.width_3db_m, rel=0.06)
 
 
 def test_far_away_the_spot_is_that_of_a_square_aperture():
@@ -200,43 +192,6 @@ def test_far_away_the_spot_is_that_of_a_square_aperture():
     assert spot.width_3db_m[0] == pytest.approx(0.886 * unit, rel=0.01)
     assert spot.width_6db_m[1] == pytest.approx(1.207 * unit, rel=0.01)
     assert math.isnan(spot.null_to_null_m[0])
-
-
-@pytest.mark.parametrize(
-    ("pitch", "angle", "level"), [(0.010, 59.1, 0.24), (0.0105, 54.8, 0.29), (0.01125, 49.7, 0.35)]
-)
-def test_grating_lobes_of_an_array_that_looks_ahead(pitch, angle, level):
-    model = AcousticModel.default(pitch_m=pitch).with_sound_speed(AIR_M_S)
-    lobes = grating_lobes(model, (0.0, 0.0, 0.1))
-    assert {lobe.order for lobe in lobes} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
-    for lobe in lobes:
-        assert lobe.angle_deg == pytest.approx(angle, abs=0.06)
-        assert 10 ** (lobe.level_db / 20) == pytest.approx(level, abs=0.006)
-
-
-def test_a_fine_array_has_no_grating_lobes():
-    assert grating_lobes(AcousticModel.default(pitch_m=0.0042), (0.03, 0.0, 0.1)) == []
-
-
-def test_a_free_array_has_no_grating():
-    array = TransducerArray.from_positions(MODEL.array.positions_m)
-    with pytest.raises(ConfigurationError, match="regular grid"):
-        grating_lobes(AcousticModel(array, MODEL.medium, MODEL.transducer), (0.0, 0.0, 0.1))
-
-
-def test_in_the_far_field_the_field_is_as_loud_as_predicted_in_a_grating_lobe():
-    model = AcousticModel(
-        TransducerArray.grid(12, 12), Medium(343.2, 1.2), Transducer(CircularPiston())
-    )
-    steered = 20.0 * np.array([0.3, 0.1, math.sqrt(0.9)])
-    weights = focus(model, steered)
-    (main,) = np.abs(pressure(model, weights, [steered]))
-    lobes = grating_lobes(model, steered)
-    assert [lobe.level_db for lobe in lobes] == sorted((b.level_db for b in lobes), reverse=True)
-    assert lobes[0].level_db > lobes[-1].level_db + 1.0
-    for lobe in lobes:
-        (level,) = np.abs(pressure(model, weights, [20.0 * np.array(lobe.direction)]))
-        assert 20 * math.log10(level / main) == pytest.approx(lobe.level_db, abs=0.4)
 
 
 @pytest.mark.parametrize(

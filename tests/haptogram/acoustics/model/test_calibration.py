@@ -16,14 +16,10 @@ from haptogram.acoustics import (
     AcousticModel,
     Calibration,
     Drive,
-    FocusCodes,
     FocusTracker,
-    GridField,
     NoFocus,
     NumbaEngine,
-    Numpy32Engine,
     NumpyEngine,
-    PlaneField,
     PointSource,
     Reconstructor,
     RectangularPiston,
@@ -32,8 +28,6 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
     choose_engine,
-    demodulated_level_db_a,
-    demodulated_lines,
     dequantise_phase,
     exposure_at,
     find_pressure_peak,
@@ -44,21 +38,15 @@ from haptogram.acoustics import (
     mean_square_pressure,
     measure_spot,
     predict_focal_shift,
-    predict_spot_width_m,
     pressure,
-    pressure_after_hop,
     propagators,
     quantise_phase,
-    radiated_power_w,
     shock_lengths,
     solve_foci,
-    solver_quality,
     superpose_foci,
-    switching_level_db_a,
     weights_for_foci,
     worst_exposure,
 )
-from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.calibration import HEADER
 from haptogram.acoustics.reconstruct import reconstruction, tracking
 from haptogram.acoustics.reconstruct.acquisition import FocusAcquisition
@@ -159,7 +147,6 @@ OF_A_DRIVE = {
     "propagators": (lambda m, w, c: propagators(m, c.points) @ w[0], 1e-12),
     "NumpyEngine": (lambda m, w, c: NumpyEngine(m).pressure(w, c.points), 1e-12),
     "choose_engine": (lambda m, w, c: choose_engine(m).pressure(w, c.points), 1e-6),
-    "GridField": (lambda m, w, c: GridField(m, c.points).pressure(w), 1e-6),
     "mean_square_pressure": (
         lambda m, w, c: mean_square_pressure(choose_engine(m), w, c.points, FRAME_S, LAG),
         1e-5,
@@ -170,19 +157,6 @@ OF_A_DRIVE = {
         1e-12,
     ),
     "worst_exposure": (lambda m, w, _: worst_exposure(NumpyEngine(m), w, 0.5, FRAME_S, 500), 1e-9),
-    "switching_level_db_a": (
-        lambda m, w, c: switching_level_db_a(NumpyEngine(m), w, c.target, FRAME_S, LAG),
-        1e-12,
-    ),
-    "radiated_power_w": (lambda m, w, _: radiated_power_w(NumpyEngine(m), w, 500), 1e-12),
-    "demodulated_lines": (
-        lambda m, w, _: demodulated_lines(NumpyEngine(m), w, 1.0, FRAME_S, LAG, 500),
-        1e-9,
-    ),
-    "demodulated_level_db_a": (
-        lambda m, w, _: demodulated_level_db_a(NumpyEngine(m), w, 1.0, FRAME_S, LAG),
-        1e-9,
-    ),
     "shock_lengths": (lambda m, w, c: shock_lengths(NumpyEngine(m), w[0], c.target), 1e-9),
     "find_pressure_peak": (
         lambda m, w, c: find_pressure_peak(NumpyEngine(m), w[0], c.target),
@@ -213,7 +187,7 @@ def test_a_drive_is_what_the_elements_make_of_it(case, name):
     )
 
 
-@pytest.mark.parametrize("kind", [NumbaEngine, Numpy32Engine])
+@pytest.mark.parametrize("kind", [NumbaEngine])
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("name", ["grid", "points", "bowl"])
 @pytest.mark.parametrize("away_m", [0.0, 0.3e-3], ids=["lattice", "scattered"])
@@ -231,16 +205,6 @@ def test_the_fast_engines_follow_near_and_far(kind, name, pose, away_m):
     assert (np.abs(engine.propagators(points) @ c.drives.T - expected).max(axis=1) <= limit).all()
 
 
-@pytest.mark.parametrize("pose", POSES)
-@pytest.mark.parametrize("name", ["grid", "points", "rectangles"])
-def test_a_plane_by_convolution_follows_elements_that_are_in_place(name, pose):
-    c = Case.of(name, pose, away_m=0.0)
-    plane = PlaneField(c.real, 0.1, half_width_m=0.02, oversampling=2)
-    expected = pressure(c.placed, c.drives[0] * c.h, plane.points_m.reshape(-1, 3))
-    found = plane.pressure(c.drives[0]).ravel()
-    assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max()
-
-
 # --- from targets to drives --------------------------------------------------------------------
 
 
@@ -250,10 +214,6 @@ def test_what_focuses_takes_the_phases_of_the_elements_off(case):
     exact = focus_phases(case.placed, targets)
     turn = focus_phases(case.real, targets) - (exact - lags)
     assert np.abs(turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))).max() <= 1e-9
-    off = FocusCodes(case.real).codes(targets) - (exact - lags) * 256 / (2.0 * np.pi)
-    assert np.abs(np.mod(off + 128, 256) - 128).max() <= 0.5 + 1e-9
-    one = FocusCodes(case.real).focus(*case.target)
-    assert (one == FocusCodes(case.real).codes(case.target)).all()
     arguments = targets, [1.0, 0.5], [0.0, 0.8]
     assert superpose_foci(case.real, *arguments) == pytest.approx(
         superpose_foci(case.placed, *arguments) * np.exp(-1j * lags), abs=1e-9
@@ -275,9 +235,9 @@ def test_every_solver_takes_the_phases_of_the_elements_off(name, pose, method):
     assert found == pytest.approx(expected, abs=2e-2 if method == "gradient" else 1e-3)
     same = weights_for_foci(c.real, points, [1.0, 0.6], [0.0, 0.0], method=method)
     again = weights_for_foci(c.placed, points, [1.0, 0.6], [0.0, 0.0], method=method)
-    assert solver_quality(c.real, same, points, [1.0, 0.6]).uniformity == pytest.approx(
-        solver_quality(c.placed, again, points, [1.0, 0.6]).uniformity, abs=1e-2
-    )
+    heard = np.abs(pressure(c.real, same, points)) / [1.0, 0.6]
+    meant = np.abs(pressure(c.placed, again, points)) / [1.0, 0.6]
+    assert heard / heard.max() == pytest.approx(meant / meant.max(), abs=1e-2)
 
 
 def test_a_solver_evens_out_the_foci_of_elements_of_unequal_gain(case):
@@ -288,41 +248,6 @@ def test_a_solver_evens_out_the_foci_of_elements_of_unequal_gain(case):
     )
     assert knowing.min() >= 0.98 * knowing.max()
     assert knowing.min() >= 1.3 * guessing.min()
-
-
-def test_quality_is_of_what_the_elements_make(case):
-    points, levels = np.array([case.target, case.other]), np.array([1.0, 0.5])
-    matrix = propagators(case.placed, points) * case.h
-    share = np.abs(matrix @ case.drives[0]) / np.abs(matrix).sum(axis=1)
-    found = solver_quality(case.real, case.drives[0], points, levels)
-    assert found.efficiency == pytest.approx((share**2).sum(), rel=1e-12)
-    same = solver_quality(case.placed, case.drives[0] * case.h, points, levels)
-    assert found.uniformity == pytest.approx(same.uniformity, rel=1e-9)
-
-
-def test_the_width_of_a_focus_is_that_of_what_arrives(case):
-    shares = np.abs(propagators(case.placed, case.target[None])[0] * case.h)
-    covariance, axes = (
-        focal_shift_covariance(case.placed, case.target, shares),
-        case.real.array.axes,
-    )
-    spread = np.sqrt(np.diag(axes @ covariance @ axes.T)[:2])
-    half = math.sqrt(3.0 * math.log(10.0) / 10.0)
-    assert predict_spot_width_m(case.real, case.target) == pytest.approx(
-        2.0 * half / (case.real.wavenumber * spread), rel=1e-9
-    )
-
-
-def test_a_hop_builds_up_from_what_each_element_makes(case):
-    times = np.linspace(0.0, 2e-3, 41)
-    model, path = case.placed, propagators(case.placed, case.other[None])[0] * np.abs(case.h)
-    old, new = np.exp(1j * focus_phases(model, [case.target, case.other]))
-    travel = np.linalg.norm(case.other - model.array.positions_m, axis=1)
-    heard = times[:, None] - travel / model.medium.sound_speed_m_s
-    left = np.exp(-np.maximum(heard, 0.0) / LAG.time_constant_s)
-    expected = np.abs((new + left * (old - new)) @ path) / abs(new @ path)
-    targets = case.target, case.other
-    assert pressure_after_hop(case.real, LAG, targets, times) == pytest.approx(expected, rel=1e-9)
 
 
 # --- from drives to the focus ------------------------------------------------------------------
@@ -420,14 +345,12 @@ def test_the_host_that_does_not_know_the_elements_misses():
 
 GEOMETRY_ALONE = {
     "check_focus_target",
-    "grating_lobes",
     "points_in_front",
-    "paraxial_focal_shift_m",
 }
 OTHERWISE_ABOVE = {
-    "FocusCodes", "FocusTracker", "NumbaEngine", "Numpy32Engine", "PlaneField", "Reconstructor",
-    "fit_focus", "focus_phases", "predict_spot_width_m", "pressure_after_hop",
-    "solve_foci", "solver_quality", "superpose_foci", "weights_for_foci",
+    "FocusTracker", "NumbaEngine", "Reconstructor",
+    "fit_focus", "focus_phases",
+    "solve_foci", "superpose_foci", "weights_for_foci",
 }  # fmt: skip
 
 

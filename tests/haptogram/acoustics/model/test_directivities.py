@@ -5,13 +5,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import given
 
-import oracles
 from haptogram.acoustics import (
     AcousticModel,
-    CircularPiston,
     Medium,
     Transducer,
     TransducerArray,
@@ -19,7 +16,7 @@ from haptogram.acoustics import (
     propagators,
 )
 from haptogram.acoustics.field.engines.engine import choose_engine
-from haptogram.acoustics.model.directivities import MeasuredDirectivity, RectangularPiston
+from haptogram.acoustics.model.directivities import RectangularPiston
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import targets
 
@@ -97,68 +94,6 @@ def test_a_rectangle_never_passes_for_a_circle():
 def test_an_impossible_rectangle_is_refused(make):
     with pytest.raises(ConfigurationError):
         make()
-
-
-def test_a_table_of_the_piston_gives_the_piston():
-    angles = np.arange(0.0, 90.1, 2.5)
-    gains = [oracles.piston_gain(K * 4.7e-3 * math.sin(math.radians(a))) for a in angles]
-    cosines = np.cos(np.radians(np.linspace(0.0, 90.0, 400)))
-    table = MeasuredDirectivity(angles, gains).gain(cosines, K)
-    assert table == pytest.approx(CircularPiston(4.7e-3).gain(cosines, K), abs=1.5e-3)
-
-
-def test_a_table_is_met_at_its_angles_and_silent_beyond():
-    table = MeasuredDirectivity.t4010a1()
-    gain = table.gain(np.cos(np.radians([0.0, 40.0, 50.0, 90.0, 91.0, 180.0])), K)
-    assert gain == pytest.approx([1.0, 10 ** (-3 / 20), 10 ** (-6 / 20), 10 ** (-15 / 20), 0, 0])
-
-
-@given(st.lists(st.floats(0.0, 1.0), min_size=9, max_size=9), st.floats(0.0, 90.0))
-@example([1e-308] + [0.0] * 8, 5.0)
-def test_a_table_never_overshoots_its_neighbours(values, angle):
-    gains = [1.0, *values]
-    gain = MeasuredDirectivity(np.arange(0.0, 91.0, 10.0), gains).gain(
-        np.array([math.cos(math.radians(angle))]), K
-    )[0]
-    i = min(int(angle // 10), 8)
-    low, high = sorted(gains[i : i + 2])
-    assert low - 1e-6 <= gain <= high + 1e-6
-
-
-def test_a_table_is_read_from_a_file(tmp_path):
-    path = tmp_path / "d.csv"
-    path.write_text("# measured\nangle_deg,gain_db\n0,0\n45,-6\n90,-20\n")
-    gain = MeasuredDirectivity.from_file(path).gain(np.cos(np.radians([45.0, 90.0])), K)
-    assert gain == pytest.approx([10 ** (-6 / 20), 0.1])
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "header"),
-        ("angle,gain\n0,1\n90,0\n", "header"),
-        ("angle_deg,gain\n0,1\n", "1 angles"),
-        ("angle_deg,gain\n0,1\n90,zero\n", ":3:"),
-        ("angle_deg,gain\n0,1\n90\n", ":3:"),
-        ("angle_deg,gain\n0,1\n\n90," + "0" * 140_000, ":4: field larger than"),
-        ("angle_deg,gain\n0,1\n80,0\n", "80 degrees"),
-        ("angle_deg,gain\n0,1\n90,0\n60,0\n", "ascend"),
-        ("angle_deg,gain\n0,2\n90,0\n", "must be 1"),
-        ("angle_deg,gain\n0,1\n90,nan\n", "finite"),
-        ("angle_deg,gain\n0,1\n90,11\n", "at most 10"),
-    ],
-)
-def test_a_bad_table_is_refused_with_its_place(tmp_path, text, message):
-    path = tmp_path / "d.csv"
-    path.write_text(text)
-    with pytest.raises(ConfigurationError, match=message) as caught:
-        MeasuredDirectivity.from_file(path)
-    assert str(path) in str(caught.value)
-
-
-def test_a_missing_table_is_refused(tmp_path):
-    with pytest.raises(ConfigurationError, match="cannot be read"):
-        MeasuredDirectivity.from_file(tmp_path / "none.csv")
 
 
 def test_the_engine_that_is_chosen_knows_rectangles():

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from haptogram.acoustics import (
     AcousticModel,
     Drive,
-    FocusCodes,
     FocusTracker,
     NumpyEngine,
     Reconstructor,
@@ -28,9 +27,9 @@ from haptogram.acoustics import (
     propagators,
     quantise_phase,
     solve_foci,
-    solver_quality,
     superpose_foci,
 )
+from solver_oracles import solver_quality
 from strategies_acoustics import poses, seeds, targets, upright_poses
 
 GRID = AcousticModel.default(8, 7)
@@ -60,9 +59,6 @@ def test_phases_and_weights_stay(model, pose, target, other, lag):
         model, [target, other], *arguments
     )
     assert np.abs(difference).max() <= 1e-11
-    exact = focus_phases(model, target) * 256 / (2.0 * math.pi)
-    miss = np.mod(FocusCodes(moved).codes(places[0]) - exact + 128, 256) - 128
-    assert np.abs(miss).max() <= 0.51
 
 
 @given(MODELS, poses(), near, seeds)

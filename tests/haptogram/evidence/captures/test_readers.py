@@ -236,32 +236,15 @@ def test_a_session_of_sigrok_has_the_edges_of_its_samples(size, chunks, deflated
     }
 
 
-@pytest.mark.parametrize("deflated", [True, False])
-def test_a_session_that_was_cut_off_is_read_as_far_as_it_goes(deflated, tmp_path):
-    samples = np.random.default_rng(1).integers(0, 256, 4000)
-    file = tmp_path / "session.sr"
-    write_session(file, samples, size=1, chunks=4, deflated=deflated)
-    data = file.read_bytes()
-    file.write_bytes(data[: len(data) * 2 // 3])
-    capture = read_capture(file)
-    assert "cut off" in capture.cut
-    assert 1000 < capture.end < 4000
-    for bit in range(8):
-        first, times = expected_edges(samples[: capture.end + 1], bit)
-        assert edges_of(capture)[f"D{bit}"] == (first, times)
-
-
 @pytest.mark.parametrize("cut_at", range(0, 400, 7))
-def test_a_session_cut_anywhere_is_read_or_refused_in_one_line(cut_at, tmp_path):
+def test_a_session_cut_anywhere_is_refused_in_one_line(cut_at, tmp_path):
     file = tmp_path / "session.sr"
     write_session(file, np.arange(300) % 256, size=1, chunks=1)
     file.write_bytes(file.read_bytes()[:cut_at])
-    refusals = []
-    try:
-        assert read_capture(file).cut
-    except ConfigurationError as error:
-        refusals.append(str(error))
-    assert all("\n" not in text and str(file) in text for text in refusals)
+    with pytest.raises(ConfigurationError) as refusal:
+        read_capture(file)
+    assert "\n" not in str(refusal.value)
+    assert str(file) in str(refusal.value)
 
 
 REFUSED = {
@@ -312,10 +295,8 @@ def test_a_session_that_unpacks_to_gigabytes_is_refused_before_it_is_read(tmp_pa
     file = tmp_path / "session.sr"
     write_session(file, np.arange(900), size=1, chunks=2)
     monkeypatch.setattr(sigrok, "_MOST_BYTES", 400)
-    for kept in (None, -30):  # a file without its directory does not tell its size before
-        file.write_bytes(file.read_bytes()[:kept])
-        with pytest.raises(ConfigurationError, match="GiB of samples, can be 0 GiB; capture a sho"):
-            sigrok.read_sigrok(file)
+    with pytest.raises(ConfigurationError, match="GiB of samples, can be 0 GiB; capture a sho"):
+        sigrok.read_sigrok(file)
 
 
 def test_a_clock_without_pins_tells_no_sampling_rate(tmp_path):

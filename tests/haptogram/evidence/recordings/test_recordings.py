@@ -1,11 +1,13 @@
 """A recording is read back as it was written, whole or cut off, by this program and by others."""
 
+import dataclasses
 import json
 import signal
 import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,10 +17,12 @@ from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from haptogram.acoustics import AcousticModel, Drive
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.recordings.channels import (
     CHANNELS,
+    INTENDED,
     LATCH,
     LINK,
     OUTPUT,
@@ -29,6 +33,7 @@ from haptogram.evidence.recordings.channels import (
 )
 from haptogram.evidence.recordings.clock import RecordingClock
 from haptogram.evidence.recordings.reader import Recording, RecordingEntry
+from haptogram.evidence.recordings.recorded_run import record_intended, recorded_run
 from haptogram.evidence.recordings.repair import repair_recording
 from haptogram.evidence.recordings.replay import replay_recording
 from haptogram.evidence.recordings.writer import RecordingWriter
@@ -36,6 +41,7 @@ from haptogram.records.latch import Codes, LatchRecord
 from haptogram.settings.board import BoardConfig
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Pong, build_body
+from latched_drives import intend
 from sim_device.driven.replay_board import VirtualReplayBoard
 
 FRAMES = 200
@@ -124,6 +130,24 @@ def test_other_programs_find_channels_schemas_layout_and_times(tmp_path):
         assert [m.log_time for _, _, m in latches] == [
             number * 1_000_000 for number in range(FRAMES)
         ]
+
+
+def test_intended_frames_of_every_resolution_come_back(tmp_path):
+    """A drive that comes again is written once."""
+    model = AcousticModel.default(3, 4)
+    drives = {bits: Drive(np.arange(12) % 2**bits, np.full(12, 255), bits) for bits in range(3, 17)}
+    frames = [
+        intend(model, (0.0, 0.0, 0.1), bits, number=bits, drive=drive)
+        for bits, drive in drives.items()
+    ]
+    frames.append(dataclasses.replace(frames[2], number=17))
+    with RecordingWriter(tmp_path / "run.mcap") as writer:
+        record_intended(writer, model, frames)
+    recording = Recording(tmp_path / "run.mcap")
+    found = recorded_run(recording)
+    assert (found.intended, found.incomplete) == (frames, "")
+    written = [entry.fields for entry in recording.entries((INTENDED,))]
+    assert ["drive_of" in fields for fields in written] == 14 * [False] + [True]
 
 
 def test_records_of_the_back_door_come_back(tmp_path):

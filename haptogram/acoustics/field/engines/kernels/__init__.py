@@ -13,7 +13,7 @@ from haptogram.acoustics.field.engines.kernels.fields import (
     lattice_waves_kernel,
     polar_form_kernel,
 )
-from haptogram.acoustics.field.engines.kernels.foci import fit_phases_kernel, focus_codes_kernel
+from haptogram.acoustics.field.engines.kernels.foci import fit_phases_kernel
 from haptogram.acoustics.field.engines.kernels.focused import MEASURES as FOCUSED_MEASURES
 from haptogram.acoustics.field.engines.kernels.focused import focused_frames_kernel
 from haptogram.acoustics.field.engines.kernels.judged import MEASURES as JUDGED_MEASURES
@@ -38,7 +38,6 @@ __all__ = [
     "cell_scores_kernel",
     "fit_phases_kernel",
     "foci_waves_kernel",
-    "focus_codes_kernel",
     "focused_frames_kernel",
     "free_pressure_kernel",
     "free_waves_kernel",

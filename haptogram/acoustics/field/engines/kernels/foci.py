@@ -1,9 +1,9 @@
-"""From a target to phase codes, and from phase codes back to the focus."""
+"""From phase codes back to the focus."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +17,7 @@ from haptogram.acoustics.field.engines.kernels.waves import (
     flip_sign_kernel,
 )
 
-# Added to a float32 below 2^22, it rounds to a whole number and leaves that in the lowest bits: two
-# operations less than rounding and converting.
-_WHOLE: Final = np.float32(1.5 * 2**23)
-
 Fitted: TypeAlias = tuple[tuple[float, float, float], float, float, int, bool, float]
-
-
-@jit_entry
-def focus_codes_kernel(
-    targets: F8, frame: F8, places: F4, code_steps: int, codes: NDArray[np.uint8]
-) -> None:
-    """Set the phase codes -r steps (mod steps) that focus on each target; *places* is (3, N).
-
-    The rows and columns of a lattice would save three operations of twenty, and cost more than
-    that in short loops.
-    """
-    scale, mask = np.float32(-code_steps), np.int32(code_steps - 1)
-    for i in range(len(targets)):
-        x, y, z = _place_kernel(targets[i], frame)
-        _codes_kernel(places[0], places[1], places[2], x, y, z, scale, mask, codes[i])
 
 
 @jit_inline
@@ -48,16 +29,6 @@ def _place_kernel(target: Any, frame: Any) -> Any:
         np.float32(frame[1, 0] * u + frame[1, 1] * v + frame[1, 2] * w),
         np.float32(frame[2, 0] * u + frame[2, 1] * v + frame[2, 2] * w),
     )
-
-
-@jit_inline
-def _codes_kernel(
-    px: Any, py: Any, pz: Any, x: Any, y: Any, z: Any, scale: Any, mask: Any, codes: Any
-) -> Any:
-    for n in range(px.size):
-        dx, dy, dz = x - px[n], y - py[n], z - pz[n]
-        r = np.sqrt(dx * dx + dy * dy + dz * dz)
-        codes[n] = np.uint8(np.float32(r * scale + _WHOLE).view(np.int32) & mask)
 
 
 @jit_entry
