@@ -11,7 +11,8 @@
     reset         power down and up again
 
 The answer holds the bytes that the board sent in hex, ``-`` for none; that of ``until`` begins with
-the time.  The model takes several steps in one line, with ``;`` between them, and answers so.  ``protocol/c/tools/board_steps.c`` is such a process.  Bytes take no time on their way.
+the time.  ``protocol/c/tools/board_steps.c`` is such a process.  Bytes take no time on their way.
+The model takes several steps in one line, with ``;`` between them, and so answers them.
 """
 
 from __future__ import annotations
