@@ -244,19 +244,14 @@ class Simulation:
 
     def _first_event_ns(self) -> int | None:
         board_us, injector = self.dialect.next_event_us(), self._injector
-        first_ns = None if board_us is None else self._clock.reached_ns(board_us)
-        if self._down.in_transit:
-            down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
-            down_ns = None if down_ns is None else whole_board_us(down_ns)
-            first_ns = earliest_board_time(first_ns, down_ns)
-        if self._up.in_transit:
-            up_ns = self._up.next_event_ns(_end_of_answer)
-            first_ns = earliest_board_time(first_ns, up_ns)
-        if self._can_feed:
-            first_ns = earliest_board_time(first_ns, self._up.free_ns)
-        if injector is not None:
-            first_ns = earliest_board_time(first_ns, injector.next_change_ns(self._now_ns))
-        return first_ns
+        down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
+        return earliest_board_time(
+            None if board_us is None else self._clock.reached_ns(board_us),
+            None if down_ns is None else whole_board_us(down_ns),
+            self._up.next_event_ns(_end_of_answer),
+            self._up.free_ns if self._can_feed else None,
+            None if injector is None else injector.next_change_ns(self._now_ns),
+        )
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*.
@@ -268,13 +263,10 @@ class Simulation:
         """
         if t_ns < self._now_ns:
             raise ValueError(f"simulation is at {self._now_ns} ns, cannot go back to {t_ns} ns")
-        runs_ahead = self.dialect.ahead is not None
-        if runs_ahead:
-            self._run_ahead(t_ns)
+        self._run_ahead(t_ns)
         while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
             self._step(next_ns)
-            if runs_ahead:
-                self._run_ahead(t_ns)
+            self._run_ahead(t_ns)
         self._now_ns = t_ns
 
     def advance_to_output(self, t_ns: int) -> None:

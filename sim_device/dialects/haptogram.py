@@ -11,7 +11,7 @@ from typing import Any, Final, TypeAlias
 
 from haptogram_protocol import connection, messages
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, end_of_frame
+from haptogram_protocol.framing import end_of_frame
 
 from ..board import readout
 from ..board.board import Board
@@ -64,7 +64,6 @@ class VirtualHaptogramDialect:
         self._link = link
         link.departure_us = lambda _: self._first_byte_us
         self._watch = watch
-        self._has_begun_frame = False  # of which bytes have come, and no end
         self._trace_dropped = 0
         self._traced = 0
         self._next_status_us: int | None = None
@@ -105,9 +104,8 @@ class VirtualHaptogramDialect:
         return None
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the next delimiter that may end a frame."""
-        ends_none = not self._has_begun_frame and data.startswith(DELIMITER, at)
-        return end_of_frame(data, at + ends_none)
+        """Return the index behind the next delimiter."""
+        return end_of_frame(data, at)
 
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
@@ -131,8 +129,6 @@ class VirtualHaptogramDialect:
         self.advance_to(t_us)
         self._is_next_known = False
         self._link.receive_data(data, t_us)
-        if data:
-            self._has_begun_frame = not data.endswith(DELIMITER)
         while (event := self._link.next_event()) is not connection.NEED_DATA:
             if self._watch is not None:
                 self._watch(event)
