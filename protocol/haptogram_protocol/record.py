@@ -72,6 +72,8 @@ class WireField:
             return raw.rstrip(b"\x00").decode(errors="replace")
         if self.enumeration is None:
             return raw
+        if (known := self.enumeration._value2member_map_.get(raw)) is not None:
+            return known
         try:
             return self.enumeration(raw)
         except ValueError as error:

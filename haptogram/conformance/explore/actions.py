@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import random
 import zlib
 from collections.abc import Callable, Sequence
@@ -90,11 +91,13 @@ class DialogueAction(NamedTuple):
 
     def wire(self, host: DialogueHost) -> bytes:
         """Return the bytes on the line."""
-        source = random.Random(self.seed)
         body = self.body(host)
         host.note(body)
+        if not self.damage:
+            return encode_frame(body)
         if self.damage in _SILENT:
             return b""
+        source = random.Random(self.seed)
         if self.damage == 5:
             return _short_random_run(source, body)
         wire = encode_frame(body)
@@ -109,10 +112,8 @@ class DialogueAction(NamedTuple):
             return wire[:at] + bytes([flipped]) + wire[at + 1 :]
         if self.damage == 2:
             return wire[: source.randrange(2, len(wire) - 1)] + b"\x00"
-        if self.damage >= 3:
-            size = source.choice((3, 40, 300, 4100)) if self.damage == 3 else _LONG_NOISE
-            return b"\x00" + malformed_noise(source, size) + b"\x00"
-        return wire
+        size = source.choice((3, 40, 300, 4100)) if self.damage == 3 else _LONG_NOISE
+        return b"\x00" + malformed_noise(source, size) + b"\x00"
 
 
 #: Actions of one slot after the other.
@@ -146,7 +147,7 @@ def frames_of_slot(
             break  # it may overtake what is sent with it: HG-3.8/2
         shares = found and not unsent and wire and action.seed % _SHARED == 0
         found.append((action, wire[1:] if shares else wire))
-        if not exact and any(map(host.is_latched_as_it_comes, _bodies_of_slot(wire))):
+        if not exact and any(map(host.is_latched_as_it_comes, bodies_of_wire(wire))):
             break
     return found
 
@@ -176,9 +177,10 @@ def pieces_of_slot(data: bytes) -> list[bytes]:
 
 
 def _is_mute_in_slot(wire: bytes) -> bool:
-    return any(body[0] == m.MessageType.MUTE for body in _bodies_of_slot(wire))
+    return any(body[0] == m.MessageType.MUTE for body in bodies_of_wire(wire))
 
 
-def _bodies_of_slot(wire: bytes) -> list[bytes]:
-    """Return the frame bodies decoded from the bytes of one time slot."""
-    return [body for body in FrameDecoder().feed(wire) if isinstance(body, bytes)]
+@functools.lru_cache(maxsize=64)
+def bodies_of_wire(wire: bytes) -> tuple[bytes, ...]:
+    """Return the bodies of the frames that *wire* ends; some parts ask for the same one by one."""
+    return tuple(body for body in FrameDecoder().feed(wire) if isinstance(body, bytes))

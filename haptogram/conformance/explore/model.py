@@ -19,7 +19,7 @@ from haptogram_protocol.framing import FrameDecoder
 
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
-from .actions import LATE_WINDOWS_US
+from .actions import LATE_WINDOWS_US, bodies_of_wire
 from .comparison import (
     DialogueAnswers,
     DialogueBase,
@@ -27,7 +27,7 @@ from .comparison import (
     FrameInDialogue,
     superfluous_in_dialogue,
 )
-from .host import DialogueHost
+from .host import IMMEDIATE, DialogueHost
 from .stepped_process import LockstepProcess, bytes_of_step, steps_of_bytes
 
 _MODEL: Final = "sim_device.driven.stepped_board"
@@ -234,7 +234,7 @@ class DialogueModels:
 
     def _is_in_time_or_late(self, header: m.Header, early_us: int, late_us: int) -> bool:
         """Return True if a stream frame that came between two times may be in time, or late."""
-        if header.type not in m.STREAM_RANGE or header.flags & m.Flag.IMMEDIATE:
+        if header.type not in m.STREAM_RANGE or header.flags & IMMEDIATE:
             return False
         t_us = m.unwrap(header.time_us, early_us, 32)
         ends_us = (t_us + window_us for window_us in LATE_WINDOWS_US)
@@ -285,14 +285,13 @@ class DialogueModels:
 
 def _headers_in_dialogue(wire: bytes) -> list[m.Header]:
     """Return the headers of the frames that *wire* ends."""
-    bodies = [body for body in FrameDecoder().feed(wire) if isinstance(body, bytes)]
-    return [m.Header.unpack(body[: m.Header.LAYOUT.size]) for body in bodies]
+    return [m.Header.of_body(body) for body in bodies_of_wire(wire)]
 
 
 def _flushes_in_dialogue(header: m.Header) -> bool:
     """Return True if a frame may empty the queue."""
     if header.type in m.STREAM_RANGE:
-        return bool(header.flags & m.Flag.IMMEDIATE)
+        return bool(header.flags & IMMEDIATE)
     return header.type in (m.MessageType.HELLO, m.MessageType.MUTE, m.MessageType.DISARM)
 
 

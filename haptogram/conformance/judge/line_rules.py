@@ -195,6 +195,6 @@ def _unnamed_in_frame(piece: ReceivedByClient) -> str:
     if isinstance(message, m.Error) and message.code not in _ERROR_CODES:
         return f"error code {message.code} is in no table"
     if isinstance(message, m.TraceReply):
-        spare = [record.flags for record in message.records if record.flags & ~m.Flag.LATE]
+        spare = [record.flags for record in message.records if record.flags & _NO_TRACE_FLAGS]
         return f"flags {spare[0]:#04x} of a latch in the ring" if spare else ""
     return ""
