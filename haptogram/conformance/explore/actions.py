@@ -10,9 +10,10 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.framing import FrameDecoder, encode_frame
+from haptogram_protocol.framing import FrameDecoder
 
 from ..client.malformed_frames import malformed_frame, malformed_noise, malformed_with_crc
+from ..client.wire import CLIENT_COBS, encoded_frame
 from .host import DialogueHost
 
 SLOT_US: Final = 40_000
@@ -94,13 +95,13 @@ class DialogueAction(NamedTuple):
         body = self.body(host)
         host.note(body)
         if not self.damage:
-            return encode_frame(body)
+            return encoded_frame(body)
         if self.damage in _SILENT:
             return b""
         source = random.Random(self.seed)
         if self.damage == 5:
             return _short_random_run(source, body)
-        wire = encode_frame(body)
+        wire = encoded_frame(body)
         if self.damage == PARTS:
             ends = (1, 2, len(wire) - 1)  # behind a delimiter, a code byte, before a delimiter
             cut = source.choice((*ends, *(source.randrange(1, len(wire)) for _ in ends)))
@@ -158,7 +159,7 @@ def end_of_slot(host: DialogueHost) -> bytes:
     It renews no lease, and uses no number up.
     """
     session, seq = host.session ^ _FOREIGN or _FOREIGN, number_at_end_of_slot(host)
-    return encode_frame(m.build_body(m.Ping(seq), flags=0, seq=seq, time_us=0, session=session))
+    return encoded_frame(m.build_body(m.Ping(seq), flags=0, seq=seq, time_us=0, session=session))
 
 
 def number_at_end_of_slot(host: DialogueHost) -> int:
@@ -183,4 +184,4 @@ def _is_mute_in_slot(wire: bytes) -> bool:
 @functools.lru_cache(maxsize=64)
 def bodies_of_wire(wire: bytes) -> tuple[bytes, ...]:
     """Return the bodies of the frames that *wire* ends; some parts ask for the same one by one."""
-    return tuple(body for body in FrameDecoder().feed(wire) if isinstance(body, bytes))
+    return tuple(body for body in FrameDecoder(CLIENT_COBS).feed(wire) if isinstance(body, bytes))

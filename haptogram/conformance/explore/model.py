@@ -17,6 +17,7 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import FrameDecoder
 
+from ..client.wire import CLIENT_COBS
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
 from .actions import LATE_WINDOWS_US, bodies_of_wire
@@ -297,7 +298,7 @@ def _flushes_in_dialogue(header: m.Header) -> bool:
 
 def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:
     found = []
-    for body in FrameDecoder().feed(data):
+    for body in FrameDecoder(CLIENT_COBS).feed(data):
         if isinstance(body, RemoteProtocolError):
             raise body
         found.append(FrameInDialogue(*m.parse_body(body), body))

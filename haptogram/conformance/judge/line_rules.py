@@ -15,9 +15,9 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.cobs import cobs_encode
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, HEADER_BYTES, MAX_ENCODED_BYTES, decode_frame
+from haptogram_protocol.framing import DELIMITER, HEADER_BYTES, MAX_ENCODED_BYTES
 
-from ..client.wire import ReceivedByClient
+from ..client.wire import ReceivedByClient, decoded_frame
 from ..outcome import check
 
 TRACES: Final = (m.Trace, m.TracePlayback, m.TraceDrive)
@@ -68,7 +68,7 @@ class LineRules:
         for piece in ended:
             if len(piece) <= MAX_ENCODED_BYTES and piece[1:2] and piece[1] in m.REQUEST_RANGE:
                 with contextlib.suppress(RemoteProtocolError):  # nobody answers a damaged frame
-                    header = m.Header.of_body(decode_frame(piece))
+                    header = m.Header.of_body(decoded_frame(piece))
                     asked = header.type, header.seq
                     self._asked[asked] += 1
                     self._open += self._asked[asked] > 0

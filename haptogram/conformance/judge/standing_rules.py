@@ -82,7 +82,7 @@ class StandingRules:
         self._since = _Since()
         self._case = ""
         self._in_case: dict[str, str] = {}
-        self._rules: tuple[tuple[Callable[..., Broken], tuple[type[m.Message], ...]], ...] = (
+        rules: tuple[tuple[Callable[..., Broken], tuple[type[m.Message], ...]], ...] = (
             (self._judge_identity, (m.HelloReply,)),
             (self._judge_status, (m.Status, m.StatusReply)),
             (
@@ -98,6 +98,10 @@ class StandingRules:
             (self._judge_drives, (m.DriveReply, m.TraceReply, m.UploadCommitReply, *TRACES)),
             (self._judge_room, (m.UploadBeginReply, m.UploadCommitReply, m.Error)),
         )
+        self._rules_of = {
+            message: [rule for rule, kinds in rules if issubclass(message, kinds)]
+            for message in m.MESSAGES.values()
+        }
 
     def begin_board(self, line_us: Callable[[int], int] | None = None) -> None:
         """Note that a board has started, or its port was opened; bytes take *line_us* there."""
@@ -132,9 +136,8 @@ class StandingRules:
             return
         if self._is_repeated(piece) or not (piece.is_response or piece.is_event):
             return
-        for rule, kinds in self._rules:
-            if isinstance(piece.message, kinds):
-                self._note_all(rule(piece, piece.message), piece)
+        for rule in self._rules_of[type(piece.message)]:
+            self._note_all(rule(piece, piece.message), piece)
 
     def _is_repeated(self, piece: ReceivedByClient) -> bool:
         """Return True for a cached reply, which carries an earlier time (HG-4.11/6)."""

@@ -155,13 +155,9 @@ class PyserialTransport:
         self._port = port
         self._port.write_timeout = 0
         clock = getattr(port, "now_ns", None)
-        self._now_ns: Callable[[], int] = clock if callable(clock) else time.monotonic_ns
+        self.now_ns: Callable[[], int] = clock if callable(clock) else time.monotonic_ns
         self._read_until_ns: Callable[[int], bytes] | None = getattr(port, "read_until_ns", None)
         self.url = url
-
-    def now_ns(self) -> int:
-        """Return the time of the port's clock, of the monotonic one if it has none."""
-        return self._now_ns()
 
     def read_available(self, deadline_ns: int) -> bytes:
         """Return received bytes; see :class:`Transport`."""
