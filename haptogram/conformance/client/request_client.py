@@ -24,7 +24,6 @@ PROCESSED_US: Final = 50_000
 LONGEST_BURST_BYTES: Final = 1 << 17
 #: Later than every device time.
 NO_TIME_US: Final = 1 << 62
-_IMMEDIATE: Final = int(m.Flag.IMMEDIATE)  # an operation on a flag takes microseconds
 _ECHO_BITS: Final = 64
 _KNOCK_US: Final = 100_000  # how soon a board that boots is asked again
 _PING_BYTES: Final = 26  # on the line, at most
@@ -141,9 +140,9 @@ class RequestClient:
         if seq is None:
             seq, self.stream_next = self.stream_next, self.stream_next + 1
         if flags is None:
-            flags = _IMMEDIATE if at_us is None else 0
+            flags = m.Flag.IMMEDIATE if at_us is None else 0
         time_us = at_us or 0
-        if not flags & _IMMEDIATE and time_us >= self.in_time_from_us:
+        if not flags & m.Flag.IMMEDIATE and time_us >= self.in_time_from_us:
             self.in_time_us = min(self.in_time_us, time_us)
         return encoded_frame(
             self.body(kind, payload, seq=seq, flags=flags, time_us=time_us, session=session)

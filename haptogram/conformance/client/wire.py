@@ -9,6 +9,7 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, NoReturn, Protocol, runtime_checkable
 
 from haptogram.driver.line.port import Transport
@@ -31,6 +32,7 @@ _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 _TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
 _STATUS: Final = (m.Status, m.StatusReply)
 CLIENT_COBS: Final = fastest_cobs()
+encoded_frame: Final = partial(encode_frame, stuff=CLIENT_COBS.encode)
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 
@@ -426,11 +428,10 @@ class RawFrameClient:
         before_us, self._board_waited_us = self._board_waited_us, threads_waited_us(self._board)
         self.note_held_up(self._board_waited_us - before_us)
 
-    def _leave(self, latest_us: int | None = None) -> None:
+    def _leave(self, latest_us: int = 1 << 62) -> None:
         """Record the time up to which the host listened or sent: now, *latest_us* at the latest."""
         if self.limits.slack_us:
-            now_us = self.now_us()
-            self._left_us = now_us if latest_us is None else min(now_us, latest_us)
+            self._left_us = min(latest_us, self.now_us())
             self._left_cpu_ns = time.process_time_ns()
 
     def _take(self, data: bytes) -> None:
@@ -438,11 +439,9 @@ class RawFrameClient:
         now_us = self.now_us()
         self.recording.add(now_us, TransferDirection.BOARD, data)
         self.heard += len(data)
-        *ended, rest = data.split(DELIMITER)
+        *ended, rest = (self._partial + data).split(DELIMITER)
         rules = self.on_piece
-        for number, part in enumerate(ended):
-            piece = self._partial + part if number == 0 else part
-            self._partial = b"" if number == 0 else self._partial
+        for piece in ended:
             if piece:
                 self.received.append(_received_by_client(now_us, piece, shared=self._zeros == 1))
                 self._zeros = 0
@@ -451,7 +450,7 @@ class RawFrameClient:
                 if rules is not None:
                     rules(self.received[-1])
             self._zeros += 1
-        self._keep(rest)
+        self._partial = rest[:_PARTIAL_BYTES]
         if self.heard > _FLOOD_BYTES or len(self.received) > _FLOOD_FRAMES:
             self._flooded()
 
@@ -461,16 +460,6 @@ class RawFrameClient:
         if any(piece.header is not None for piece in self.received):
             fail(text)
         inconclusive(f"{text}, and no frame among them: not a board")
-
-    def _keep(self, rest: bytes) -> None:
-        """Buffer the bytes after the last delimiter, up to a limit."""
-        if len(self._partial) < _PARTIAL_BYTES:
-            self._partial += rest
-
-
-def encoded_frame(body: bytes) -> bytes:
-    """Return the bytes on the line of a frame, as :func:`encode_frame` does."""
-    return encode_frame(body, CLIENT_COBS.encode)
 
 
 def decoded_frame(piece: bytes) -> bytes:

@@ -144,7 +144,7 @@ def frames_of_slot(
         room_bytes -= len(wire)
         if room_bytes < 0:
             break
-        if found and not action.wait_us and _is_mute_in_slot(wire):
+        if found and not action.wait_us and is_mute_on_wire(wire):
             break  # it may overtake what is sent with it: HG-3.8/2
         shares = found and not unsent and wire and action.seed % _SHARED == 0
         found.append((action, wire[1:] if shares else wire))
@@ -177,7 +177,8 @@ def pieces_of_slot(data: bytes) -> list[bytes]:
     return [data[a:b] for a, b in pairwise(edges) if a < b]
 
 
-def _is_mute_in_slot(wire: bytes) -> bool:
+def is_mute_on_wire(wire: bytes) -> bool:
+    """Return True if one of the frames that *wire* ends is a MUTE."""
     return any(body[0] == m.MessageType.MUTE for body in bodies_of_wire(wire))
 
 

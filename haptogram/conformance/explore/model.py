@@ -80,10 +80,8 @@ class DialogueModel:
             [sys.executable, "-m", _MODEL, limits_of_lockstep_model(identity)],
             _dialogue_model_failure,
         )
-        self._boot_us = 0
+        self._boot_us, self._sent = 0, b""
         self._steps: list[str] = []
-        self._sent = bytearray()
-        self._next = "-"
 
     def close(self) -> None:
         """End the process."""
@@ -91,9 +89,8 @@ class DialogueModel:
 
     def reset(self, boot_us: int) -> None:
         """Power the model up at a device time; forget what it has sent."""
-        self._boot_us = boot_us
+        self._boot_us, self._sent = boot_us, b""
         self._steps = [f"reset {boot_us}"]
-        self._sent.clear()
 
     def receive(self, at_us: int, data: bytes) -> None:
         """Let *data* arrive."""
@@ -110,22 +107,20 @@ class DialogueModel:
     def frames(self) -> list[FrameInDialogue]:
         """Return the frames that the model has sent since the last call."""
         self._carry_out()
-        sent, self._sent = bytes(self._sent), bytearray()
+        sent, self._sent = self._sent, b""
         return _frames_in_dialogue(sent)
 
     def next_us(self) -> int | None:
         """Return when the model does something by itself; None: never."""
-        self._carry_out()
-        return None if self._next == "-" else int(self._next) + self._boot_us
+        answer = self._carry_out()
+        return None if answer == "-" else int(answer) + self._boot_us
 
-    def _carry_out(self) -> None:
-        """Carry out the steps that wait; note what the model sends, and when it does something."""
-        if not self._steps:
-            return
+    def _carry_out(self) -> str:
+        """Carry out the steps that wait; return when the model does something by itself."""
         steps, self._steps = [*self._steps, "next"], []
-        *answers, self._next = self._process.carry_out(steps)
-        for answer in answers:
-            self._sent += bytes_of_step(answer)
+        *answers, next_us = self._process.step(";".join(steps)).split(";")
+        self._sent += b"".join(map(bytes_of_step, answers))
+        return next_us
 
 
 class DialogueModels:
@@ -152,15 +147,11 @@ class DialogueModels:
     def __init__(self, identity: m.HelloReply, *, knows_time: bool) -> None:
         self._early = DialogueModel(identity)
         self._late = None if knows_time else DialogueModel(identity)
+        self._all = [model for model in (self._early, self._late) if model is not None]
         self._ready_us = identity.latch_lead_us + identity.max_points * identity.point_time_us
         self._later: list[FrameInDialogue] = []
         self._ahead: list[FrameInDialogue] = []
         self.now_us = 0
-
-    @property
-    def _all(self) -> list[DialogueModel]:
-        """Return the models of early and late arrival."""
-        return [self._early] if self._late is None else [self._early, self._late]
 
     def close(self) -> None:
         """End the processes."""

@@ -24,7 +24,6 @@ from haptogram.errors import LinkLostError
 from haptogram.machine.line_process import LineProcess
 
 _LONGEST_RX: Final = 16_384  # bytes in one step
-_BETWEEN: Final = ";"  # several steps of the model, and their answers
 
 
 class LockstepProcess:
@@ -79,10 +78,6 @@ class LockstepProcess:
     def reset(self) -> None:
         """Switch the board off and on; its time begins at 0 again."""
         self.step("reset")
-
-    def carry_out(self, steps: Sequence[str]) -> list[str]:
-        """Carry out steps of the model one after the other; return their answers."""
-        return self.step(_BETWEEN.join(steps)).split(_BETWEEN)
 
     def step(self, line: str) -> str:
         """Send one line and return the answer."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final, TypeAlias
 
 from haptogram_protocol import messages as m
@@ -21,16 +21,15 @@ from ..client.wire import ReceivedByClient, decoded_frame
 from ..outcome import check
 
 TRACES: Final = (m.Trace, m.TracePlayback, m.TraceDrive)
-_NO_TRACE_FLAGS: Final = 0xFF & ~int(m.Flag.LATE)
+_LATE: Final = int(m.Flag.LATE)  # an operation on a flag takes microseconds
 _SHORTEST_TEXT: Final = 8
-_SPARE: Final = b"\x01"  # code byte without a byte behind it
 _PROMPT_US: Final = 10_000  # HG-4.11/3
 _ERROR_CODES: Final = frozenset(int(code) for code in m.ErrorCode)
 #: Clauses that a piece which is no frame breaks, by its defect.
 _DAMAGED: Final = {"cobs": "HG-2.2/1", "crc": "HG-2.4/1", "short": "HG-3.1/1"}
 
 #: What is wrong in a frame, by the clause that it breaks; empty: the clause is met.
-Broken: TypeAlias = Iterable[tuple[str, str]]
+Broken: TypeAlias = Iterator[tuple[str, str]]
 
 
 class LineRules:
@@ -69,11 +68,10 @@ class LineRules:
             if len(piece) <= MAX_ENCODED_BYTES and piece[1:2] and piece[1] in m.REQUEST_RANGE:
                 with contextlib.suppress(RemoteProtocolError):  # nobody answers a damaged frame
                     header = m.Header.of_body(decoded_frame(piece))
-                    asked = header.type, header.seq
-                    self._asked[asked] += 1
-                    self._open += self._asked[asked] > 0
+                    self._asked[header.type, header.seq] += 1
+                    self._open += self._asked[header.type, header.seq] > 0
                     if not (waits or self._begun) and len(data) == len(piece) + 2:
-                        self._alone = asked, t_us, len(data)
+                        self._alone = (header.type, header.seq), t_us, len(data)
 
     def _extra_bytes(self, piece: ReceivedByClient) -> str:
         """Return extra bytes after the last field, unless a later minor version allows them."""
@@ -85,7 +83,7 @@ class LineRules:
     # --- What comes ------------------------------------------------------------------------------
 
     def broken_by(self, piece: ReceivedByClient) -> Broken:
-        """Return the clauses that a piece is judged by, each with what breaks it."""
+        """Yield the clauses that a piece is judged by, each with what breaks it."""
         header, was_frame = piece.header, self._was_frame
         self._was_frame = header is not None
         if (
@@ -95,30 +93,30 @@ class LineRules:
             self._sessions = (piece.message.nonce, *self._sessions[:1])
             self._minor = piece.message.minor
         if not self._sessions:
-            return []  # nobody has answered HELLO: this may be no board
+            return  # nobody has answered HELLO: this may be no board
         if header is None:
-            return self._broken_by_junk(piece)
-        size, is_of_host = len(piece.piece), not (piece.is_response or piece.is_event)
-        shared = "this frame shares a zero with the one before"
-        stuffed = "this frame is stuffed in another way"
-        long = f"{size} bytes between delimiters"
-        extra = piece.fault if piece.reason == "bad_length" else self._extra_bytes(piece)
-        found = [
-            ("HG-2.1/1", shared if piece.shared and was_frame else ""),
-            ("HG-2.2/1", stuffed if _is_oddly_stuffed(piece) else ""),
-            ("HG-2.4/1", ""),  # or it would be no frame
-            ("HG-2.6/1", long if size > MAX_ENCODED_BYTES else ""),
-            ("HG-3.1/1", "the board sends a frame of the host" if is_of_host else ""),
-            ("HG-3.2/3", extra),
-            ("HG-3.4/3", _wrong_flags(piece, header)),
-            ("HG-11.5/2", _unnamed_in_frame(piece)),
-            ("HG-3.7/1", self._wrong_session(piece, header)),
-        ]
+            yield from self._broken_by_junk(piece)
+            return
+        shared = piece.shared and was_frame
+        yield "HG-2.1/1", "this frame shares a zero with the one before" if shared else ""
+        # Only a code byte 1 behind a full block, at the end, can be left out.
+        is_odd = piece.piece.endswith(b"\x01") and piece.piece != cobs_encode(piece.unstuffed)
+        yield "HG-2.2/1", "this frame is stuffed in another way" if is_odd else ""
+        yield "HG-2.4/1", ""  # or it would be no frame
+        size = len(piece.piece)
+        yield "HG-2.6/1", f"{size} bytes between delimiters" if size > MAX_ENCODED_BYTES else ""
+        is_of_host = not (piece.is_response or piece.is_event)
+        yield "HG-3.1/1", "the board sends a frame of the host" if is_of_host else ""
+        yield "HG-3.2/3", piece.fault if piece.reason == "bad_length" else self._extra_bytes(piece)
+        allowed = _LATE if isinstance(piece.message, TRACES) else 0
+        wrong = header.flags & ~allowed
+        yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""
+        yield "HG-11.5/2", _unnamed_in_frame(piece)
+        yield from self._broken_by_session(piece, header)
         if piece.is_response:
-            found.append(("HG-4.11/1", self._unmatched_response(piece, header)))
-            found += self._late_answer(piece, header)
+            yield "HG-4.11/1", self._unmatched_response(piece, header)
+            yield from self._late_answer(piece, header)
         self._alone = None
-        return found
 
     def _broken_by_junk(self, piece: ReceivedByClient) -> Broken:
         """Judge undecodable bytes; a lossy line is not the board's fault."""
@@ -128,18 +126,14 @@ class LineRules:
             text = f"{len(piece.piece)} bytes that are no frame: {piece.fault}"
             yield _DAMAGED.get(piece.reason, "HG-2.2/1"), text
 
-    def _wrong_session(self, piece: ReceivedByClient, header: m.Header) -> str:
-        """Return a text unless the session is the open one.
-
-        It may be the one before for an event that had to wait.
-        """
+    def _broken_by_session(self, piece: ReceivedByClient, header: m.Header) -> Broken:
+        """Judge the session: the open one, or for an event that had to wait the one before."""
         due = self._sessions if piece.is_event else self._sessions[:1]
         error = piece.message
         if isinstance(error, m.Error) and error.code == m.ErrorCode.STALE_SESSION:
             due = (0,)  # HG-4.12/1
-        if header.session in due:
-            return ""
-        return f"the session is {header.session:#06x}, due is {due[0]:#06x}"
+        text = f"the session is {header.session:#06x}, due is {due[0]:#06x}"
+        yield "HG-3.7/1", text if header.session not in due else ""
 
     def _unmatched_response(self, piece: ReceivedByClient, header: m.Header) -> str:
         """Return a text if a response answers no open request."""
@@ -159,10 +153,10 @@ class LineRules:
         """Judge the response time of a single request, in virtual time."""
         alone, line_us = self._alone, self._line_us
         if not (self._is_lossless and alone and line_us and header.seq == alone[0][1]):
-            return []
+            return
         took_us = piece.t_us - alone[1] - line_us(alone[2] + len(piece.piece) + 2)
         text = f"the answer begins {took_us / 1000:.1f} ms after its request; due is 10 ms at most"
-        return [("HG-4.11/3", text if took_us > _PROMPT_US else "")]
+        yield "HG-4.11/3", text if took_us > _PROMPT_US else ""
 
 
 def judge_line_rule(pieces: Iterable[ReceivedByClient], clause: str) -> None:
@@ -173,20 +167,6 @@ def judge_line_rule(pieces: Iterable[ReceivedByClient], clause: str) -> None:
         check(not (text := "".join(texts)), f"{text}: {annotated_frame_text(piece.piece)}")
 
 
-def _is_oddly_stuffed(piece: ReceivedByClient) -> bool:
-    """Return True if the bytes of a frame have another COBS than ours.
-
-    Only a spare code byte 1 behind a full block, at the end, decodes to the same bytes.
-    """
-    return piece.piece.endswith(_SPARE) and piece.piece != cobs_encode(piece.unstuffed)
-
-
-def _wrong_flags(piece: ReceivedByClient, header: m.Header) -> str:
-    """Return a text on flags that have no meaning in a frame of a board."""
-    wrong = header.flags & (_NO_TRACE_FLAGS if isinstance(piece.message, TRACES) else 0xFF)
-    return f"flags {wrong:#04x} have no meaning here" if wrong else ""
-
-
 def _unnamed_in_frame(piece: ReceivedByClient) -> str:
     """Return in words which type, value, code or bit of a frame no table names."""
     if piece.reason in ("unknown_type", "bad_value"):
@@ -195,6 +175,6 @@ def _unnamed_in_frame(piece: ReceivedByClient) -> str:
     if isinstance(message, m.Error) and message.code not in _ERROR_CODES:
         return f"error code {message.code} is in no table"
     if isinstance(message, m.TraceReply):
-        spare = [record.flags for record in message.records if record.flags & _NO_TRACE_FLAGS]
+        spare = [record.flags for record in message.records if record.flags & ~_LATE]
         return f"flags {spare[0]:#04x} of a latch in the ring" if spare else ""
     return ""

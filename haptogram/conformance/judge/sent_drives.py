@@ -53,11 +53,8 @@ class SentDrives:
 
     def take(self, data: bytes) -> None:
         """Note bytes that are sent."""
-        *ended, rest = data.split(DELIMITER)
-        if ended:
-            ended[0] = self._begun + ended[0]
-            self._begun = b""
-        self._begun = (self._begun + rest)[: MAX_ENCODED_BYTES + 1]
+        *ended, rest = (self._begun + data).split(DELIMITER)
+        self._begun = rest[: MAX_ENCODED_BYTES + 1]
         for piece in ended:
             if piece[1:2] and piece[1] in m.STREAM_RANGE:
                 self._pieces.append(piece)
@@ -148,9 +145,8 @@ class UploadRoom:
     """
 
     def __init__(self) -> None:
-        self._begins: dict[
-            int, list[m.UploadBegin]
-        ] = {}  # unanswered, by the number of the request
+        # Unanswered, by the number of the request.
+        self._begins: dict[int, list[m.UploadBegin]] = {}
         self._commits: dict[int, int] = {}
         self._open: m.UploadBegin | None = None
         self._stored: dict[int, tuple[int, int]] = {}  # kind and size by target

@@ -82,7 +82,7 @@ class StandingRules:
         self._since = _Since()
         self._case = ""
         self._in_case: dict[str, str] = {}
-        rules: tuple[tuple[Callable[..., Broken], tuple[type[m.Message], ...]], ...] = (
+        self._rules: tuple[tuple[Callable[..., Broken], tuple[type[m.Message], ...]], ...] = (
             (self._judge_identity, (m.HelloReply,)),
             (self._judge_status, (m.Status, m.StatusReply)),
             (
@@ -98,10 +98,6 @@ class StandingRules:
             (self._judge_drives, (m.DriveReply, m.TraceReply, m.UploadCommitReply, *TRACES)),
             (self._judge_room, (m.UploadBeginReply, m.UploadCommitReply, m.Error)),
         )
-        self._rules_of = {
-            message: [rule for rule, kinds in rules if issubclass(message, kinds)]
-            for message in m.MESSAGES.values()
-        }
 
     def begin_board(self, line_us: Callable[[int], int] | None = None) -> None:
         """Note that a board has started, or its port was opened; bytes take *line_us* there."""
@@ -121,10 +117,8 @@ class StandingRules:
 
     def take_sent(self, data: bytes, t_us: int = 0) -> None:
         """Note bytes that the host sends."""
-        sent = self._since.sent
-        for piece in data.split(DELIMITER):
-            if len(piece) > HEADER_BYTES:
-                sent[piece[1]] += 1
+        pieces = data.split(DELIMITER)
+        self._since.sent.update([piece[1] for piece in pieces if len(piece) > HEADER_BYTES])
         self._sent.take(data)
         self._line.take_sent(data, t_us)
 
@@ -136,8 +130,9 @@ class StandingRules:
             return
         if self._is_repeated(piece) or not (piece.is_response or piece.is_event):
             return
-        for rule in self._rules_of[type(piece.message)]:
-            self._note_all(rule(piece, piece.message), piece)
+        for rule, kinds in self._rules:
+            if isinstance(piece.message, kinds):
+                self._note_all(rule(piece, piece.message), piece)
 
     def _is_repeated(self, piece: ReceivedByClient) -> bool:
         """Return True for a cached reply, which carries an earlier time (HG-4.11/6)."""
