@@ -34,13 +34,13 @@ class RuleFindings:
 
     Attributes
     ----------
-    judged : dict of str to int
-        How many frames each clause was judged by.
+    judged : set of str
+        Clauses that a frame was judged by.
     broken : dict of str to str
         What broke a clause first, in words.
     """
 
-    judged: dict[str, int] = field(default_factory=dict)
+    judged: set[str] = field(default_factory=set)
     broken: dict[str, str] = field(default_factory=dict)
 
 

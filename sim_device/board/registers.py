@@ -53,6 +53,7 @@ class BoardFocuser:
         medium = dataclasses.replace(model.medium, sound_speed_m_s=sound_speed_mm_s / 1000)
         self._model = dataclasses.replace(model, medium=medium)
         self._graded = bool(settings.features & Feature.AMPLITUDE)
+        self._known: dict[tuple[FocalPoint, ...], Drive] = {}  # of a sequence, in every loop
 
     def drive(self, points: Sequence[FocalPoint]) -> Drive:
         """Return the codes nearest to w_n = sum_i a_i e^{j psi_i} e^{-j k r_n(i)}, |w_n| <= 1."""
@@ -67,7 +68,13 @@ class BoardFocuser:
         """Return the register codes of *content*, and the resolution it was commanded in."""
         if isinstance(content, Drive):
             return to_registers(content), content.phase_bits
-        return self.drive(content), REGISTER_BITS
+        points = tuple(content)
+        drive = self._known.get(points)
+        if drive is None:
+            if len(self._known) >= _KEPT:
+                self._known.clear()
+            drive = self._known[points] = self.drive(points)
+        return drive, REGISTER_BITS
 
 
 def radiated_drive_of_registers(

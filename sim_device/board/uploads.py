@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import zlib
 from dataclasses import dataclass
 
@@ -165,6 +166,7 @@ class BoardUploads:
         return self._settings.count
 
 
+@functools.lru_cache(maxsize=1024)
 def _points_uploaded_to_board(piece: bytes) -> tuple[FocalPoint, ...]:
     size = FocalPoint.LAYOUT.size
     return tuple(FocalPoint.unpack(piece[i : i + size]) for i in range(0, len(piece), size))

@@ -5,7 +5,8 @@ LIMITS is a JSON object of fields of :class:`~sim_device.board.settings.BoardSet
 of ``protocol/c/tools/board_steps.c``; times are microseconds after power-up.
 ``reset US`` starts the device clock at US instead of 2^32 - 10 s.  ``next`` is answered by the time
 at which the board does something by itself, ``-`` if never.  ``through TIME`` lets time pass while
-somebody reads: its answer holds all that the board sends up to then.
+somebody reads: its answer holds all that the board sends up to then.  A line may hold several steps
+with ``;`` between them; so does its answer.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ def run_stepped_board(words: list[str], lines: Iterable[str], answers: TextIO) -
     """Answer every line of *lines* by one line."""
     board = VirtualSteppedBoard(_settings_of_stepped_board(json.loads(words[0])))
     for line in lines:
-        answers.write(board.step(line) + "\n")
+        answers.write(";".join(map(board.step, line.split(";"))) + "\n")
         answers.flush()
 
 

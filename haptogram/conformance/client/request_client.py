@@ -10,12 +10,12 @@ from typing import Any, Final, TypeVar
 from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.words import annotated_type_name
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame, encode_frame
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 from haptogram_protocol.state import OutputState
 
 from ..outcome import check, check_equal, fail
 from .recording import error_name, message_text, moved_counters_text
-from .wire import RawFrameClient, ReceivedByClient
+from .wire import RawFrameClient, ReceivedByClient, decoded_frame, encoded_frame
 
 _M = TypeVar("_M", bound=m.Message)
 #: Five times the time in which a board answers (HG-4.11/3).
@@ -115,7 +115,7 @@ class RequestClient:
     ) -> tuple[bytes, int]:
         """Return a request's bytes and number: the next number unless *seq* is given."""
         seq = self.next_seq() if seq is None else seq
-        return encode_frame(
+        return encoded_frame(
             self.body(message.TYPE, message.serialize(), seq=seq, **header)
         ), seq & 0xFFFF
 
@@ -144,7 +144,7 @@ class RequestClient:
         time_us = at_us or 0
         if not flags & m.Flag.IMMEDIATE and time_us >= self.in_time_from_us:
             self.in_time_us = min(self.in_time_us, time_us)
-        return encode_frame(
+        return encoded_frame(
             self.body(kind, payload, seq=seq, flags=flags, time_us=time_us, session=session)
         )
 
@@ -206,7 +206,7 @@ class RequestClient:
         self.pauses += 1
         seq, since = (self.seq - _PAUSE_BEHIND) & 0xFFFF, self.mark()
         ping = m.Ping(self.random.getrandbits(_ECHO_BITS))
-        self._put([encode_frame(self.body(ping.TYPE, ping.serialize(), seq=seq, session=0))])
+        self._put([encoded_frame(self.body(ping.TYPE, ping.serialize(), seq=seq, session=0))])
         return seq, since
 
     def ask_time(self) -> int | None:
@@ -269,7 +269,7 @@ class RequestClient:
         if seq is None:
             self._make_room(len(payload) + _PING_BYTES)
         seq = self.next_seq() if seq is None else seq & 0xFFFF
-        wire = encode_frame(self.body(kind, payload, seq=seq, **header))
+        wire = encoded_frame(self.body(kind, payload, seq=seq, **header))
         since = self.mark()
         self._put([wire])
         self.knock(wire, seq, since)
@@ -472,7 +472,7 @@ class RequestClient:
 def _header_of_frame(wire: bytes) -> m.Header | None:
     """Return the header of a frame between delimiters; None if *wire* is none."""
     try:
-        return m.Header.unpack(decode_frame(wire.strip(DELIMITER))[: m.Header.LAYOUT.size])
+        return m.Header.of_body(decoded_frame(wire.strip(DELIMITER)))
     except RemoteProtocolError:
         return None
 

@@ -9,15 +9,16 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, NoReturn, Protocol, runtime_checkable
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
 from haptogram.machine.process import processes_behind_terminal, threads_waited_us
 from haptogram_protocol import messages as m
-from haptogram_protocol.cobs import cobs_decode
+from haptogram_protocol.cobs import cobs_decode, fastest_cobs
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame, encode_frame
 
 from ..outcome import CaseEndedError, HeldUpError, check, fail, inconclusive, require
 from .recording import DialogueRecording, TransferDirection
@@ -30,6 +31,8 @@ _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 _TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
 _STATUS: Final = (m.Status, m.StatusReply)
+CLIENT_COBS: Final = fastest_cobs()
+encoded_frame: Final = partial(encode_frame, stuff=CLIENT_COBS.encode)
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 
@@ -290,7 +293,7 @@ class RawFrameClient:
                 self._read(self._transport.now_ns() + (_RETRY_NS if not written else 0))
             if paced and self.limits.slack_us:
                 self.idle(end_us - self.line_us(len(rest)) - self.now_us())
-        self._leave(self.now_us())
+        self._leave()
 
     # --- in ------------------------------------------------------------------------------------
 
@@ -346,13 +349,13 @@ class RawFrameClient:
         """
         if isinstance(self._transport, UnreadClientTime):
             self._transport.skip_ns(duration_us * 1000)
-            self._leave(self.now_us())  # meant to be away: the host was not held up
+            self._leave()  # meant to be away: the host was not held up
             return
         if not self.limits.slack_us:
             self.idle(duration_us)
             return
         time.sleep(duration_us / 1e6)
-        self._leave(self.now_us())
+        self._leave()
 
     def ways_of_mute(self) -> Iterator[str]:
         """Yield a name for each way in which MUTE can reach the board, and let MUTE go that way.
@@ -377,8 +380,7 @@ class RawFrameClient:
         if self.limits.slack_us:  # in short waits, each of which shows whether it lasted too long
             deadline_ns = min(deadline_ns, self._transport.now_ns() + _LOOK_NS)
         data = self._transport.read_available(deadline_ns)
-        if not self.is_virtual:  # held up if that is long ago
-            self._leave(min(deadline_ns // 1000, self.now_us()))
+        self._leave(deadline_ns // 1000)  # held up if that is long ago
         if data:
             self._take(data)
 
@@ -412,7 +414,7 @@ class RawFrameClient:
     def _begin_delays(self) -> None:
         self.held_up_us = self.trip_us = 0
         self._board_waited_us = threads_waited_us(self._board)
-        self._leave(self.now_us())
+        self._leave()
 
     def _note_idle_time(self) -> None:
         """Record how long the host was idle since its last wait.
@@ -426,21 +428,20 @@ class RawFrameClient:
         before_us, self._board_waited_us = self._board_waited_us, threads_waited_us(self._board)
         self.note_held_up(self._board_waited_us - before_us)
 
-    def _leave(self, t_us: int) -> None:
-        """Record the time up to which the host listened or sent."""
+    def _leave(self, latest_us: int = 1 << 62) -> None:
+        """Record the time up to which the host listened or sent: now, *latest_us* at the latest."""
         if self.limits.slack_us:
-            self._left_us, self._left_cpu_ns = t_us, time.process_time_ns()
+            self._left_us = min(latest_us, self.now_us())
+            self._left_cpu_ns = time.process_time_ns()
 
     def _take(self, data: bytes) -> None:
         """Split received bytes into frames, and apply the rules to each."""
         now_us = self.now_us()
         self.recording.add(now_us, TransferDirection.BOARD, data)
         self.heard += len(data)
-        *ended, rest = data.split(DELIMITER)
+        *ended, rest = (self._partial + data).split(DELIMITER)
         rules = self.on_piece
-        for number, part in enumerate(ended):
-            piece = self._partial + part if number == 0 else part
-            self._partial = b"" if number == 0 else self._partial
+        for piece in ended:
             if piece:
                 self.received.append(_received_by_client(now_us, piece, shared=self._zeros == 1))
                 self._zeros = 0
@@ -449,7 +450,7 @@ class RawFrameClient:
                 if rules is not None:
                     rules(self.received[-1])
             self._zeros += 1
-        self._keep(rest)
+        self._partial = rest[:_PARTIAL_BYTES]
         if self.heard > _FLOOD_BYTES or len(self.received) > _FLOOD_FRAMES:
             self._flooded()
 
@@ -460,15 +461,18 @@ class RawFrameClient:
             fail(text)
         inconclusive(f"{text}, and no frame among them: not a board")
 
-    def _keep(self, rest: bytes) -> None:
-        """Buffer the bytes after the last delimiter, up to a limit."""
-        if len(self._partial) < _PARTIAL_BYTES:
-            self._partial += rest
+
+def decoded_frame(piece: bytes) -> bytes:
+    """Return the body of a frame, as :func:`decode_frame` does."""
+    try:
+        return decode_frame(piece, CLIENT_COBS.decode)
+    except CLIENT_COBS.refusal:
+        return decode_frame(piece)  # its error names the code byte
 
 
 def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> ReceivedByClient:
     try:
-        body = decode_frame(piece)
+        body = decoded_frame(piece)
     except RemoteProtocolError as error:
         return ReceivedByClient(t_us, piece, shared, fault=str(error), reason=error.reason)
     header = m.Header.of_body(body)

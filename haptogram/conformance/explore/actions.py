@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import random
 import zlib
 from collections.abc import Callable, Sequence
@@ -9,9 +10,10 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.framing import FrameDecoder, encode_frame
+from haptogram_protocol.framing import FrameDecoder
 
 from ..client.malformed_frames import malformed_frame, malformed_noise, malformed_with_crc
+from ..client.wire import CLIENT_COBS, encoded_frame
 from .host import DialogueHost
 
 SLOT_US: Final = 40_000
@@ -90,14 +92,16 @@ class DialogueAction(NamedTuple):
 
     def wire(self, host: DialogueHost) -> bytes:
         """Return the bytes on the line."""
-        source = random.Random(self.seed)
         body = self.body(host)
         host.note(body)
+        if not self.damage:
+            return encoded_frame(body)
         if self.damage in _SILENT:
             return b""
+        source = random.Random(self.seed)
         if self.damage == 5:
             return _short_random_run(source, body)
-        wire = encode_frame(body)
+        wire = encoded_frame(body)
         if self.damage == PARTS:
             ends = (1, 2, len(wire) - 1)  # behind a delimiter, a code byte, before a delimiter
             cut = source.choice((*ends, *(source.randrange(1, len(wire)) for _ in ends)))
@@ -109,10 +113,8 @@ class DialogueAction(NamedTuple):
             return wire[:at] + bytes([flipped]) + wire[at + 1 :]
         if self.damage == 2:
             return wire[: source.randrange(2, len(wire) - 1)] + b"\x00"
-        if self.damage >= 3:
-            size = source.choice((3, 40, 300, 4100)) if self.damage == 3 else _LONG_NOISE
-            return b"\x00" + malformed_noise(source, size) + b"\x00"
-        return wire
+        size = source.choice((3, 40, 300, 4100)) if self.damage == 3 else _LONG_NOISE
+        return b"\x00" + malformed_noise(source, size) + b"\x00"
 
 
 #: Actions of one slot after the other.
@@ -142,11 +144,11 @@ def frames_of_slot(
         room_bytes -= len(wire)
         if room_bytes < 0:
             break
-        if found and not action.wait_us and _is_mute_in_slot(wire):
+        if found and not action.wait_us and is_mute_on_wire(wire):
             break  # it may overtake what is sent with it: HG-3.8/2
         shares = found and not unsent and wire and action.seed % _SHARED == 0
         found.append((action, wire[1:] if shares else wire))
-        if not exact and any(map(host.is_latched_as_it_comes, _bodies_of_slot(wire))):
+        if not exact and any(map(host.is_latched_as_it_comes, bodies_of_wire(wire))):
             break
     return found
 
@@ -157,7 +159,7 @@ def end_of_slot(host: DialogueHost) -> bytes:
     It renews no lease, and uses no number up.
     """
     session, seq = host.session ^ _FOREIGN or _FOREIGN, number_at_end_of_slot(host)
-    return encode_frame(m.build_body(m.Ping(seq), flags=0, seq=seq, time_us=0, session=session))
+    return encoded_frame(m.build_body(m.Ping(seq), flags=0, seq=seq, time_us=0, session=session))
 
 
 def number_at_end_of_slot(host: DialogueHost) -> int:
@@ -175,10 +177,12 @@ def pieces_of_slot(data: bytes) -> list[bytes]:
     return [data[a:b] for a, b in pairwise(edges) if a < b]
 
 
-def _is_mute_in_slot(wire: bytes) -> bool:
-    return any(body[0] == m.MessageType.MUTE for body in _bodies_of_slot(wire))
+def is_mute_on_wire(wire: bytes) -> bool:
+    """Return True if one of the frames that *wire* ends is a MUTE."""
+    return any(body[0] == m.MessageType.MUTE for body in bodies_of_wire(wire))
 
 
-def _bodies_of_slot(wire: bytes) -> list[bytes]:
-    """Return the frame bodies decoded from the bytes of one time slot."""
-    return [body for body in FrameDecoder().feed(wire) if isinstance(body, bytes)]
+@functools.lru_cache(maxsize=64)
+def bodies_of_wire(wire: bytes) -> tuple[bytes, ...]:
+    """Return the bodies of the frames that *wire* ends; some parts ask for the same one by one."""
+    return tuple(body for body in FrameDecoder(CLIENT_COBS).feed(wire) if isinstance(body, bytes))

@@ -10,6 +10,8 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import HEADER_BYTES
 
+#: As a number: an operation on a flag takes microseconds.
+IMMEDIATE: Final = int(m.Flag.IMMEDIATE)
 #: In place of the bits in which a session differs from the open one: none.
 NO_SESSION: Final = 0x10000
 
@@ -105,7 +107,7 @@ class DialogueHost:
             return False
         header = m.Header.unpack(body[:HEADER_BYTES])
         ahead_us = m.signed_difference(header.time_us, self.slot_us & 0xFFFFFFFF, 32)
-        is_at_once = bool(header.flags & m.Flag.IMMEDIATE)
+        is_at_once = bool(header.flags & IMMEDIATE)
         if header.type in m.STREAM_RANGE:
             return is_at_once or ahead_us < 0
         return header.type == m.MessageType.PLAY and is_at_once

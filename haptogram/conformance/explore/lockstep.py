@@ -196,7 +196,8 @@ class Lockstep:
         room_bytes = self._board.wire.baudrate * SLOT_US // _SHARES[timed] // 10_000_000
         first = min(0, *(action.slot for action in actions), 0)
         slots = max((action.slot for action in actions), default=0) + _TAIL * timed + 1
-        start_us = host.slot_us = self._first_slot()
+        clock = self._board.clock
+        start_us = host.slot_us = clock.on_carrier(clock.device_estimate_us() + _AHEAD_US)
         by_slot: dict[int, list[DialogueAction]] = {}
         for action in actions:
             by_slot.setdefault(action.slot, []).append(action)
@@ -243,11 +244,6 @@ class Lockstep:
         return next((n for n, other in enumerate(behind) if other in by_slot), len(behind))
 
     # --- time ----------------------------------------------------------------------------------
-
-    def _first_slot(self) -> int:
-        """Return the device time of slot 0."""
-        clock = self._board.clock
-        return clock.on_carrier(clock.device_estimate_us() + _AHEAD_US)
 
     def _next_slot(self, slot_us: int, *, may_cut: bool) -> int:
         """Return the start time of the next slot; slots that the host has missed are skipped."""

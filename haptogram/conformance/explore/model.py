@@ -17,9 +17,10 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import FrameDecoder
 
+from ..client.wire import CLIENT_COBS
 from ..outcome import CaseEndedError
 from ..verdict import Behaviour
-from .actions import LATE_WINDOWS_US
+from .actions import LATE_WINDOWS_US, bodies_of_wire
 from .comparison import (
     DialogueAnswers,
     DialogueBase,
@@ -27,8 +28,8 @@ from .comparison import (
     FrameInDialogue,
     superfluous_in_dialogue,
 )
-from .host import DialogueHost
-from .stepped_process import LockstepProcess
+from .host import IMMEDIATE, DialogueHost
+from .stepped_process import LockstepProcess, bytes_of_step, steps_of_bytes
 
 _MODEL: Final = "sim_device.driven.stepped_board"
 _STORE_BYTES: Final = 1 << 20  # more than a dialogue stores
@@ -60,6 +61,9 @@ class HostLateError(HaptogramError):
 class DialogueModel:
     """A healthy board like the one under test; times are device times of that one, unwrapped.
 
+    Steps are carried out when an answer is needed: together, so that host and model rarely wait
+    for each other.
+
     Parameters
     ----------
     identity : HelloReply
@@ -68,7 +72,7 @@ class DialogueModel:
     Raises
     ------
     CaseEndedError
-        INCONCLUSIVE, from every step: the process has ended.
+        INCONCLUSIVE, from every answer: the process has ended.
     """
 
     def __init__(self, identity: m.HelloReply) -> None:
@@ -76,33 +80,47 @@ class DialogueModel:
             [sys.executable, "-m", _MODEL, limits_of_lockstep_model(identity)],
             _dialogue_model_failure,
         )
-        self._boot_us = 0
+        self._boot_us, self._sent = 0, b""
+        self._steps: list[str] = []
 
     def close(self) -> None:
         """End the process."""
         self._process.close()
 
     def reset(self, boot_us: int) -> None:
-        """Power the model up at a device time."""
-        self._boot_us = boot_us
-        self._process.step(f"reset {boot_us}")
+        """Power the model up at a device time; forget what it has sent."""
+        self._boot_us, self._sent = boot_us, b""
+        self._steps = [f"reset {boot_us}"]
 
-    def receive(self, at_us: int, data: bytes) -> list[FrameInDialogue]:
-        """Let *data* arrive; return the frames of the model."""
-        return _frames_in_dialogue(self._process.receive(at_us - self._boot_us, data))
+    def receive(self, at_us: int, data: bytes) -> None:
+        """Let *data* arrive."""
+        self._steps += steps_of_bytes(at_us - self._boot_us, data)
 
-    def advance(self, end_us: int) -> list[FrameInDialogue]:
-        """Let time pass; return the frames of the model, each event at its time."""
-        return _frames_in_dialogue(self._process.advance_through(end_us - self._boot_us))
+    def advance(self, end_us: int) -> None:
+        """Let time pass, each event at its time."""
+        self._steps.append(f"through {end_us - self._boot_us}")
 
-    def fault(self, at_us: int) -> list[FrameInDialogue]:
-        """Let the hardware fail; return the frames of the model."""
-        return _frames_in_dialogue(self._process.fault(at_us - self._boot_us))
+    def fault(self, at_us: int) -> None:
+        """Let the hardware fail."""
+        self._steps.append(f"fault {at_us - self._boot_us}")
+
+    def frames(self) -> list[FrameInDialogue]:
+        """Return the frames that the model has sent since the last call."""
+        self._carry_out()
+        sent, self._sent = self._sent, b""
+        return _frames_in_dialogue(sent)
 
     def next_us(self) -> int | None:
         """Return when the model does something by itself; None: never."""
-        answer = self._process.step("next")
+        answer = self._carry_out()
         return None if answer == "-" else int(answer) + self._boot_us
+
+    def _carry_out(self) -> str:
+        """Carry out the steps that wait; return when the model does something by itself."""
+        steps, self._steps = [*self._steps, "next"], []
+        *answers, next_us = self._process.step(";".join(steps)).split(";")
+        self._sent += b"".join(map(bytes_of_step, answers))
+        return next_us
 
 
 class DialogueModels:
@@ -129,16 +147,11 @@ class DialogueModels:
     def __init__(self, identity: m.HelloReply, *, knows_time: bool) -> None:
         self._early = DialogueModel(identity)
         self._late = None if knows_time else DialogueModel(identity)
+        self._all = [model for model in (self._early, self._late) if model is not None]
         self._ready_us = identity.latch_lead_us + identity.max_points * identity.point_time_us
-        self._due: list[FrameInDialogue] = []
         self._later: list[FrameInDialogue] = []
         self._ahead: list[FrameInDialogue] = []
         self.now_us = 0
-
-    @property
-    def _all(self) -> list[DialogueModel]:
-        """Return the models of early and late arrival."""
-        return [self._early] if self._late is None else [self._early, self._late]
 
     def close(self) -> None:
         """End the processes."""
@@ -148,14 +161,16 @@ class DialogueModels:
     def reset(self, boot_us: int) -> None:
         """Power the models up at a device time."""
         self.now_us = boot_us
-        self._due, self._later, self._ahead = [], [], []
+        self._later, self._ahead = [], []
         for model in self._all:
             model.reset(boot_us)
 
     def ask(self, at_us: int, data: bytes) -> FrameInDialogue:
         """Let a request arrive before the dialogue; return the answer."""
         self.now_us = at_us
-        answers = [model.receive(at_us, data)[-1] for model in self._all]
+        for model in self._all:
+            model.receive(at_us, data)
+        answers = [model.frames()[-1] for model in self._all]
         return answers[0]
 
     def receive(
@@ -178,7 +193,7 @@ class DialogueModels:
             If a stream frame may have been latched before the next one flushes it: the early model
             flushes it then, and the late one drops it.
         """
-        self._due += self._early.receive(early_us, b"".join(wires))
+        self._early.receive(early_us, b"".join(wires))
         self.now_us = max([early_us, *answered_us])
         if self._late is None:
             return
@@ -190,8 +205,9 @@ class DialogueModels:
                 raise HostLateError(f"within {doubtful} µs a frame was latched, flushed or late")
             if any(self._is_in_time_or_late(header, early_us, at_us) for header in headers):
                 doubtful = at_us - early_us
-            self._later += self._late.advance(at_us)
-            said = self._late.receive(at_us, wire)
+            self._late.advance(at_us)
+            self._late.receive(at_us, wire)
+            said = self._late.frames()
             answers += sum(frame.header.type in m.RESPONSE_RANGE for frame in said)
             self._later += said
 
@@ -210,7 +226,7 @@ class DialogueModels:
 
     def _is_in_time_or_late(self, header: m.Header, early_us: int, late_us: int) -> bool:
         """Return True if a stream frame that came between two times may be in time, or late."""
-        if header.type not in m.STREAM_RANGE or header.flags & m.Flag.IMMEDIATE:
+        if header.type not in m.STREAM_RANGE or header.flags & IMMEDIATE:
             return False
         t_us = m.unwrap(header.time_us, early_us, 32)
         ends_us = (t_us + window_us for window_us in LATE_WINDOWS_US)
@@ -219,13 +235,12 @@ class DialogueModels:
     def advance(self, end_us: int) -> None:
         """Let time pass."""
         self.now_us = max(self.now_us, end_us)
-        self._due += self._early.advance(end_us)
-        if self._late is not None:
-            self._later += self._late.advance(end_us)
+        for model in self._all:
+            model.advance(end_us)
 
     def fault(self, at_us: int) -> None:
         """Let the hardware fail, at a time that the host knows."""
-        self._due += self._early.fault(at_us)
+        self._early.fault(at_us)
 
     def next_us(self) -> int | None:
         """Return when a model does something by itself; None: never."""
@@ -245,10 +260,10 @@ class DialogueModels:
             If the late model has sent something else, beyond times that differ by *near_us*, or at
             last less.
         """
-        sent, later = [*self._ahead, *self._due], self._later
-        self._due, self._later = [], []
+        sent = [*self._ahead, *self._early.frames()]
         if self._late is None:
             return sent
+        later, self._later = [*self._later, *self._late.frames()], []
         mine = DialogueAnswers.of(sent, base)
         comparison = DialogueComparison(mine, DialogueAnswers.of(later, base), host, near_us)
         self._ahead = comparison.early()
@@ -262,20 +277,19 @@ class DialogueModels:
 
 def _headers_in_dialogue(wire: bytes) -> list[m.Header]:
     """Return the headers of the frames that *wire* ends."""
-    bodies = [body for body in FrameDecoder().feed(wire) if isinstance(body, bytes)]
-    return [m.Header.unpack(body[: m.Header.LAYOUT.size]) for body in bodies]
+    return [m.Header.of_body(body) for body in bodies_of_wire(wire)]
 
 
 def _flushes_in_dialogue(header: m.Header) -> bool:
     """Return True if a frame may empty the queue."""
     if header.type in m.STREAM_RANGE:
-        return bool(header.flags & m.Flag.IMMEDIATE)
+        return bool(header.flags & IMMEDIATE)
     return header.type in (m.MessageType.HELLO, m.MessageType.MUTE, m.MessageType.DISARM)
 
 
 def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:
     found = []
-    for body in FrameDecoder().feed(data):
+    for body in FrameDecoder(CLIENT_COBS).feed(data):
         if isinstance(body, RemoteProtocolError):
             raise body
         found.append(FrameInDialogue(*m.parse_body(body), body))

@@ -10,6 +10,7 @@ from haptogram_protocol.framing import HEADER_BYTES, encode_frame
 
 from ..client.board_client import BoardClient
 from ..client.board_clock import BOOT_US
+from ..client.wire import encoded_frame
 from .actions import (
     ABSENT,
     SLOT_US,
@@ -153,7 +154,7 @@ class DialogueOpening:
     def _tell_model(self, body: bytes) -> m.Message:
         """Return the models' answer to a request before slot 0."""
         now_us = self._board.clock.device_estimate_us()
-        return self._models.ask(now_us, encode_frame(body)).message
+        return self._models.ask(now_us, encoded_frame(body)).message
 
     def preamble(self, config: m.Config, seed: int) -> list[m.Message]:
         """Return the requests before slot 0: what a dialogue finds.

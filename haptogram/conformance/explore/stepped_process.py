@@ -12,6 +12,7 @@
 
 The answer holds the bytes that the board sent in hex, ``-`` for none; that of ``until`` begins with
 the time.  ``protocol/c/tools/board_steps.c`` is such a process.  Bytes take no time on their way.
+The model takes several steps in one line, with ``;`` between them, and so answers them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Final
 from haptogram.errors import LinkLostError
 from haptogram.machine.line_process import LineProcess
 
-_LONGEST_RX: Final = 16_384  # bytes in one line of input
+_LONGEST_RX: Final = 16_384  # bytes in one step
 
 
 class LockstepProcess:
@@ -55,30 +56,24 @@ class LockstepProcess:
 
     def receive(self, at_us: int, data: bytes) -> bytes:
         """Let *data* arrive; return the bytes that the board sent."""
-        parts = range(0, len(data), _LONGEST_RX)
-        steps = (f"rx {at_us} {data[start : start + _LONGEST_RX].hex()}" for start in parts)
-        return b"".join(_bytes_of_lockstep_answer(self.step(step)) for step in steps)
+        return b"".join(bytes_of_step(self.step(step)) for step in steps_of_bytes(at_us, data))
 
     def advance(self, at_us: int) -> bytes:
         """Let time pass; return the bytes that the board sent."""
-        return _bytes_of_lockstep_answer(self.step(f"at {at_us}"))
+        return bytes_of_step(self.step(f"at {at_us}"))
 
     def advance_until_sent(self, limit_us: int) -> tuple[int, bytes]:
         """Let time pass until the board sends something; return the time and the bytes."""
         at_us, sent = self.step(f"until {limit_us}").split()
-        return int(at_us), _bytes_of_lockstep_answer(sent)
-
-    def advance_through(self, end_us: int) -> bytes:
-        """Let time pass while somebody reads; return the bytes that the board sent."""
-        return _bytes_of_lockstep_answer(self.step(f"through {end_us}"))
+        return int(at_us), bytes_of_step(sent)
 
     def fault(self, at_us: int) -> bytes:
         """Let the hardware of the board fail; return the bytes that the board sent."""
-        return _bytes_of_lockstep_answer(self.step(f"fault {at_us}"))
+        return bytes_of_step(self.step(f"fault {at_us}"))
 
     def find_mute(self, at_us: int, count: int) -> bytes:
         """Let an interrupt find a MUTE, the last of *count* bytes to come; return what was sent."""
-        return _bytes_of_lockstep_answer(self.step(f"mute {at_us} {count}"))
+        return bytes_of_step(self.step(f"mute {at_us} {count}"))
 
     def reset(self) -> None:
         """Switch the board off and on; its time begins at 0 again."""
@@ -90,5 +85,12 @@ class LockstepProcess:
         return answer.decode().strip()
 
 
-def _bytes_of_lockstep_answer(answer: str) -> bytes:
+def steps_of_bytes(at_us: int, data: bytes) -> list[str]:
+    """Return the steps by which *data* arrive."""
+    parts = range(0, len(data), _LONGEST_RX)
+    return [f"rx {at_us} {data[start : start + _LONGEST_RX].hex()}" for start in parts]
+
+
+def bytes_of_step(answer: str) -> bytes:
+    """Return the bytes that the board has sent in a step."""
     return b"" if answer == "-" else bytes.fromhex(answer)

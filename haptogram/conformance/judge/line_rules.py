@@ -15,12 +15,13 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.annotation.frames import annotated_frame_text
 from haptogram_protocol.cobs import cobs_encode
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, HEADER_BYTES, MAX_ENCODED_BYTES, decode_frame
+from haptogram_protocol.framing import DELIMITER, HEADER_BYTES, MAX_ENCODED_BYTES
 
-from ..client.wire import ReceivedByClient
+from ..client.wire import ReceivedByClient, decoded_frame
 from ..outcome import check
 
 TRACES: Final = (m.Trace, m.TracePlayback, m.TraceDrive)
+_LATE: Final = int(m.Flag.LATE)  # an operation on a flag takes microseconds
 _SHORTEST_TEXT: Final = 8
 _PROMPT_US: Final = 10_000  # HG-4.11/3
 _ERROR_CODES: Final = frozenset(int(code) for code in m.ErrorCode)
@@ -66,7 +67,7 @@ class LineRules:
         for piece in ended:
             if len(piece) <= MAX_ENCODED_BYTES and piece[1:2] and piece[1] in m.REQUEST_RANGE:
                 with contextlib.suppress(RemoteProtocolError):  # nobody answers a damaged frame
-                    header = m.Header.unpack(decode_frame(piece)[:HEADER_BYTES])
+                    header = m.Header.of_body(decoded_frame(piece))
                     self._asked[header.type, header.seq] += 1
                     self._open += self._asked[header.type, header.seq] > 0
                     if not (waits or self._begun) and len(data) == len(piece) + 2:
@@ -98,7 +99,8 @@ class LineRules:
             return
         shared = piece.shared and was_frame
         yield "HG-2.1/1", "this frame shares a zero with the one before" if shared else ""
-        is_odd = piece.piece != cobs_encode(piece.unstuffed)
+        # Only a code byte 1 behind a full block, at the end, can be left out.
+        is_odd = piece.piece.endswith(b"\x01") and piece.piece != cobs_encode(piece.unstuffed)
         yield "HG-2.2/1", "this frame is stuffed in another way" if is_odd else ""
         yield "HG-2.4/1", ""  # or it would be no frame
         size = len(piece.piece)
@@ -106,7 +108,7 @@ class LineRules:
         is_of_host = not (piece.is_response or piece.is_event)
         yield "HG-3.1/1", "the board sends a frame of the host" if is_of_host else ""
         yield "HG-3.2/3", piece.fault if piece.reason == "bad_length" else self._extra_bytes(piece)
-        allowed = m.Flag.LATE if isinstance(piece.message, TRACES) else 0
+        allowed = _LATE if isinstance(piece.message, TRACES) else 0
         wrong = header.flags & ~allowed
         yield "HG-3.4/3", f"flags {wrong:#04x} have no meaning here" if wrong else ""
         yield "HG-11.5/2", _unnamed_in_frame(piece)
@@ -173,6 +175,6 @@ def _unnamed_in_frame(piece: ReceivedByClient) -> str:
     if isinstance(message, m.Error) and message.code not in _ERROR_CODES:
         return f"error code {message.code} is in no table"
     if isinstance(message, m.TraceReply):
-        spare = [record.flags for record in message.records if record.flags & ~m.Flag.LATE]
+        spare = [record.flags for record in message.records if record.flags & ~_LATE]
         return f"flags {spare[0]:#04x} of a latch in the ring" if spare else ""
     return ""

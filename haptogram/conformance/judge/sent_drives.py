@@ -9,7 +9,9 @@ from typing import Final, TypeAlias
 
 from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
+from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
+
+from ..client.wire import decoded_frame
 
 #: Phase codes and amplitude codes of all transducers, in registers of 8 bits.
 Codes: TypeAlias = tuple[bytes, bytes]
@@ -51,17 +53,14 @@ class SentDrives:
 
     def take(self, data: bytes) -> None:
         """Note bytes that are sent."""
-        *ended, rest = data.split(DELIMITER)
-        if ended:
-            ended[0] = self._begun + ended[0]
-            self._begun = b""
-        self._begun = (self._begun + rest)[: MAX_ENCODED_BYTES + 1]
+        *ended, rest = (self._begun + data).split(DELIMITER)
+        self._begun = rest[: MAX_ENCODED_BYTES + 1]
         for piece in ended:
             if piece[1:2] and piece[1] in m.STREAM_RANGE:
                 self._pieces.append(piece)
             elif piece[1:2] and piece[1] in _UPLOADS:
                 with contextlib.suppress(RemoteProtocolError):
-                    header, message = m.parse_body(decode_frame(piece))
+                    header, message = m.parse_body(decoded_frame(piece))
                     self.room.note_sent(header, message)
                     self._note_upload(message)
 
@@ -131,7 +130,7 @@ class SentDrives:
     def _decode(self, piece: bytes, transducers: int) -> None:
         """Keep the codes of a frame, unless it is damaged or has a wrong length."""
         with contextlib.suppress(RemoteProtocolError):
-            header, message = m.parse_body(decode_frame(piece))
+            header, message = m.parse_body(decoded_frame(piece))
             codes = m.drive_codes(message, transducers)
             key = header.session, header.seq
             self._codes[key] = [*self._codes.pop(key, []), codes]  # behind those sent before
@@ -146,9 +145,8 @@ class UploadRoom:
     """
 
     def __init__(self) -> None:
-        self._begins: dict[
-            int, list[m.UploadBegin]
-        ] = {}  # unanswered, by the number of the request
+        # Unanswered, by the number of the request.
+        self._begins: dict[int, list[m.UploadBegin]] = {}
         self._commits: dict[int, int] = {}
         self._open: m.UploadBegin | None = None
         self._stored: dict[int, tuple[int, int]] = {}  # kind and size by target

@@ -118,7 +118,7 @@ class StandingRules:
     def take_sent(self, data: bytes, t_us: int = 0) -> None:
         """Note bytes that the host sends."""
         pieces = data.split(DELIMITER)
-        self._since.sent.update(piece[1] for piece in pieces if len(piece) > HEADER_BYTES)
+        self._since.sent.update([piece[1] for piece in pieces if len(piece) > HEADER_BYTES])
         self._sent.take(data)
         self._line.take_sent(data, t_us)
 
@@ -154,7 +154,7 @@ class StandingRules:
     def _note_all(self, broken: Broken, piece: ReceivedByClient) -> None:
         judged = self._findings.judged
         for clause, text in broken:
-            judged[clause] = judged.get(clause, 0) + 1
+            judged.add(clause)
             if text:
                 self._note(clause, text, piece)
 

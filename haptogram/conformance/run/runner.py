@@ -376,9 +376,8 @@ class SuiteRunner:
             detail = outcome.detail or str(error)
             return self._lost(dataclasses.replace(outcome, detail=detail), board)
         except Exception as error:
-            if _is_behaviour_shown_in_suite(
-                outcome.behaviour
-            ):  # it has a verdict of its own, or an error
+            # It has a verdict of its own, or an error.
+            if _is_behaviour_shown_in_suite(outcome.behaviour):
                 return outcome
             transcript = board.wire.recording.transcript()
             return dataclasses.replace(_why_case_of_suite_broke_off(error), transcript=transcript)

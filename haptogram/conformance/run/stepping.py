@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from haptogram.driver.line.port import Transport
-from haptogram_protocol import messages as m
-from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
+from haptogram_protocol.framing import DELIMITER
 
+from ..explore.actions import is_mute_on_wire
 from ..explore.stepped_process import LockstepProcess
 
 #: Rate that cases reckon with where bytes take no time: the longest frame takes less than 1 µs.
@@ -52,8 +51,10 @@ class SteppedAccessTransport:
         *ended, begun = data.split(DELIMITER)
         pieces = [self._begun + piece if at == 0 else piece for at, piece in enumerate(ended)]
         self._begun = begun if ended else self._begun + begun
-        mutes = [at for at, piece in enumerate(pieces) if _is_mute_in_steps(piece)]
-        ahead = _draw_of_steps(data) if self.finds_mutes is None else self.finds_mutes
+        mutes = [at for at, piece in enumerate(pieces) if is_mute_on_wire(piece + DELIMITER)]
+        ahead = self.finds_mutes
+        if ahead is None:  # a bit of the data, not derived from their CRC
+            ahead = bool(hashlib.blake2b(data, digest_size=1).digest()[0] & 1)
         if mutes and ahead:
             self._overtake(mutes, [*(piece + DELIMITER for piece in ended), begun])
         else:
@@ -141,18 +142,3 @@ class SteppedAccess:
         process, self._process = self._process, None
         if process is not None:
             process.close()
-
-
-def _draw_of_steps(data: bytes) -> bool:
-    """Return a pseudo-random bit of *data*, not derived from its CRC."""
-    return bool(hashlib.blake2b(data, digest_size=1).digest()[0] & 1)
-
-
-def _is_mute_in_steps(piece: bytes) -> bool:
-    """Return whether the bytes between two delimiters are those of a MUTE."""
-    if piece[1:2] != bytes([m.Mute.TYPE]) or len(piece) > MAX_ENCODED_BYTES:
-        return False
-    try:
-        return decode_frame(piece)[0] == m.Mute.TYPE
-    except RemoteProtocolError:
-        return False

@@ -155,17 +155,13 @@ class PyserialTransport:
         self._port = port
         self._port.write_timeout = 0
         clock = getattr(port, "now_ns", None)
-        self._now_ns: Callable[[], int] = clock if callable(clock) else time.monotonic_ns
+        self.now_ns: Callable[[], int] = clock if callable(clock) else time.monotonic_ns
         self._read_until_ns: Callable[[int], bytes] | None = getattr(port, "read_until_ns", None)
         self.url = url
 
-    def now_ns(self) -> int:
-        """Return the time of the port's clock, of the monotonic one if it has none."""
-        return self._now_ns()
-
     def read_available(self, deadline_ns: int) -> bytes:
         """Return received bytes; see :class:`Transport`."""
-        with _transport_loss(self.url):
+        try:
             if self._read_until_ns is not None:  # all at once
                 return self._read_until_ns(deadline_ns)
             data = self._read(self._port.in_waiting)
@@ -173,19 +169,26 @@ class PyserialTransport:
                 self._port.timeout = wait_ns / 1e9
                 data = self._read(1)
             return data + self._read(self._port.in_waiting) if data else b""
+        except LinkError:
+            raise
+        except _GONE as error:
+            raise _lost_transport(self.url, error) from error
 
     def _read(self, size: int) -> bytes:
         return bytes(self._port.read(size)) if size else b""
 
     def write_some(self, data: bytes) -> int:
         """Hand over as many bytes as the port takes; see :class:`Transport`."""
-        with _transport_loss(self.url):
-            try:
-                # Some handlers return nothing, and mean that they took everything.
-                written = self._port.write(data)
-            except serial.SerialTimeoutException:
-                return 0
+        try:
+            # Some handlers return nothing, and mean that they took everything.
+            written = self._port.write(data)
             return len(data) if written is None else int(written)
+        except serial.SerialTimeoutException:
+            return 0
+        except LinkError:
+            raise
+        except _GONE as error:
+            raise _lost_transport(self.url, error) from error
 
     def close(self) -> None:
         """Close the port."""
@@ -324,17 +327,6 @@ def _transport_error_chain(error: BaseException | None) -> Iterator[BaseExceptio
 
 def _transport_error_line(error: BaseException) -> str:
     return " ".join(str(error).split())
-
-
-@contextlib.contextmanager
-def _transport_loss(url: str) -> Iterator[None]:
-    """Raise the system's errors for a port that is gone as :class:`LinkLostError`."""
-    try:
-        yield
-    except LinkError:
-        raise
-    except _GONE as error:
-        raise _lost_transport(url, error) from error
 
 
 def _lost_transport(url: str, error: BaseException) -> LinkLostError:

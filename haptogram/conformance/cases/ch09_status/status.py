@@ -343,9 +343,8 @@ def every_latch_restarts_the_hold(board: BoardClient) -> None:
     """a latch of every path begins the hold anew: it ends hold_ms behind the last latch"""
     stored = _last_stored_frame(board)
     # A path waits for two frames, twice as long as the line needs, behind a third of the hold.
-    wait_us = (
-        2 * playback.period_to_play(board) + 4 * board.clock.lead_us
-    )  # two latches of a playback
+    # Two latches of a playback.
+    wait_us = 2 * playback.period_to_play(board) + 4 * board.clock.lead_us
     size = 8 * len(board.flat_phases().serialize())
     hold_ms = min(10_000, board.clock.timer_ms(_HOLD_MS + wait_us // _MS, size))
     board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
