@@ -240,7 +240,8 @@ class Simulation:
         if not self._is_next_known:
             self._next_ns = self._first_event_ns()
             self._is_next_known = self._injector is None  # whose changes depend on the time
-        return None if self._next_ns is None else max(self._next_ns, self._now_ns)
+        next_ns = self._next_ns
+        return self._now_ns if next_ns is not None and next_ns < self._now_ns else next_ns
 
     def _first_event_ns(self) -> int | None:
         times_ns: list[int | None] = []
@@ -267,9 +268,6 @@ class Simulation:
         """
         if t_ns < self._now_ns:
             raise ValueError(f"simulation is at {self._now_ns} ns, cannot go back to {t_ns} ns")
-        if self._is_next_known and self._next_ns is not None and self._next_ns > t_ns:
-            self._now_ns = t_ns
-            return
         self._run_ahead(t_ns)
         while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
             self._step(next_ns)

@@ -203,7 +203,7 @@ def force_disc_nodes(radius_m: float, wavenumber: float) -> tuple[FloatArray, Fl
         Their weights, which sum to the area.
     """
     reach = check_positive("wavenumber", wavenumber) * check_positive("radius_m", radius_m)
-    rings, spokes = 1 + math.ceil(reach / 1.9), 1 + math.ceil(1.75 * reach)
+    rings, spokes = 1 + math.ceil(reach / 1.9), 2 + math.ceil(1.6 * reach)
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     radii = radius_m * np.sqrt((nodes + 1.0) / 2.0)
     turned = np.arange(rings)[:, None] % 2 / 2.0
