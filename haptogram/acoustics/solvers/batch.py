@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics.arrays import FloatArray, as_coordinates, as_float_array, as_point_array
-from haptogram.acoustics.field.engines.compiled import load_kernels
+from haptogram.acoustics.field.engines.compiled import compiled_kernels, load_kernels
 from haptogram.acoustics.field.engines.layout import EngineLayout, as_single_precision
 from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import REGISTER_BITS, quantise_phase
@@ -121,7 +121,9 @@ class FocusCodes:
         return codes
 
     def warm_up(self) -> None:
-        """Load or make the machine code."""
+        """Load or make the machine code; numba is imported, whose calls take the least time."""
+        if self._kernels is not None:
+            self._kernels = compiled_kernels()
         self.codes(self._model.array.centre_m + 0.1 * self._model.array.normals[0])
 
     def _fill(self, targets: FloatArray, rows: NDArray[np.uint8]) -> None:
