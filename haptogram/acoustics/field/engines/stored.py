@@ -1,14 +1,13 @@
 """Machine code of the compiled loops, kept so that it runs without numba.
 
 numba takes half a second to import and to load its own cache. So the code that it made is kept once
-more, with the types of its arguments, and linked by llvmlite alone.
+more, with the types of its arguments, and linked by llvmlite alone. A call takes some 30 us more.
 """
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
-import itertools
 import os
 import pickle
 import re
@@ -20,28 +19,31 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeAlias
 
-import numpy as np
-
 Described: TypeAlias = Any  # "int", "float", "bool", "none", (dtype, ndim) or a list of them
 
 _NONE_IS_RETURNED: Final = -2
-_FORMS: Final = {"int": "q", "float": "d", "bool": "?", "none": ""}
-_TO_SCALAR: Final[Mapping[str, Callable[[Any], Any]]] = {"int": int, "float": float, "bool": bool}
-#: What the loops need of numba's runtime: memory with a header (count of references, destructor and
-#: its argument, data, size, allocator). All else is for calls from Python, which are not made here.
+#: Each scalar: its type as an argument, its format in a result, and the way to it.
+_SCALARS: Final[Mapping[str, tuple[Any, str, Callable[[Any], Any]]]] = {
+    "int": (ctypes.c_int64, "q", int),
+    "float": (ctypes.c_double, "d", float),
+    "bool": (ctypes.c_bool, "?", bool),
+    "none": (None, "", bool),
+}
+#: What the loops need of numba's runtime: memory behind a header, whose first number counts the
+#: references and whose fourth says where the data are. All else is for calls from Python, which are
+#: not made here.
 _RUNTIME: Final = """
 declare ptr @malloc(i64)
 declare void @free(ptr)
 define ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %align) {
-  %all = add i64 %size, 112
+  %all = add i64 %size, 128
   %info = call ptr @malloc(i64 %all)
   %begin = ptrtoint ptr %info to i64
-  %behind = add i64 %begin, 111
+  %behind = add i64 %begin, 127
   %place = and i64 %behind, -64
-  %data = inttoptr i64 %place to ptr
-  store [6 x i64] [i64 1, i64 0, i64 0, i64 0, i64 0, i64 0], ptr %info
   %field = getelementptr i64, ptr %info, i64 3
-  store ptr %data, ptr %field
+  store i64 1, ptr %info
+  store i64 %place, ptr %field
   ret ptr %info
 }
 define void @NRT_MemInfo_call_dtor(ptr %info) {
@@ -53,9 +55,10 @@ _NEVER_CALLED: Final = (
     "NRT_Free", "NRT_adapt_ndarray_from_python", "NRT_adapt_ndarray_to_python_acqref",
     "numba_do_raise", "numba_runtime_build_excinfo_struct", "numba_unpickle",
 )  # fmt: skip
-_IN_THE_CODE: Final = ("NRT_incref", "NRT_decref")
-_HERE: Final = ("NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor")
-_PROVIDED: Final = {*_HERE, *_IN_THE_CODE, *_NEVER_CALLED}
+_PROVIDED: Final = {
+    "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor", "NRT_incref", "NRT_decref",
+    *_NEVER_CALLED,
+}  # fmt: skip
 
 
 class _OtherTypesError(TypeError):
@@ -75,57 +78,36 @@ class StoredKernels:
 
     def __init__(self, stored: Mapping[str, Any], compiled: Callable[[], ModuleType]) -> None:
         self._compiled = compiled
-        engine = _linked(stored["loops"])
+        self._engine = _linked([code for code, *_ in stored["loops"].values()])  # owns the code
         vars(self).update(stored["constants"])
-        for name, (_, _, result, arguments) in stored["loops"].items():
-            vars(self)[name] = _StoredLoop(engine, name, result, arguments, compiled)
+        for name, (_, symbol, result, kinds) in stored["loops"].items():
+            flat = [one for kind in kinds for one in _flat_types(kind)]
+            called = ctypes.PYFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 2, *flat)
+            function = called(self._engine.get_function_address(symbol))
+            vars(self)[name] = self._loop(name, function, result, kinds)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._compiled(), name)
 
+    def _loop(
+        self, name: str, function: Callable[..., int], result: Described, kinds: list[Described]
+    ) -> Callable[..., Any]:
+        """Return a function that calls a loop; arguments of other types go to numba."""
+        form = struct.Struct(_form_of(result))
 
-class _StoredLoop:
-    """One loop; arguments of other types than it was made for go to numba."""
+        def call(*values: Any) -> Any:
+            pairs = zip(kinds, values, strict=True)
+            try:
+                flat = [one for kind, value in pairs for one in _flattened(kind, value)]
+            except _OtherTypesError:
+                return getattr(self._compiled(), name)(*values)
+            found, error = ctypes.create_string_buffer(max(8, form.size)), ctypes.c_void_p()
+            status = function(ctypes.addressof(found), ctypes.addressof(error), *flat)
+            if status not in (0, _NONE_IS_RETURNED):
+                raise RuntimeError(f"{name} failed with the status {status}")
+            return _value(result, iter(form.unpack_from(found)))
 
-    def __init__(
-        self, engine: Any, name: str, result: Described, arguments: list[Described],
-        compiled: Callable[[], ModuleType],
-    ) -> None:  # fmt: skip
-        self._engine = engine  # owns the code
-        self._name, self._compiled = name, compiled
-        self._result, self._form = result, struct.Struct(_form_of(result))
-        self._found = ctypes.create_string_buffer(max(8, self._form.size))
-        self._error = ctypes.c_void_p()
-        ends = itertools.accumulate(len(_flat_types(kind)) for kind in arguments)
-        self._arguments = list(zip(arguments, (0, *ends), strict=False))
-        self._last: list[Any] = [object()] * len(arguments)  # which are often the same again
-        self._slots = (ctypes.c_int64 * max(1, sum(len(_flat_types(k)) for k in arguments)))()
-        self._floats = (ctypes.c_double * len(self._slots)).from_buffer(self._slots)
-        kind = ctypes.PYFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 3)
-        self._function = kind(engine.get_function_address(f"call_{name}"))
-        self._places = tuple(map(ctypes.addressof, (self._slots, self._found, self._error)))
-
-    def __call__(self, *values: Any) -> Any:
-        try:
-            self._set(values)
-        except _OtherTypesError:
-            return getattr(self._compiled(), self._name)(*values)
-        status = self._function(*self._places)
-        if status not in (0, _NONE_IS_RETURNED):
-            raise RuntimeError(f"{self._name} failed with the status {status}")
-        return _value(self._result, iter(self._form.unpack_from(self._found)))
-
-    def _set(self, values: tuple[Any, ...]) -> None:
-        last = self._last
-        for number, value in enumerate(values):
-            if value is not last[number]:
-                kind, place = self._arguments[number]
-                for at, one in enumerate(_flattened(kind, value), place):
-                    if type(one) is float:
-                        self._floats[at] = one
-                    else:
-                        self._slots[at] = one
-                last[number] = value
+        return call
 
 
 def stored_path(folder: Path, digest: str) -> Path:
@@ -139,17 +121,14 @@ def stored_path(folder: Path, digest: str) -> Path:
 
 def store_kernels(kernels: ModuleType, path: Path) -> None:
     """Write what numba has compiled of *kernels* to *path*, with what is there already."""
-    stored = read_stored(path) or {"constants": {}, "loops": {}}
-    known = set(stored["loops"])
-    for name in kernels.__all__:
-        value = getattr(kernels, name)
-        if not callable(value):
-            stored["constants"][name] = value
-        elif name not in known and (made := next(_compiled_codes(value), None)) is not None:
-            stored["loops"][name] = made
-    if set(stored["loops"]) != known:
+    known = (read_stored(path) or {"loops": {}})["loops"]
+    values = {name: getattr(kernels, name) for name in kernels.__all__}
+    new = {n: next(_codes(f), None) for n, f in values.items() if callable(f) and n not in known}
+    loops = known | {name: made for name, made in new.items() if made is not None}
+    if len(loops) > len(known):
+        constants = {name: value for name, value in values.items() if not callable(value)}
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(pickle.dumps(stored))
+            file.write(pickle.dumps({"constants": constants, "loops": loops}))
         os.replace(file.name, path)
 
 
@@ -162,17 +141,14 @@ def read_stored(path: Path) -> dict[str, Any] | None:
     return found
 
 
-def _compiled_codes(
-    dispatcher: Any,
-) -> Iterator[tuple[bytes, str, Described, list[Described]]]:
+def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]:
     """Yield code, symbol, result and arguments of what numba has compiled of a loop."""
-    cache = dispatcher._cache  # noqa: SLF001  numba shows machine code nowhere else
-    for given, made in dispatcher.overloads.items():
-        key = cache._index_key(given, dispatcher.targetctx.codegen())  # noqa: SLF001  as above
+    cache = loop._cache  # noqa: SLF001  numba shows machine code nowhere else
+    for given, made in loop.overloads.items():
+        key = cache._index_key(given, loop.targetctx.codegen())  # noqa: SLF001  as above
         (_, _, (code, _)), *_ = cache._cache_file.load(key)  # noqa: SLF001  as above
         needed = {name.decode() for name in re.findall(rb"\0((?:NRT|numba)_\w+)(?=\0)", code)}
-        types = [_described(kind) for kind in made.signature.args]
-        result = _described(made.signature.return_type)
+        result, *types = map(_described, (made.signature.return_type, *made.signature.args))
         if needed <= _PROVIDED and None not in types and result is not None:
             yield code, made.fndesc.llvm_func_name, result, types
 
@@ -190,73 +166,47 @@ def _described(kind: Any) -> Described | None:
     return plain.get(kind)
 
 
-def _linked(loops: Mapping[str, Any]) -> Any:
-    """Return an engine of llvmlite with the code of *loops*, and a function that calls each."""
+def _linked(codes: list[bytes]) -> Any:
+    """Return an engine of llvmlite with these pieces of code."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    parts = [_RUNTIME, *(f"define void @{name}() {{ ret void }}\n" for name in _NEVER_CALLED)]
-    parts += [_caller(name, symbol, kinds) for name, (_, symbol, _, kinds) in loops.items()]
-    machine = llvm.Target.from_default_triple().create_target_machine(opt=0, jit=True)
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly("".join(parts)), machine)
-    for code, *_ in loops.values():
+    nothing = "".join(f"define void @{name}() {{ ret void }}\n" for name in _NEVER_CALLED)
+    machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(_RUNTIME + nothing), machine)
+    for code in codes:
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine
 
 
-def _caller(name: str, symbol: str, kinds: list[Described]) -> str:
-    """Return a function in LLVM's language that takes the arguments of a loop out of an array."""
-    flat = [one for kind in kinds for one in _flat_types(kind)]
-    steps = []
-    for place, one in enumerate(flat):
-        read = "i64" if one == "i1" else one
-        steps.append(f"%p{place} = getelementptr i64, ptr %slots, i64 {place}")
-        steps.append(f"%w{place} = load {read}, ptr %p{place}")
-        steps.append(
-            f"%v{place} = trunc i64 %w{place} to i1"
-            if one == "i1"
-            else f"%v{place} = bitcast {one} %w{place} to {one}"
-        )
-    given = ", ".join(["ptr %result", "ptr %error", *(f"{t} %v{n}" for n, t in enumerate(flat))])
-    return (
-        f'declare i32 @"{symbol}"({", ".join(["ptr", "ptr", *flat])})\n'
-        f"define i32 @call_{name}(ptr %slots, ptr %result, ptr %error) {{\n"
-        + "\n".join(steps)
-        + f'\n%status = call i32 @"{symbol}"({given})\nret i32 %status\n}}\n'
-    )
-
-
-def _flat_types(kind: Described) -> list[str]:
-    """Return LLVM's types of the numbers that stand for an argument."""
+def _flat_types(kind: Described) -> list[Any]:
+    """Return the types of the numbers that stand for an argument."""
     if isinstance(kind, list):
         return [one for part in kind for one in _flat_types(part)]
     if isinstance(kind, tuple):
-        return ["ptr", "ptr", "i64", "i64", "ptr", *["i64"] * (2 * kind[1])]
-    return [{"int": "i64", "float": "double", "bool": "i1"}[kind]]
+        return [ctypes.c_int64] * (5 + 2 * kind[1])
+    return [_SCALARS[kind][0]]
 
 
 def _flattened(kind: Described, value: Any) -> Iterator[Any]:
     """Yield the numbers that stand for an argument."""
     if isinstance(kind, str):
-        yield _TO_SCALAR[kind](value)
+        yield _SCALARS[kind][2](value)
     elif isinstance(kind, list):
         for part, one in zip(kind, value, strict=True):
             yield from _flattened(part, one)
-    elif type(value) is np.ndarray and (value.dtype.name, value.ndim) == kind:
-        if not value.flags.c_contiguous:
-            raise _OtherTypesError
+    elif (value.dtype.name, value.ndim) == kind and value.flags.c_contiguous:
         yield from (0, 0, value.size, value.itemsize, value.ctypes.data)
-        yield from value.shape
-        yield from value.strides
+        yield from (*value.shape, *value.strides)
     else:
         raise _OtherTypesError
 
 
 def _form_of(kind: Described) -> str:
     """Return the format of a result in memory."""
-    return "".join(map(_form_of, kind)) if isinstance(kind, list) else _FORMS[kind]
+    return "".join(map(_form_of, kind)) if isinstance(kind, list) else _SCALARS[kind][1]
 
 
 def _value(kind: Described, numbers: Iterator[Any]) -> Any:
