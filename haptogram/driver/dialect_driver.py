@@ -46,7 +46,6 @@ from haptogram.settings.arguments import (
     check_choice,
 )
 from haptogram_protocol.dialects.codec import Dialect
-from haptogram_protocol.dialects.table import DIALECTS
 
 _NS_PER_S: Final = 1_000_000_000
 _START_NS: Final = 2_000_000  # from the last preparation to the first frame
@@ -168,6 +167,8 @@ class DialectDriver(ClosedByWith):
         for name in others:
             self._refuse(name, dialect)
         if isinstance(dialect, str):
+            from haptogram_protocol.dialects.table import DIALECTS  # many modules
+
             check_choice("dialect", dialect, tuple(DIALECTS))
             dialect = DIALECTS[dialect]
         check_argument_kind("dialect", dialect, Dialect, "the name of a wire, or a Dialect")

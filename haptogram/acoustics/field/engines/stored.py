@@ -14,7 +14,6 @@ import re
 import struct
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeAlias
@@ -112,10 +111,11 @@ class StoredKernels:
 
 def stored_path(folder: Path, digest: str) -> Path:
     """Return where the code for this processor and these sources lies in *folder*."""
-    import llvmlite.binding as llvm
+    import llvmlite
+    import llvmlite.binding as llvm  # of which each version of numba has its own
 
     features = llvm.get_host_cpu_features().flatten()
-    machine = f"{llvm.get_host_cpu_name()} {features} {version('llvmlite')} {version('numba')}"
+    machine = f"{llvm.get_host_cpu_name()} {features} {llvmlite.__version__}"
     return folder / f"{digest}-{hashlib.sha256(machine.encode()).hexdigest()[:12]}.loops"
 
 
