@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Self, TypeAlias
 
@@ -290,19 +291,22 @@ def as_drive_sequence(weights: ArrayLike, count: int) -> ComplexArray:
 
 
 _MOST_CODES: Final = {np.uint8: 0xFF, np.uint16: 0xFFFF}
-_CODES_IN_BYTES: Final = {np.uint8: np.dtype(np.uint8), np.uint16: np.dtype("<u2")}
+_CODES_IN_BYTES: Final[Mapping[type[Any], np.dtype[Any]]] = {
+    np.uint8: np.dtype(np.uint8),
+    np.uint16: np.dtype("<u2"),
+}
 
 
 def _as_drive_codes(
     name: str, values: ArrayLike, limit: int, kind: type[np.uint8] | type[np.uint16]
 ) -> NDArray[Any]:
-    is_array = isinstance(values, np.ndarray) and values.ndim == 1
-    if is_array and values.dtype == kind and limit == _MOST_CODES[kind]:
+    if isinstance(values, np.ndarray) and values.dtype == kind and limit == _MOST_CODES[kind]:
         # Nobody can change bytes, nor what is read-only and no view: those are shared.
         flags = values.flags
-        is_of_bytes = type(values.base) is bytes and flags.c_contiguous
+        base: object = values.base
+        is_of_bytes = isinstance(base, bytes) and flags.c_contiguous
         is_safe = is_of_bytes or (flags.owndata and not flags.writeable)
-        if 1 <= len(values) <= MAX_TRANSDUCERS:
+        if values.ndim == 1 and 1 <= len(values) <= MAX_TRANSDUCERS:
             whole = values if is_safe else values.astype(kind)
             read_only_array(whole)
             return whole

@@ -3,7 +3,8 @@
 Each file is written as a whole or not at all.
 """
 
-from typing import Any
+from importlib import import_module
+from typing import Any, Final
 
 from .result import (
     run_environment,
@@ -14,13 +15,11 @@ from .result import (
 )
 from .wording import run_faults_wording
 
+_SELDOM: Final = {"run_document": "document", "run_result_with_captures": "pins"}
+
 
 def __getattr__(name: str) -> Any:
     """Import what few runs need when it is asked for."""
-    if name == "run_document":
-        from .document import run_document as found
-    elif name == "run_result_with_captures":
-        from .pins import run_result_with_captures as found
-    else:
+    if name not in _SELDOM:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return found
+    return getattr(import_module(f".{_SELDOM[name]}", __name__), name)

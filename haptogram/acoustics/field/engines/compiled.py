@@ -66,7 +66,7 @@ def compiled_kernels() -> ModuleType:
             raise
         vars(numba.config)["CACHE_DIR"] = str(_temporary_kernel_cache())
         kernels = import_module(_KERNELS)
-    if not numba.config.DISABLE_JIT:
+    if not os.environ.get("NUMBA_DISABLE_JIT"):
         atexit.register(_store, kernels)
     return kernels
 

@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, cast
 
 Described: TypeAlias = Any  # "int", "float", "bool", "none", (dtype, ndim) or a list of them
 
@@ -158,7 +158,7 @@ def _described(kind: Any) -> Described | None:
     from numba import types
 
     if isinstance(kind, types.BaseTuple):
-        parts = [_described(one) for one in kind]
+        parts = [_described(one) for one in cast("Any", kind)]
         return None if None in parts else parts
     if isinstance(kind, types.Array):
         return (str(kind.dtype), kind.ndim) if kind.layout == "C" else None
