@@ -18,6 +18,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeAlias, cast
 
+from haptogram.errors import HaptogramError
+
 Described: TypeAlias = Any  # "int", "float", "bool", "none", (dtype, ndim) or a list of them
 
 _NONE_IS_RETURNED: Final = -2
@@ -60,7 +62,7 @@ _PROVIDED: Final = {
 }  # fmt: skip
 
 
-class _OtherTypesError(TypeError):
+class _OtherTypesError(HaptogramError):
     """An argument is of another type than the code was made for."""
 
 
@@ -110,7 +112,7 @@ class StoredKernels:
 
 
 def stored_path(folder: Path, digest: str) -> Path:
-    """Return where the code for this processor and these sources lies in *folder*."""
+    """Return the file in *folder* with the code for this processor and these sources."""
     import llvmlite
     import llvmlite.binding as llvm  # of which each version of numba has its own
 
@@ -133,7 +135,7 @@ def store_kernels(kernels: ModuleType, path: Path) -> None:
 
 
 def read_stored(path: Path) -> dict[str, Any] | None:
-    """Return what :func:`store_kernels` wrote; None: nothing."""
+    """Return the loops that :func:`store_kernels` wrote; None: there are none."""
     try:
         found: dict[str, Any] = pickle.loads(path.read_bytes())
     except (OSError, EOFError, pickle.UnpicklingError):
