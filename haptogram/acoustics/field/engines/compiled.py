@@ -66,7 +66,7 @@ def compiled_kernels() -> ModuleType:
             raise
         vars(numba.config)["CACHE_DIR"] = str(_temporary_kernel_cache())
         kernels = import_module(_KERNELS)
-    if not os.environ.get("NUMBA_DISABLE_JIT"):
+    if not os.environ.get("NUMBA_DISABLE_JIT") and os.name == "posix":
         atexit.register(_store, kernels)
     return kernels
 
@@ -74,7 +74,7 @@ def compiled_kernels() -> ModuleType:
 @functools.cache
 def _stored_kernels() -> StoredKernels | None:
     """Return the loops whose machine code is stored; None: there are none."""
-    if os.environ.get("NUMBA_DISABLE_JIT"):
+    if os.environ.get("NUMBA_DISABLE_JIT") or os.name != "posix":
         return None
     for folder in _cache_folders():
         for path in folder.glob(f"**/{stored_path(folder, kernel_digest()).name}"):
