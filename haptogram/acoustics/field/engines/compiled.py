@@ -86,7 +86,8 @@ def _stored_kernels() -> StoredKernels | None:
 def _store(kernels: ModuleType) -> None:
     """Store what this program has compiled or loaded, where numba has its cache."""
     folder = Path(kernels.fit_phases_kernel.stats.cache_path)
-    with contextlib.suppress(OSError):  # the next program will
+    # The next program will, or imports numba as well: its next version may keep code elsewhere.
+    with contextlib.suppress(OSError, AttributeError):
         store_kernels(kernels, stored_path(folder, kernel_digest()))
 
 

@@ -148,7 +148,10 @@ def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]
     cache = loop._cache  # noqa: SLF001  numba shows machine code nowhere else
     for given, made in loop.overloads.items():
         key = cache._index_key(given, loop.targetctx.codegen())  # noqa: SLF001  as above
-        (_, _, (code, _)), *_ = cache._cache_file.load(key)  # noqa: SLF001  as above
+        kept = cache._cache_file.load(key)  # noqa: SLF001  as above
+        if kept is None:
+            continue
+        (_, _, (code, _)), *_ = kept
         needed = {name.decode() for name in re.findall(rb"\0((?:NRT|numba)_\w+)(?=\0)", code)}
         result, *types = map(_described, (made.signature.return_type, *made.signature.args))
         if needed <= _PROVIDED and None not in types and result is not None:
