@@ -23,7 +23,6 @@ from haptogram.settings.option import Settings
 from .assembly import Assembly, ForeignAssembly, SimulatedAssembly
 from .board.settings import BoardSettings
 from .dialects.emulation import Emulation
-from .dialects.table import emulation_of, read_emulation_options
 from .faults.clock import faulty_clock
 from .faults.injector import FaultInjector
 from .mutants import mutant_parts
@@ -90,6 +89,8 @@ def _with_checked_faults(blueprint: Blueprint) -> Blueprint:
 
 
 def _blueprint_of_another_dialect(config: BoardConfig, name: str) -> Blueprint:
+    from .dialects.table import emulation_of, read_emulation_options  # many modules
+
     emulation = emulation_of(name)
     options = read_emulation_options(emulation, config.dialect_option)
     _check_blueprint(config, name)

@@ -144,7 +144,12 @@ class Serial(serial.SerialBase):
     def records(self) -> list[Record]:
         """Records of the back door, where ``reconstruct`` is given and no worker writes them."""
         if self._inline is not None:
-            self._inline.settle()
+            self._inline.complete()
+        return self._records
+
+    @property
+    def brief_records(self) -> list[Record]:
+        """:attr:`records`, of which latches may hold key and time alone."""
         return self._records
 
     @property

@@ -240,18 +240,23 @@ class Simulation:
         if not self._is_next_known:
             self._next_ns = self._first_event_ns()
             self._is_next_known = self._injector is None  # whose changes depend on the time
-        return None if self._next_ns is None else max(self._next_ns, self._now_ns)
+        next_ns = self._next_ns
+        return self._now_ns if next_ns is not None and next_ns < self._now_ns else next_ns
 
     def _first_event_ns(self) -> int | None:
-        board_us, injector = self.dialect.next_event_us(), self._injector
-        down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
-        return earliest_board_time(
-            None if board_us is None else self._clock.reached_ns(board_us),
-            None if down_ns is None else whole_board_us(down_ns),
-            self._up.next_event_ns(_end_of_answer),
-            self._up.free_ns if self._can_feed else None,
-            None if injector is None else injector.next_change_ns(self._now_ns),
-        )
+        times_ns: list[int | None] = []
+        if (board_us := self.dialect.next_event_us()) is not None:
+            times_ns.append(self._clock.reached_ns(board_us))
+        if self._down.in_transit:
+            down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
+            times_ns.append(None if down_ns is None else whole_board_us(down_ns))
+        if self._up.in_transit:
+            times_ns.append(self._up.next_event_ns(_end_of_answer))
+        if self._can_feed:
+            times_ns.append(self._up.free_ns)
+        if self._injector is not None:
+            times_ns.append(self._injector.next_change_ns(self._now_ns))
+        return earliest_board_time(*times_ns)
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*.
@@ -304,7 +309,8 @@ class Simulation:
             self.dialect.advance_to(t_us)
         self._record()
         self._feed_line()
-        self._unread += self._up.receive(t_ns)
+        if self._up.in_transit:
+            self._unread += self._up.receive(t_ns)
         if self._line.host_buffer is not None:
             self._overrun_host(self._line.host_buffer)
 
@@ -349,12 +355,13 @@ class Simulation:
     @property
     def _can_feed(self) -> bool:
         # With a buffer of its own the host never makes the board wait: what does not fit is lost.
-        waits = self._line.host_buffer is None and len(self._unread) >= HOST_BUFFER
-        return self.dialect.output_bytes > 0 and not waits
+        if not self.dialect.output_bytes:
+            return False
+        return self._line.host_buffer is not None or len(self._unread) < HOST_BUFFER
 
     def _feed_line(self) -> None:
         """Pass more bytes to the line once it is idle."""
-        if self._up.free_ns <= self._now_ns and self._can_feed:
+        if self._can_feed and self._up.free_ns <= self._now_ns:
             self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self._now_ns)
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
 

@@ -113,6 +113,7 @@ def _board_in_program(config: PortConfig, label: str) -> Iterator[BoardUnderTest
             model,
             label,
             lambda: port.observations,
+            lambda: port.brief_records,
         )
 
 

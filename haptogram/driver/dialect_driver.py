@@ -46,7 +46,6 @@ from haptogram.settings.arguments import (
     check_choice,
 )
 from haptogram_protocol.dialects.codec import Dialect
-from haptogram_protocol.dialects.table import DIALECTS
 
 _NS_PER_S: Final = 1_000_000_000
 _START_NS: Final = 2_000_000  # from the last preparation to the first frame
@@ -157,6 +156,8 @@ class DialectDriver(ClosedByWith):
         sink: Callable[[Intended | Observation], object] | None = None,
     ) -> None:
         if isinstance(dialect, str):
+            from haptogram_protocol.dialects.table import DIALECTS  # many modules
+
             check_choice("dialect", dialect, tuple(DIALECTS))
             dialect = DIALECTS[dialect]
         check_argument_kind("dialect", dialect, Dialect, "the name of a wire, or a Dialect")

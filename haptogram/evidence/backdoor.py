@@ -7,6 +7,7 @@ line, so they are external evidence: no firmware vouches for itself here.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -229,9 +230,9 @@ def observed_losses_on_clock_of(
     latches = [record for record in records if record["kind"] == "latch"]  # numbered, of our wire
     shift_us = _shift_of_observations_us(
         intended,
-        (
-            *((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches),
-            *((_dropped_frame_key(drop), drop["t_us"]) for drop in drops),
+        itertools.chain(
+            ((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches),
+            ((_dropped_frame_key(drop), drop["t_us"]) for drop in drops),
         ),
     )
     return BoardLosses(

@@ -105,22 +105,26 @@ class BoardUnderTest:
 
         They are counted as those of what was intended.
         """
-        return backdoor.observed_silences_on_clock_of(driver.intended, self.records())
+        return backdoor.observed_silences_on_clock_of(driver.intended, self.brief_records())
 
     def losses(self, driver: Driver) -> BoardLosses:
         """Return the reasons for frames that it did not latch, once the observations are there."""
         return backdoor.observed_losses_on_clock_of(
-            driver.intended, self.records(), is_machine_in_between=not self.is_in_process
+            driver.intended, self.brief_records(), is_machine_in_between=not self.is_in_process
         )
 
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of its back door so far; none, if it has no back door."""
         return ()
 
+    def brief_records(self) -> Sequence[Mapping[str, Any]]:
+        """Return :meth:`records`, of which latches may hold key and time alone."""
+        return self.records()
+
     @property
     def fault_counts(self) -> dict[str, int] | None:
         """Counts of the planned faults that fired, once the observations are there; or None."""
-        return backdoor.observed_fault_counts(self.records())
+        return backdoor.observed_fault_counts(self.brief_records())
 
 
 class ProcessBoardUnderTest(BoardUnderTest):
@@ -184,6 +188,8 @@ class InProcessBoardUnderTest(BoardUnderTest):
     latches : callable, optional
         Returns the latches among the records of Haptogram's own board, so that nobody has to read
         them.
+    brief : callable, optional
+        Returns the records, of which latches may hold key and time alone.
     """
 
     is_in_process = True
@@ -196,10 +202,11 @@ class InProcessBoardUnderTest(BoardUnderTest):
         model: AcousticModel,
         label: str = "virtual board, in virtual time",
         latches: Callable[[], Sequence[Observation]] | None = None,
+        brief: Callable[[], Sequence[Mapping[str, Any]]] | None = None,
     ) -> None:
         super().__init__(label, port, model)
         self._port, self._records, self._wait_until_ns = port, records, wait_until_ns
-        self._latches = latches
+        self._latches, self._brief = latches, brief or records
 
     def wait_for_queue(self, driver: Driver) -> None:
         """Let virtual time pass."""
@@ -214,7 +221,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
         self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> Sequence[Observation]:
         """Return the latches of the session of *driver*."""
-        if self._latches is None or are_records_of_another_dialect(self.records()):
+        if self._latches is None or are_records_of_another_dialect(self._brief()):
             return super().observations(driver, progress, skip_fields=skip_fields)
         own = [latch for latch in self._latches() if latch.key.session == driver.session]
         return backdoor.observations_on_clock_of(driver.intended, own)
@@ -222,6 +229,10 @@ class InProcessBoardUnderTest(BoardUnderTest):
     def records(self) -> Sequence[Mapping[str, Any]]:
         """Return the records of the back door."""
         return self._records()
+
+    def brief_records(self) -> Sequence[Mapping[str, Any]]:
+        """Return the records, of which latches may hold key and time alone."""
+        return self._brief()
 
 
 def _last_latch_of_run_ns(driver: Driver, now_ns: int) -> int:

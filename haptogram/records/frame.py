@@ -112,8 +112,10 @@ class Focus:
             ("amplitude", 0.0, 1.0),
             ("phase_rad", -MAX_PHASE_RAD, MAX_PHASE_RAD),
         ):
-            value = check_number(f"{name} of a focus", getattr(self, name), low, high)
-            object.__setattr__(self, name, value)
+            value = getattr(self, name)
+            if not (type(value) is float and low <= value <= high):  # which is fine as it is
+                value = check_number(f"{name} of a focus", value, low, high)
+                object.__setattr__(self, name, value)
 
     @classmethod
     def from_numbers(cls, numbers: Sequence[float]) -> Self:

@@ -73,6 +73,11 @@ class LatchSeen(Protocol):
     def radiated(self) -> Drive: ...  # noqa: D102
 
 
+def is_drive_radiated(latch: LatchSeen) -> bool:
+    """Return True if the latched drive left the transducers as it is."""
+    return latch.radiated is latch.drive or latch.radiated == latch.drive
+
+
 @dataclass(frozen=True, slots=True)
 class LatchRecord:
     """One latch of a board.
@@ -118,8 +123,7 @@ class LatchRecord:
     @classmethod
     def of(cls, latch: LatchSeen) -> Self:
         """Return the record of a latch of the virtual board."""
-        key, drive, radiated = latch.key, latch.drive, latch.radiated
-        same = radiated is drive or radiated == drive
+        key, drive = latch.key, latch.drive
         return cls(
             latch.session,
             key.sequence,
@@ -132,7 +136,7 @@ class LatchRecord:
             latch.ramping,
             latch.commanded_bits,
             Codes.of(drive),
-            None if same else Codes.of(radiated),
+            None if is_drive_radiated(latch) else Codes.of(latch.radiated),
         )
 
     @classmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
@@ -12,7 +13,7 @@ from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifie
 from haptogram.acoustics.reconstruct.patterns.found import Pattern
 from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, FrameKey, Observation
-from haptogram.records.latch import LatchRecord
+from haptogram.records.latch import LatchRecord, is_drive_radiated
 
 from ..board import events
 from ..board.settings import BoardSettings
@@ -49,18 +50,21 @@ class BackdoorEstimator:
         keys = [_radiated_by_latch_record(latch) for latch in latches]
         known = self._seen
         new = {key: latch for key, latch in zip(keys, latches, strict=True) if key not in known}
+        step_rad = functools.cache(self._reconstructor.step_rad_of_bits)
         asked = [
             DriveToFind(
                 latch.radiated,
-                self._reconstructor.step_rad(latch.radiated, latch.commanded_bits),
-                ramping=latch.ramping,
+                step_rad(latch.radiated.phase_bits, latch.commanded_bits),
+                0.0,
+                latch.ramping,
             )
             for latch in new.values()
         ]
         known.update(zip(new, self._reconstructor.reconstruct_all(asked), strict=True))
         found = [known[key] for key in keys]
-        for key in keys:
-            known.move_to_end(key)
+        if len(new) < len(keys):
+            for key in keys:
+                known.move_to_end(key)
         while len(known) > MEMORY_DRIVES:
             known.popitem(last=False)
         return found
@@ -115,10 +119,8 @@ def _radiated_by_latch_record(latch: events.AnyLatch) -> Hashable:
     return latch.weights().tobytes(), latch.pulses.steps
 
 
-def _observation_of_latch(
-    latch: events.Latch, record: records.Record, estimate: Reconstruction | None
-) -> Observation:
-    """Return the observation that *record* is read as."""
+def _observation_of_latch(latch: events.Latch, estimate: Reconstruction | None) -> Observation:
+    """Return the observation that the record of a latch is read as."""
     key = FrameKey(latch.session, latch.key.sequence, latch.key.loop, latch.key.index)
     return Observation(
         key,
@@ -126,9 +128,9 @@ def _observation_of_latch(
         latch.late,
         Evidence.EXTERNAL,
         latch.drive,
-        record["drive_crc"],
+        latch.drive.digest(),
         estimate,
-        None if record["radiated"] is None else latch.radiated,
+        None if is_drive_radiated(latch) else latch.radiated,
         latch.t_received_us,
     )
 
@@ -145,8 +147,9 @@ class InlineReconstructionWorker:
     reconstruct : bool, keyword-only
         Whether the field is rebuilt.
     told : list of Observation, keyword-only, optional
-        Takes the latches as a verdict has them. Then both they and the fields in the records come
-        many at a time, at the latest with :meth:`settle`: they take a tenth of the time so.
+        Takes the latches as a verdict has them, many at a time, at the latest with :meth:`settle`:
+        their fields take a tenth of the time so. The records then hold key and time of a latch
+        alone until :meth:`complete`.
     direct : callable, keyword-only, optional
         Takes the latches of Haptogram's own wire in place of their records.
     """
@@ -162,7 +165,9 @@ class InlineReconstructionWorker:
     ) -> None:
         self._write, self._direct = write, direct
         self._told = told
-        self._owed: list[tuple[events.Latch, records.Record]] = []
+        self._owed: list[events.Latch] = []
+        self._brief: list[tuple[events.Latch, records.Record]] = []
+        self._estimates: list[Reconstruction | None] = []
         wiring = settings.wiring
         steps = None if wiring is None else wiring.steps
         self._estimator = BackdoorEstimator(settings.truth, steps) if reconstruct else None
@@ -200,26 +205,32 @@ class InlineReconstructionWorker:
 
     def _defer_reconstruction(self, latch: events.Latch) -> None:
         """Write the record of a latch; reconstruct its field later, in batches."""
-        record = records.backdoor_latch_record(latch, None)
+        record = records.backdoor_brief_record(latch)
         self._write(record)
-        self._owed.append((latch, record))
+        self._brief.append((latch, record))
+        self._owed.append(latch)
         if len(self._owed) >= _AT_ONCE:
             self.settle()
 
     def settle(self) -> None:
-        """Complete the records of all latches so far."""
-        latches, told = [latch for latch, _ in self._owed], self._told
+        """Reconstruct the fields of all latches so far."""
+        latches, told = self._owed, self._told
         if not latches or told is None:
             return
         estimates: Sequence[Reconstruction | None] = [None] * len(latches)
         if self._estimator is not None:
             estimates = self._estimator.estimate_all(latches)
             self._reconstructed += len(latches)
-        for (latch, record), estimate in zip(self._owed, estimates, strict=True):
-            if estimate is not None:
-                record["reconstruction"] = estimate.as_dict()
-            told.append(_observation_of_latch(latch, record, estimate))
-        self._owed.clear()
+        told += map(_observation_of_latch, latches, estimates)
+        self._estimates += estimates
+        self._owed = []
+
+    def complete(self) -> None:
+        """Complete the records of all latches so far."""
+        self.settle()
+        for (latch, record), estimate in zip(self._brief, self._estimates, strict=True):
+            record.update(records.backdoor_latch_record(latch, estimate))
+        self._brief, self._estimates = [], []
 
     def skip_fields(self) -> None:
         """Leave the field out from now on: there is no time left for it."""

@@ -62,6 +62,20 @@ def backdoor_latch_record(latch: events.Latch, reconstruction: Reconstruction | 
     return LatchRecord.of(latch).as_record(estimate)
 
 
+def backdoor_brief_record(latch: events.Latch) -> Record:
+    """Return the first fields of the record of one latch: its key and time."""
+    key = latch.key
+    return {
+        "kind": "latch",
+        "session": latch.session,
+        "sequence": key.sequence,
+        "loop": key.loop,
+        "index": key.index,
+        "number": latch.number,
+        "t_latch_us": latch.t_latch_us,
+    }
+
+
 def backdoor_pulse_record(
     latch: events.PulseLatch,
     reconstruction: Reconstruction | None,

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeAlias
 from haptogram_protocol import connection
 from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import end_of_frame
+from haptogram_protocol.framing import DELIMITER, end_of_frame
 
 from ..board import answers
 from ..board.board import Board
@@ -91,8 +91,9 @@ class VirtualHaptogramDialect:
         return None
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the next delimiter."""
-        return end_of_frame(data, at)
+        """Return the index behind the next delimiter that may end a frame."""
+        begins = not self._link.buffered and data.startswith(DELIMITER, at)
+        return end_of_frame(data, at + begins)
 
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Self, TypeAlias
 
@@ -113,7 +114,7 @@ class Drive:
     @classmethod
     def from_bytes(cls, phases: bytes, amplitudes: bytes, phase_bits: int = REGISTER_BITS) -> Self:
         """Return the drive of :attr:`phase_bytes` and of a byte for each amplitude."""
-        kind = np.dtype(_phase_code_type(check_phase_bits(phase_bits))).newbyteorder("<")
+        kind = _CODES_IN_BYTES[_phase_code_type(check_phase_bits(phase_bits))]
         if len(phases) % kind.itemsize:
             raise ConfigurationError(f"{len(phases)} bytes of phases, must be whole codes of 2")
         codes = np.frombuffer(phases, kind), np.frombuffer(amplitudes, np.uint8)
@@ -281,15 +282,23 @@ def as_drive_sequence(weights: ArrayLike, count: int) -> ComplexArray:
 
 
 _MOST_CODES: Final = {np.uint8: 0xFF, np.uint16: 0xFFFF}
+_CODES_IN_BYTES: Final[Mapping[type[Any], np.dtype[Any]]] = {
+    np.uint8: np.dtype(np.uint8),
+    np.uint16: np.dtype("<u2"),
+}
 
 
 def _as_drive_codes(
     name: str, values: ArrayLike, limit: int, kind: type[np.uint8] | type[np.uint16]
 ) -> NDArray[Any]:
     if isinstance(values, np.ndarray) and values.dtype == kind and limit == _MOST_CODES[kind]:
-        flags = values.flags  # nobody can change what is read-only and no view: it is shared
+        # Nobody can change bytes, nor what is read-only and no view: those are shared.
+        flags = values.flags
+        base: object = values.base
+        is_of_bytes = isinstance(base, bytes) and flags.c_contiguous
+        is_safe = is_of_bytes or (flags.owndata and not flags.writeable)
         if values.ndim == 1 and 1 <= len(values) <= MAX_TRANSDUCERS:
-            whole = values if flags.owndata and not flags.writeable else values.astype(kind)
+            whole = values if is_safe else values.astype(kind)
             read_only_array(whole)
             return whole
     try:

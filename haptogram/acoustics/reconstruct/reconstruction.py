@@ -54,6 +54,7 @@ from haptogram.acoustics.reconstruct.warm import (
     REACH_M,
     DriveToFind,
     WarmReconstructor,
+    quick_limits_rad,
 )
 from haptogram.acoustics.solvers.focus import focus_target_heights_m
 from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
@@ -62,7 +63,6 @@ from haptogram.settings.arguments import check_number
 
 _MIN_TRACKED: Final = 4
 _AT_ONCE: Final = 512  # drives of a call of compiled code
-_QUICK_MARGIN_RAD: Final = 1e-3  # the rounding of the quick fit, and of phases between two codes
 _SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude step
 _MAX_STARTS: Final = 12
 _TRIM_ROUNDS: Final = 6
@@ -177,8 +177,12 @@ class Reconstructor:
 
     def step_rad(self, drive: Drive, phase_bits: int | None = None) -> float:
         """Return the step of the phases by which *drive* is judged, in radians."""
-        coarser = (bits or MAX_PHASE_BITS for bits in (self._phase_bits, phase_bits))
-        return phase_step_rad(min(drive.phase_bits, *coarser))
+        return self.step_rad_of_bits(drive.phase_bits, phase_bits)
+
+    def step_rad_of_bits(self, bits: int, phase_bits: int | None = None) -> float:
+        """Return the step of the phases of drives of so many *bits*, as :meth:`step_rad`."""
+        coarser = (known or MAX_PHASE_BITS for known in (self._phase_bits, phase_bits))
+        return phase_step_rad(min(bits, *coarser))
 
     def reconstruct_all(self, asked: Sequence[DriveToFind]) -> list[Reconstruction]:
         """Return the foci of drives of this array, as one call of :meth:`reconstruct` for each.
@@ -211,8 +215,7 @@ class Reconstructor:
         some = list(takewhile(warm.serves, asked))
         if not some:
             return []
-        quick_rad = np.array([_quick_limit_rad(one.limit_rad) for one in some])
-        foci = warm.foci(some, quick_rad, self._last_focus)
+        foci = warm.foci(some, self._last_focus)
         if foci:
             self._last_focus = np.array(foci[-1].position_m)
         return foci
@@ -367,7 +370,7 @@ class Reconstructor:
         """Return the focus of the compiled search, or None, and the kind of its start."""
         if self._tracker is None or radiated.codes is None:
             return None, "global"
-        limit_rad = _quick_limit_rad(radiated.limit_rad)
+        limit_rad = float(quick_limits_rad(radiated.limit_rad))
         if self._last_focus is not None:
             fix = self._tracker.fit(radiated.codes, _reconstructed_vector(self._last_focus))
             if self._tracker.explains(fix, limit_rad):
@@ -507,11 +510,6 @@ class Reconstructor:
         arrivals = radiated.weights * propagators(self._model, point[None, :])[0]
         total, largest = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())
         return total / math.sqrt(2.0), (total / largest if largest > 0.0 else 0.0)
-
-
-def _quick_limit_rad(limit_rad: float) -> float:
-    """Return the residual that the search in single precision may leave."""
-    return max(limit_rad, phase_step_rad(REGISTER_BITS) / 2.0) + _QUICK_MARGIN_RAD
 
 
 def _reconstructed_vector(values: FloatArray) -> Vector:

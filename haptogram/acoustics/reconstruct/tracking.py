@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.field.engines.compiled import load_kernels
+from haptogram.acoustics.field.engines.compiled import Kernels, compiled_kernels, load_kernels
 from haptogram.acoustics.field.engines.layout import EngineLayout, as_single_precision
 from haptogram.acoustics.model.drive import REGISTER_BITS, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
@@ -102,7 +102,7 @@ class FocusTracker:
         )
         if len(self._order) < 4:
             raise ConfigurationError(f"{len(self._order)} elements, a fit needs at least 4")
-        self._kernels = kernels
+        self._kernels: Kernels = kernels
         self._model = model
         self._steps = 1 << phase_bits
         self._limit_rad = phase_step_rad(phase_bits) / 2.0
@@ -157,7 +157,8 @@ class FocusTracker:
             self._prepare()
         cells = self._cells
         assert cells is not None
-        score = self._kernels.cell_scores_kernel(codes, self._order, self._phasors, self._steps)
+        score = np.empty(cells.shape[1], np.float32)
+        self._kernels.cell_scores_kernel(codes, self._order, self._phasors, self._steps, score)
         best: Fix | None = None
         for _ in range(_RIVALS):
             index = self._kernels.best_cell_kernel(score, cells, self._apart)
@@ -170,7 +171,11 @@ class FocusTracker:
         return best
 
     def warm_up(self) -> None:
-        """Make the search volume, and load or make the machine code."""
+        """Make the search volume, and load or make the machine code.
+
+        numba is imported, whose calls take the least time.
+        """
+        self._kernels = compiled_kernels()
         self.acquire(np.zeros(self._model.array.count, dtype=np.uint8))
 
     def _prepare(self) -> None:

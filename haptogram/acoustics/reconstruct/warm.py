@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.numba_engine import NumbaEngine
@@ -16,9 +17,10 @@ from haptogram.acoustics.model.drive import (
     REGISTER_BITS,
     Drive,
     dequantise_phase,
+    phase_step_rad,
 )
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.estimates import SingleFocus, Vector
+from haptogram.acoustics.reconstruct.estimates import SingleFocus
 from haptogram.acoustics.solvers.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M
 from haptogram.acoustics.solvers.focus_fit import LEAST_SEEN_SHARE
 
@@ -31,6 +33,8 @@ COARSE_RAD: Final = math.tau / 8.0 * (1.0 - 1e-9)  # from 3 bits down, places ca
 _DISC_M: Final = 0.012  # above the highest element: a disc there touches none, however it lies
 _MANY: Final = 64  # elements whose errors average out in single precision
 _ALL: Final = (True, True, True)
+_LEAST_QUICK_RAD: Final = phase_step_rad(REGISTER_BITS) / 2.0
+_QUICK_MARGIN_RAD: Final = 1e-3  # the rounding of the quick fit, and of phases between two codes
 
 
 class DriveToFind(NamedTuple):
@@ -50,11 +54,6 @@ class DriveToFind(NamedTuple):
     step_rad: float
     slack_rad: float = 0.0
     ramping: bool = False
-
-    @property
-    def limit_rad(self) -> float:
-        """Half a phase step, and the slack: the largest RMS residual of a drive that focuses."""
-        return self.step_rad / 2.0 + 1e-9 + self.slack_rad
 
 
 class WarmReconstructor:
@@ -92,7 +91,7 @@ class WarmReconstructor:
     def warm_up(self, start: FloatArray) -> None:
         """Load or make the machine code."""
         drive = Drive(np.zeros(len(self._full), np.uint8), np.frombuffer(self._full, np.uint8))
-        self.foci([DriveToFind(drive, math.pi / 128.0)], np.ones(1), start)
+        self.foci([DriveToFind(drive, math.pi / 128.0)], start)
 
     def serves(self, asked: DriveToFind) -> bool:
         """Return True for full amplitudes, and for phases that do not suit several places."""
@@ -101,33 +100,31 @@ class WarmReconstructor:
         is_usual = is_usual and drive.phase_bits == REGISTER_BITS
         return is_usual and drive.amplitude_codes.tobytes() == self._full
 
-    def foci(
-        self, asked: list[DriveToFind], quick_rad: FloatArray, start: FloatArray
-    ) -> list[SingleFocus]:
+    def foci(self, asked: list[DriveToFind], start: FloatArray) -> list[SingleFocus]:
         """Return the foci of the first of the drives, until one is not beside that before."""
         kernels = self._pistons.kernels
         codes = np.array([one.drive.phase_codes for one in asked])
         found = np.empty((len(asked), kernels.FOCUSED_MEASURES))
         steps_rad = np.array([one.step_rad for one in asked])
-        limits_rad = np.array([one.limit_rad for one in asked])
+        limits_rad = steps_rad / 2.0 + 1e-9 + np.array([one.slack_rad for one in asked])
         count = kernels.focused_frames_kernel(
-            codes, self._phasors, steps_rad, limits_rad, quick_rad, start.copy(), self._tracker,
-            self._bounds, self._pistons.places, self._pistons.medium, self._disc,
-            self._engine, found,
+            codes, self._phasors, steps_rad, limits_rad, quick_limits_rad(limits_rad),
+            start.copy(), self._tracker, self._bounds, self._pistons.places, self._pistons.medium,
+            self._disc, self._engine, found,
         )  # fmt: skip
         return [_warm_focus(row) for row in found[:count].tolist()]
 
 
+def quick_limits_rad(limits_rad: ArrayLike) -> FloatArray:
+    """Return the residuals that the search in single precision may leave."""
+    limits: FloatArray = np.maximum(limits_rad, _LEAST_QUICK_RAD) + _QUICK_MARGIN_RAD
+    return limits
+
+
 def _warm_focus(row: list[float]) -> SingleFocus:
     """Convert a kernel's result row to a SingleFocus."""
-    place, std, bound = _vector(row[0:3]), _vector(row[3:6]), _vector(row[6:9])
-    residual_rad, coherence, pressure, force_n = row[9:]
+    px, py, pz, sx, sy, sz, bx, by, bz, residual_rad, coherence, pressure, force_n = row
     return SingleFocus(
-        place, std, bound, _ALL, residual_rad, coherence, pressure, level_db_spl(pressure),
-        force_n, "warm",
+        (px, py, pz), (sx, sy, sz), (bx, by, bz), _ALL, residual_rad, coherence, pressure,
+        level_db_spl(pressure), force_n, "warm",
     )  # fmt: skip
-
-
-def _vector(values: list[float]) -> Vector:
-    x, y, z = values
-    return x, y, z

@@ -114,6 +114,11 @@ class CommandOutputs:
         """Print *text* to the stream for text, its verdicts in their colours."""
         print(paint_verdicts_on_terminal(text, self.text), file=self.text, flush=True)
 
+    @property
+    def wants_document(self) -> bool:
+        """True if a document is shown where no file was asked for: in a job of GitHub."""
+        return is_terminal_of_github_job()
+
     def write(
         self, document: Document, *, in_virtual_time: bool = False, **writers: WriteFile
     ) -> bool:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_focus_target, focus_phases
-from haptogram.acoustics.arrays import read_only_array
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, quantise_phase
 from haptogram.acoustics.solvers.focus import check_focus_targets
 from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
@@ -161,17 +160,16 @@ class FrameBuilder:
 
     def _phases(self, foci: list[tuple[Focus, ...]], solver: Method) -> list[Frame]:
         codes = quantise_phase(frame_phases_rad(self._model, foci, solver), REGISTER_BITS)
-        full = np.full(codes.shape[1], FULL_AMPLITUDE, dtype=np.uint8)
-        read_only_array(full)  # one for all drives
+        full = bytes([FULL_AMPLITUDE]) * codes.shape[1]
         return [
             Frame(
                 group,
-                Drive(row, full),
-                messages.Phases(row.tobytes()),
+                Drive.from_bytes(data, full),
+                messages.Phases(data),
                 self._geometry_hash,
                 solver,
             )
-            for group, row in zip(foci, codes, strict=True)
+            for group, data in zip(foci, map(np.ndarray.tobytes, codes), strict=True)
         ]
 
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:

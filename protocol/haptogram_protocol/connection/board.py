@@ -106,6 +106,11 @@ class BoardConnection:
         """
         self._inbox.receive(data, now_us)
 
+    @property
+    def buffered(self) -> int:
+        """Number of bytes kept for a frame whose end has not come yet."""
+        return self._inbox.buffered
+
     def next_event(self) -> BoardEvent | NeedData:
         """Return the next event, or :data:`NEED_DATA`.
 

@@ -44,6 +44,11 @@ class ConnectionInbox:
             self._waiting += len(data)
             self.bytes_received += len(data)
 
+    @property
+    def buffered(self) -> int:
+        """Number of bytes of a frame whose end has not come yet."""
+        return self._decoder.buffered
+
     def next_frame(self) -> tuple[bytes | RemoteProtocolError, int] | None:
         """Return the next body, or its error, and its arrival time; None if no frame is left."""
         while not self._frames and self._chunks:

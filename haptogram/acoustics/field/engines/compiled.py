@@ -1,18 +1,29 @@
 """The compiled loops, which numba makes if it is installed.
 
-numba takes a quarter of a second to import, so it is imported by the first who asks.
+numba takes a quarter of a second to import, so it is imported where a loop is not stored yet.
 """
 
 from __future__ import annotations
 
+import atexit
+import contextlib
+import functools
 import hashlib
 import os
 import sys
 import tempfile
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Final
+from typing import Final, TypeAlias
+
+from haptogram.acoustics.field.engines.stored import (
+    StoredKernels,
+    read_stored,
+    store_kernels,
+    stored_path,
+)
 
 _KERNELS: Final = "haptogram.acoustics.field.engines.kernels"
 _SOURCES: Final = Path(__file__).with_name("kernels")
@@ -21,27 +32,63 @@ _MAC_CACHE: Final = "~/Library/Caches/numba"
 _TOLD: Final = "compiling the field kernels, once on this machine: half a minute or more\n"
 
 
-def load_kernels() -> ModuleType | None:
-    """Return the module of compiled loops; None: numba is not installed.
+Kernels: TypeAlias = ModuleType | StoredKernels
+
+
+def load_kernels() -> Kernels | None:
+    """Return the compiled loops; None: numba is not installed.
+
+    Where their machine code is stored on this machine, numba itself is not imported.
+    """
+    if _KERNELS in sys.modules:
+        return sys.modules[_KERNELS]
+    if find_spec("numba") is None:
+        return None
+    return _stored_kernels() or compiled_kernels()
+
+
+def compiled_kernels() -> ModuleType:
+    """Return the package of loops, which numba compiles.
 
     Machine code is cached next to the sources; numba itself takes the user's cache folder where
     that is read-only. Where there is no such folder either, the code goes to the temporary folder.
     """
     if _KERNELS in sys.modules:
         return sys.modules[_KERNELS]
-    try:
-        import numba
-    except ImportError:
-        return None
+    import numba
+
     if sys.stderr.isatty() and not _are_cached():
         sys.stderr.write(_TOLD)
     try:
-        return import_module(_KERNELS)
+        kernels = import_module(_KERNELS)
     except RuntimeError as error:  # what numba raises if it can write to none of its folders
         if "cannot cache" not in str(error):
             raise
         vars(numba.config)["CACHE_DIR"] = str(_temporary_kernel_cache())
-        return import_module(_KERNELS)
+        kernels = import_module(_KERNELS)
+    if not os.environ.get("NUMBA_DISABLE_JIT") and os.name == "posix":
+        atexit.register(_store, kernels)
+    return kernels
+
+
+@functools.cache
+def _stored_kernels() -> StoredKernels | None:
+    """Return the loops whose machine code is stored; None: there are none."""
+    if os.environ.get("NUMBA_DISABLE_JIT") or os.name != "posix":
+        return None
+    for folder in _cache_folders():
+        for path in folder.glob(f"**/{stored_path(folder, kernel_digest()).name}"):
+            if (stored := read_stored(path)) is not None:
+                return StoredKernels(stored, compiled_kernels)
+    return None
+
+
+def _store(kernels: ModuleType) -> None:
+    """Store what this program has compiled or loaded, where numba has its cache."""
+    folder = Path(kernels.fit_phases_kernel.stats.cache_path)
+    # The next program will, or imports numba as well: its next version may keep code elsewhere.
+    with contextlib.suppress(OSError, AttributeError):
+        store_kernels(kernels, stored_path(folder, kernel_digest()))
 
 
 def kernel_digest() -> str:
@@ -52,12 +99,25 @@ def kernel_digest() -> str:
 
 def _are_cached() -> bool:
     """Return True if compiled kernels are cached on this machine."""
-    own = os.environ.get("NUMBA_CACHE_DIR")
+    pattern = f"*_kernel-{kernel_digest()}*.nbi"
+    return any(next(folder.rglob(pattern), None) for folder in _cache_folders())
+
+
+def _cache_folders() -> list[Path]:
+    """Return the folders that machine code may lie in; nobody else can write to them."""
+    if own := os.environ.get("NUMBA_CACHE_DIR"):
+        return [Path(own)]
     user = os.path.join(os.environ.get("XDG_CACHE_HOME", "~/.cache"), "numba")
     users = [Path(os.path.expanduser(folder)) for folder in (user, _MAC_CACHE)]
-    folders = [Path(own)] if own else [_SOURCES, *users, _temporary_folder()]
-    pattern = f"*_kernel-{kernel_digest()}*.nbi"
-    return any(next(folder.rglob(pattern), None) for folder in folders)
+    return [_SOURCES, *users, *filter(_is_own_folder, [_temporary_folder()])]
+
+
+def _is_own_folder(folder: Path) -> bool:
+    """Return True if there is a folder that only this user can write to."""
+    if not folder.is_dir():
+        return False
+    status = folder.lstat()
+    return status.st_uid == os.getuid() and not status.st_mode & 0o022
 
 
 def _temporary_folder() -> Path:
@@ -68,7 +128,6 @@ def _temporary_kernel_cache() -> Path:
     """Return a cache folder that only this user can write to."""
     folder = _temporary_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
-    status = folder.lstat()
-    if status.st_uid == os.getuid() and folder.is_dir() and not status.st_mode & 0o022:
+    if _is_own_folder(folder):
         return folder
     return Path(tempfile.mkdtemp(prefix="haptogram-numba-"))

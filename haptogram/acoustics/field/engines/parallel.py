@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Final
 
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.acoustics.field.engines.compiled import load_kernels
+from haptogram.acoustics.field.engines.compiled import Kernels, load_kernels
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import CircularPiston
 
@@ -33,7 +32,7 @@ class ParallelPistons:
         See :mod:`.kernels.pistons`.
     """
 
-    kernels: ModuleType
+    kernels: Kernels
     places: FloatArray
     medium: FloatArray
 

@@ -24,8 +24,11 @@ from haptogram.acoustics import (
     propagators,
 )
 from haptogram.acoustics.field.engines import numba_engine
+from haptogram.acoustics.field.engines.compiled import compiled_kernels
 from haptogram.acoustics.field.engines.engine import NumbaEngine, choose_engine
 from haptogram.acoustics.field.engines.polynomials import fit_gain_polynomial
+from haptogram.acoustics.field.engines.stored import StoredKernels, read_stored, store_kernels
+from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import Pose, grids, models, seeds
 
@@ -399,8 +402,8 @@ import numba.core.caching as caching
 caching.CacheImpl._locator_classes = [
     kind for kind in caching.CacheImpl._locator_classes
     if kind.__name__ == "UserProvidedCacheLocator"]
-from haptogram.acoustics.field.engines.compiled import load_kernels
-kernels = load_kernels()
+from haptogram.acoustics.field.engines.compiled import compiled_kernels, load_kernels
+kernels = compiled_kernels()
 assert load_kernels() is kernels
 print(kernels.fit_phases_kernel.stats.cache_path)
 """
@@ -420,6 +423,64 @@ def test_no_other_error_of_the_import_is_swallowed(monkeypatch):
 
     monkeypatch.delitem(sys.modules, "haptogram.acoustics.field.engines.kernels", raising=False)
     monkeypatch.setattr(_compiled, "import_module", broken)
+    monkeypatch.setattr(_compiled, "_stored_kernels", lambda: None)
     with pytest.raises(RuntimeError, match="is broken"):
         _compiled.load_kernels()
     assert numba_engine.load_kernels is _compiled.load_kernels
+
+
+# --- machine code that is stored
+
+
+@pytest.fixture
+def stored_file(tmp_path):
+    """The code of the loops that fit one focus to phases and find it anywhere."""
+    FocusTracker(AcousticModel.default(8, 8)).warm_up()
+    path = tmp_path / "loops"
+    store_kernels(compiled_kernels(), path)
+    return path
+
+
+def test_stored_loops_answer_as_those_of_numba(stored_file):
+    model, compiled = AcousticModel.default(8, 8), compiled_kernels()
+    stored = StoredKernels(read_stored(stored_file), compiled_kernels)
+    assert stored.JUDGED_MEASURES == compiled.JUDGED_MEASURES
+    tracker, codes = FocusTracker(model), np.arange(model.array.count, dtype=np.uint8) * 7
+    order, places, lags, frame, most = tracker.kernel_arguments
+    for start in ((0.0, 0.0, 0.1), (0.01, -0.02, 0.12)):
+        given = (codes, order, places, lags, frame, start, 256, len(order), most)
+        answers = [kernels.fit_phases_kernel(*given) for kernels in (stored, compiled)]
+        assert answers[0] == answers[1]
+        assert list(map(type, answers[0])) == list(map(type, answers[1]))
+
+
+def test_other_types_than_the_stored_ones_go_to_numba(stored_file):
+    stored = StoredKernels(read_stored(stored_file), compiled_kernels)
+    score = np.array([1.0, 3.0, 2.0, 0.0], np.float32)
+    cells, apart = np.zeros((3, 8)), np.zeros(8)
+    whole = cells[:, :4].copy(), apart[:4].copy()
+    assert stored.best_cell_kernel(score.copy(), *whole) == 1
+    assert stored.best_cell_kernel(score.copy(), cells[:, ::2], apart[::2]) == 1
+    assert stored.focus_codes_kernel is compiled_kernels().focus_codes_kernel
+
+
+def test_stored_loops_need_no_numba(stored_file):
+    code = f"""
+import sys
+from pathlib import Path
+import numpy as np
+from haptogram.acoustics.field.engines.stored import StoredKernels, read_stored
+kernels = StoredKernels(read_stored(Path({str(stored_file)!r})), lambda: 1 / 0)
+score = np.array([1.0, 3.0, 2.0], np.float32)
+assert kernels.best_cell_kernel(score, np.zeros((3, 3)), np.zeros(3)) == 1, score
+assert list(score) == [-1.0, -1.0, -1.0]
+assert "numba" not in sys.modules
+"""
+    run_python(code)
+
+
+def test_what_is_no_stored_code_is_left_alone(tmp_path):
+    for content in (b"", b"not a pickle", b"\x80\x05"):
+        (tmp_path / "loops").write_bytes(content)
+        assert read_stored(tmp_path / "loops") is None
+    assert read_stored(tmp_path / "none") is None

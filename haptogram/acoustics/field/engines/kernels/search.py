@@ -15,9 +15,9 @@ from haptogram.acoustics.field.engines.kernels.waves import ONE
 
 @jit_entry
 def cell_scores_kernel(
-    codes: NDArray[np.uint8], order: NDArray[np.int64], phasors: F4, code_steps: int
-) -> F4:
-    """Return |sum of e^(j (phi + k r))|^2 at each cell.
+    codes: NDArray[np.uint8], order: NDArray[np.int64], phasors: F4, code_steps: int, score: F4
+) -> None:
+    """Set the *score* |sum of e^(j (phi + k r))|^2 of each cell.
 
     *phasors* (2, S, C): e^(j k r) of the first S elements of *order*.
     """
@@ -27,7 +27,8 @@ def cell_scores_kernel(
         angle = 2.0 * math.pi * codes[order[n]] / code_steps
         cosine, sine = np.float32(math.cos(angle)), np.float32(math.sin(angle))
         _turn_and_add_kernel(phasors[0, n], phasors[1, n], cosine, sine, re, im)
-    return re * re + im * im
+    for c in range(score.size):
+        score[c] = re[c] * re[c] + im[c] * im[c]
 
 
 @jit_inline

@@ -1,0 +1,221 @@
+"""Machine code of the compiled loops, kept so that it runs without numba.
+
+numba takes half a second to import and to load its own cache. So the code that it made is kept once
+more, with the types of its arguments, and linked by llvmlite alone. A call takes some 30 us more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import pickle
+import re
+import struct
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final, TypeAlias, cast
+
+from haptogram.errors import HaptogramError
+
+Described: TypeAlias = Any  # "int", "float", "bool", "none", (dtype, ndim) or a list of them
+
+_NONE_IS_RETURNED: Final = -2
+#: Each scalar: its type as an argument, its format in a result, and the way to it.
+_SCALARS: Final[Mapping[str, tuple[Any, str, Callable[[Any], Any]]]] = {
+    "int": (ctypes.c_int64, "q", int),
+    "float": (ctypes.c_double, "d", float),
+    "bool": (ctypes.c_bool, "?", bool),
+    "none": (None, "", bool),
+}
+#: What the loops need of numba's runtime: memory behind a header, whose first number counts the
+#: references and whose fourth says where the data are. All else is for calls from Python, which are
+#: not made here.
+_RUNTIME: Final = """
+declare ptr @malloc(i64)
+declare void @free(ptr)
+define ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %align) {
+  %all = add i64 %size, 128
+  %info = call ptr @malloc(i64 %all)
+  %begin = ptrtoint ptr %info to i64
+  %behind = add i64 %begin, 127
+  %place = and i64 %behind, -64
+  %field = getelementptr i64, ptr %info, i64 3
+  store i64 1, ptr %info
+  store i64 %place, ptr %field
+  ret ptr %info
+}
+define void @NRT_MemInfo_call_dtor(ptr %info) {
+  call void @free(ptr %info)
+  ret void
+}
+"""
+_NEVER_CALLED: Final = (
+    "NRT_Free", "NRT_adapt_ndarray_from_python", "NRT_adapt_ndarray_to_python_acqref",
+    "numba_do_raise", "numba_runtime_build_excinfo_struct", "numba_unpickle",
+)  # fmt: skip
+_PROVIDED: Final = {
+    "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor", "NRT_incref", "NRT_decref",
+    *_NEVER_CALLED,
+}  # fmt: skip
+
+
+class _OtherTypesError(HaptogramError):
+    """An argument is of another type than the code was made for."""
+
+
+class StoredKernels:
+    """The names of the package of loops; what is not stored comes from the package itself.
+
+    Parameters
+    ----------
+    stored : mapping
+        As :func:`store_kernels` writes it.
+    compiled : callable
+        Returns the package.
+    """
+
+    def __init__(self, stored: Mapping[str, Any], compiled: Callable[[], ModuleType]) -> None:
+        self._compiled = compiled
+        self._engine = _linked([code for code, *_ in stored["loops"].values()])  # owns the code
+        vars(self).update(stored["constants"])
+        for name, (_, symbol, result, kinds) in stored["loops"].items():
+            flat = [one for kind in kinds for one in _flat_types(kind)]
+            called = ctypes.PYFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 2, *flat)
+            function = called(self._engine.get_function_address(symbol))
+            vars(self)[name] = self._loop(name, function, result, kinds)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._compiled(), name)
+
+    def _loop(
+        self, name: str, function: Callable[..., int], result: Described, kinds: list[Described]
+    ) -> Callable[..., Any]:
+        """Return a function that calls a loop; arguments of other types go to numba."""
+        form = struct.Struct(_form_of(result))
+
+        def call(*values: Any) -> Any:
+            pairs = zip(kinds, values, strict=True)
+            try:
+                flat = [one for kind, value in pairs for one in _flattened(kind, value)]
+            except _OtherTypesError:
+                return getattr(self._compiled(), name)(*values)
+            found, error = ctypes.create_string_buffer(max(8, form.size)), ctypes.c_void_p()
+            status = function(ctypes.addressof(found), ctypes.addressof(error), *flat)
+            if status not in (0, _NONE_IS_RETURNED):
+                raise RuntimeError(f"{name} failed with the status {status}")
+            return _value(result, iter(form.unpack_from(found)))
+
+        return call
+
+
+def stored_path(folder: Path, digest: str) -> Path:
+    """Return the file in *folder* with the code for this processor and these sources."""
+    import llvmlite
+    import llvmlite.binding as llvm  # of which each version of numba has its own
+
+    features = llvm.get_host_cpu_features().flatten()
+    machine = f"{llvm.get_host_cpu_name()} {features} {llvmlite.__version__}"
+    return folder / f"{digest}-{hashlib.sha256(machine.encode()).hexdigest()[:12]}.loops"
+
+
+def store_kernels(kernels: ModuleType, path: Path) -> None:
+    """Write what numba has compiled of *kernels* to *path*, with what is there already."""
+    known = (read_stored(path) or {"loops": {}})["loops"]
+    values = {name: getattr(kernels, name) for name in kernels.__all__}
+    new = {n: next(_codes(f), None) for n, f in values.items() if callable(f) and n not in known}
+    loops = known | {name: made for name, made in new.items() if made is not None}
+    if len(loops) > len(known):
+        constants = {name: value for name, value in values.items() if not callable(value)}
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(pickle.dumps({"constants": constants, "loops": loops}))
+        os.replace(file.name, path)
+
+
+def read_stored(path: Path) -> dict[str, Any] | None:
+    """Return the loops that :func:`store_kernels` wrote; None: there are none."""
+    try:
+        found: dict[str, Any] = pickle.loads(path.read_bytes())
+    except (OSError, EOFError, pickle.UnpicklingError):
+        return None
+    return found
+
+
+def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]:
+    """Yield code, symbol, result and arguments of what numba has compiled of a loop."""
+    cache = loop._cache  # noqa: SLF001  numba shows machine code nowhere else
+    for given, made in loop.overloads.items():
+        key = cache._index_key(given, loop.targetctx.codegen())  # noqa: SLF001  as above
+        kept = cache._cache_file.load(key)  # noqa: SLF001  as above
+        if kept is None:
+            continue
+        (_, _, (code, _)), *_ = kept
+        needed = {name.decode() for name in re.findall(rb"\0((?:NRT|numba)_\w+)(?=\0)", code)}
+        result, *types = map(_described, (made.signature.return_type, *made.signature.args))
+        if needed <= _PROVIDED and None not in types and result is not None:
+            yield code, made.fndesc.llvm_func_name, result, types
+
+
+def _described(kind: Any) -> Described | None:
+    """Return a type of numba in plain values; None: it is none that can be handed over here."""
+    from numba import types
+
+    if isinstance(kind, types.BaseTuple):
+        parts = [_described(one) for one in cast("Any", kind)]
+        return None if None in parts else parts
+    if isinstance(kind, types.Array):
+        return (str(kind.dtype), kind.ndim) if kind.layout == "C" else None
+    plain = {types.int64: "int", types.float64: "float", types.boolean: "bool", types.none: "none"}
+    return plain.get(kind)
+
+
+def _linked(codes: list[bytes]) -> Any:
+    """Return an engine of llvmlite with these pieces of code."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    nothing = "".join(f"define void @{name}() {{ ret void }}\n" for name in _NEVER_CALLED)
+    machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(_RUNTIME + nothing), machine)
+    for code in codes:
+        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
+
+
+def _flat_types(kind: Described) -> list[Any]:
+    """Return the types of the numbers that stand for an argument."""
+    if isinstance(kind, list):
+        return [one for part in kind for one in _flat_types(part)]
+    if isinstance(kind, tuple):
+        return [ctypes.c_int64] * (5 + 2 * kind[1])
+    return [_SCALARS[kind][0]]
+
+
+def _flattened(kind: Described, value: Any) -> Iterator[Any]:
+    """Yield the numbers that stand for an argument."""
+    if isinstance(kind, str):
+        yield _SCALARS[kind][2](value)
+    elif isinstance(kind, list):
+        for part, one in zip(kind, value, strict=True):
+            yield from _flattened(part, one)
+    elif (value.dtype.name, value.ndim) == kind and value.flags.c_contiguous:
+        yield from (0, 0, value.size, value.itemsize, value.ctypes.data)
+        yield from (*value.shape, *value.strides)
+    else:
+        raise _OtherTypesError
+
+
+def _form_of(kind: Described) -> str:
+    """Return the format of a result in memory."""
+    return "".join(map(_form_of, kind)) if isinstance(kind, list) else _SCALARS[kind][1]
+
+
+def _value(kind: Described, numbers: Iterator[Any]) -> Any:
+    """Return a result as Python has it."""
+    if isinstance(kind, list):
+        return tuple([_value(part, numbers) for part in kind])
+    return next(numbers, None)
