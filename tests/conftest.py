@@ -1,5 +1,6 @@
 """Settings that every test shares: one numerical thread, signals, and the Hypothesis profiles."""
 
+import gc
 import os
 import signal
 from collections import Counter, defaultdict
@@ -34,6 +35,17 @@ def pytest_configure(config):
     if "PYTEST_XDIST_WORKER" not in os.environ:
         costs = config.pluginmanager.get_plugin("costs")
         config.pluginmanager.register(costs.Costs(config.rootpath / "out" / "durations.json"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect without the garbage collector, which would find none among thousands of tests."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(wrapper=True)
