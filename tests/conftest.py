@@ -26,7 +26,7 @@ for _number in (signal.SIGINT, signal.SIGHUP):
 # A shared machine may stop for a while at any point, so slowness is no failure.
 _UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 
-settings.register_profile("commit", max_examples=10, derandomize=True, **_UNHURRIED)
+settings.register_profile("commit", max_examples=5, derandomize=True, **_UNHURRIED)
 settings.register_profile("nightly", max_examples=200, print_blob=True, **_UNHURRIED)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "commit"))
 

@@ -97,12 +97,15 @@ def test_the_same_run_gives_the_same_page(
 
 @pytest.mark.parametrize("package", ["jinja2", "matplotlib"])
 def test_without_the_extra_no_page_is_begun(
+    request: pytest.FixtureRequest,
     tmp_path: Path,
     good_run: RunVerdict,
     model: AcousticModel,
     monkeypatch: pytest.MonkeyPatch,
     package: str,
 ) -> None:
+    if package == "jinja2":
+        request.getfixturevalue("no_pictures")
     monkeypatch.setitem(sys.modules, package, None)
     advice = rf"^(HTML pages|pictures) need {package}: pip install .*\[report\]'$"
     with pytest.raises(ConfigurationError, match=advice):
