@@ -13,7 +13,7 @@ from PIL import Image
 from haptogram.cli import main
 
 PICTURE: Final = Path(__file__).parents[1] / "docs" / "images" / "hemisphere.png"
-_BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "chrome")
+BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _FRAME: Final = 400
 _WINDOW: Final = (1280, 900)
 _BOX: Final = (130, 206, 1136, 830)  # of the window: the view with its time line
@@ -21,7 +21,7 @@ _BOX: Final = (130, 206, 1136, 830)  # of the window: the view with its time lin
 
 def draw() -> Image.Image:
     """Run the hemisphere in virtual time, and return the view of its recording."""
-    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         raise SystemExit("the picture needs Chromium: ci/browser installs it")
     with tempfile.TemporaryDirectory() as folder:

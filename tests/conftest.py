@@ -1,5 +1,6 @@
 """Settings that every test shares: one numerical thread, signals, and the Hypothesis profiles."""
 
+import gc
 import os
 import signal
 from collections import Counter, defaultdict
@@ -25,7 +26,7 @@ for _number in (signal.SIGINT, signal.SIGHUP):
 # A shared machine may stop for a while at any point, so slowness is no failure.
 _UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 
-settings.register_profile("commit", max_examples=10, derandomize=True, **_UNHURRIED)
+settings.register_profile("commit", max_examples=5, derandomize=True, **_UNHURRIED)
 settings.register_profile("nightly", max_examples=200, print_blob=True, **_UNHURRIED)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "commit"))
 
@@ -34,6 +35,17 @@ def pytest_configure(config):
     if "PYTEST_XDIST_WORKER" not in os.environ:
         costs = config.pluginmanager.get_plugin("costs")
         config.pluginmanager.register(costs.Costs(config.rootpath / "out" / "durations.json"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect without the garbage collector, which would find none among thousands of tests."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -43,6 +43,8 @@ class Costs:
             self._cpu_s[report.nodeid] = dict(report.user_properties)["cpu_s"]
 
     def pytest_sessionfinish(self):
+        if not self._cpu_s:  # collected alone
+            return
         rows = {
             test: {"wall_s": round(self._wall_s[test], 3), "cpu_s": cpu_s}
             for test, cpu_s in sorted(self._cpu_s.items())

@@ -134,18 +134,19 @@ def write_vcd(path, found, analyser, total_s):
     lines += ["$upscope $end", "$enddefinitions $end", "#0", "$dumpvars"]
     lines += [f"{int(found[name][1])}{chr(33 + n)}" for n, name in enumerate(names)]
     lines.append("$end")
-    rows = []
-    for number, name in enumerate(names):
-        level = found[name][1]
-        for sample in found[name][0].tolist():
-            level = not level
-            rows.append((sample, f"{int(level)}{chr(33 + number)}"))
+    samples = np.concatenate([found[name][0] for name in names])
+    texts = [
+        f"{int(level) ^ 1 ^ k % 2}{chr(33 + number)}"
+        for number, (edges, level) in enumerate(found.values())
+        for k in range(len(edges))
+    ]
+    order = np.argsort(samples, kind="stable").tolist()
     last = None
-    for sample, text in sorted(rows):
+    for sample, place in zip(samples[order].tolist(), order, strict=True):
         if sample != last:
             lines.append(f"#{round(sample * 1e9 / analyser.rate_hz)}")
             last = sample
-        lines.append(text)
+        lines.append(texts[place])
     lines.append(f"#{round(total_s * 1e9)}")
     path.write_text("\n".join(lines) + "\n")
 
@@ -157,10 +158,10 @@ def write_sr(path, found, analyser, total_s):
     total = int(total_s * analyser.rate_hz)
     data = np.zeros((total, unit), np.uint8)
     for number, (edges, level) in enumerate(found.values()):
-        flips = np.zeros(total, np.int8)
-        flips[edges[edges < total]] = 1
-        levels = (np.cumsum(flips) + int(level)) % 2
-        data[:, number // 8] |= (levels << (number % 8)).astype(np.uint8)
+        bit = np.uint8(1 << number % 8)
+        data[edges[edges < total], number // 8] ^= bit
+        data[0, number // 8] ^= bit * np.uint8(level)
+    np.bitwise_xor.accumulate(data, out=data)  # from flips to levels
     meta = configparser.ConfigParser()
     meta["global"] = {"sigrok version": "0.5.2"}
     meta["device 1"] = {

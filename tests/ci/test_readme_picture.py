@@ -20,7 +20,7 @@ def test_the_picture_is_that_of_the_view() -> None:
     assert spec.loader is not None
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
-    if not any(map(shutil.which, script._BROWSERS)):
+    if not any(map(shutil.which, script.BROWSERS)):
         pytest.skip("needs Chromium: ci/browser")
     drawn, kept = script.draw(), image.open(script.PICTURE).convert("RGB")
     assert abs(drawn.width - kept.width) < 0.03 * kept.width

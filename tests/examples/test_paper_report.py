@@ -40,6 +40,7 @@ def test_the_text_names_every_cell_and_hides_no_deviation(capsys):
     assert max(len(line) for line in out.splitlines() if "corrected" not in line) <= 100
 
 
+@pytest.mark.nightly
 def test_json_goes_to_a_file(tmp_path, capsys):
     assert run("--json", tmp_path / "paper.json") == 0
     assert "Table 1" in capsys.readouterr().out

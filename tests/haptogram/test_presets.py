@@ -1,5 +1,6 @@
 """Presets: real geometries, and figures that others have published or measured."""
 
+import functools
 import math
 
 import numpy as np
@@ -16,8 +17,13 @@ from haptogram.errors import ConfigurationError
 from haptogram.published import PRESETS, compare_preset, find_preset
 
 
+@functools.cache
+def rows(preset):
+    return compare_preset(preset)
+
+
 def ours(preset, quantity):
-    return {row["quantity"]: row["ours"] for row in compare_preset(find_preset(preset))}[quantity]
+    return {row["quantity"]: row["ours"] for row in rows(find_preset(preset))}[quantity]
 
 
 def test_an_autd_unit_has_249_places_of_its_grid():
@@ -95,7 +101,7 @@ def test_every_preset_can_be_focused_and_names_its_sources(preset):
     check_focus_target(model, preset.focus_m)
     assert preset.source
     assert preset.array_source
-    for row in compare_preset(preset):
+    for row in rows(preset):
         assert math.isfinite(row["ours"])
         assert row["source"]
         assert row["published"]

@@ -108,7 +108,7 @@ def test_what_cannot_be_is_refused_before_anything_starts(
 
 
 def test_a_board_inside_the_program_is_a_port_like_any_other(tmp_path: Path) -> None:
-    url = "haptogram://?clock=virtual&seed=5&baud=3000000&fault=line.drop+p=3e-4+from=10ms"
+    url = "haptogram://?clock=virtual&seed=5&baud=3000000&fault=line.drop+p=1e-3+from=10ms+direction=up"
     result = _result(tmp_path, ["verify", *_CIRCLE, "--port", url, "--min-verified", "0.5"])
     assert result["evidence"] == "self-reported"
     assert "faults" not in result  # the port has them, and does not say

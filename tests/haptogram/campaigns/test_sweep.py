@@ -17,14 +17,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from haptogram.campaigns.sweep.campaign import OpenWorkers, SweepCampaign
 from haptogram.campaigns.sweep.plan import SweepPlan
 from haptogram.campaigns.sweep.rows import Row, write_rows
-from haptogram.campaigns.sweep.workers import process_workers
+from haptogram.campaigns.sweep.workers import Workers, process_workers
 from haptogram.cli import command_parser, main
 from haptogram.cli.program import result_of_command
 
@@ -76,6 +78,20 @@ def rows_of(plan: SweepPlan, workers: OpenWorkers, show: Callable[[], None] = qu
 
 def jobs(count: int) -> OpenWorkers:
     return lambda: process_workers(count)
+
+
+class ThisProcess(Executor):
+    """Does at once what it is given."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        done.set_result(fn(*args, **kwargs))
+        return done
+
+
+@contextlib.contextmanager
+def no_workers() -> Iterator[Workers]:
+    yield Workers(ThisProcess(), 1)
 
 
 # --- the points ----------------------------------------------------------------------------------
@@ -184,16 +200,19 @@ def test_rows_of_no_known_format_are_refused(capsys: pytest.CaptureFixture[str])
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
-    """The rows of :data:`POINTS` of one worker."""
-    return rows_of(planned(POINTS, tmp_path_factory.mktemp("one")), jobs(1))
+    """The rows of :data:`POINTS` without any worker."""
+    return rows_of(planned(POINTS, tmp_path_factory.mktemp("one")), no_workers)
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("count", [2, 3])
-def test_several_workers_give_the_rows_of_one(
+@pytest.mark.nightly  # with a commit, workers one of which is killed, and those of the command
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_workers_give_the_rows_of_this_process(
     count: int, expected: list[Row], tmp_path: Path
 ) -> None:
     assert rows_of(planned(POINTS, tmp_path), jobs(count)) == expected
+
+
+def test_rows_are_in_the_order_of_the_points_and_have_a_verdict(expected: list[Row]) -> None:
     assert [row["point"] for row in expected] == list(range(8))
     assert {row["verdict"] for row in expected[:4]} == {"pass"}
     assert "fail" in {row["verdict"] for row in expected[4:]}
@@ -218,7 +237,7 @@ def test_a_conformance_run_is_a_point(tmp_path: Path) -> None:
     text = '[sweep]\nrun = "conform"\n[options]\nclause = ["HG-2.1", "HG-2.3"]\n'
     mutants = "[axes]\nport = ['haptogram://?clock=virtual', "
     mutants += "'haptogram://?clock=virtual&mutant=mutants.framing:SharedDelimiterRefused']\n"
-    healthy, wrong = rows_of(planned(text + mutants, tmp_path), jobs(1))
+    healthy, wrong = rows_of(planned(text + mutants, tmp_path), no_workers)
     assert healthy["verdict"] == "pass"
     assert healthy["failed"] == 0
     assert healthy["counts.OK"] > 2
@@ -241,9 +260,9 @@ def test_a_point_that_crashes_is_a_row_and_the_others_go_on(
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("times", [1, 3])
+@pytest.mark.parametrize(("count", "times"), [(1, 1), (2, 1), (2, 3)])
 def test_a_worker_that_is_killed_costs_no_row(
-    times: int, expected: list[Row], tmp_path: Path
+    count: int, times: int, expected: list[Row], tmp_path: Path
 ) -> None:
     killed: list[int] = []
 
@@ -253,7 +272,7 @@ def test_a_worker_that_is_killed_costs_no_row(
             killed.append(worker.pid)
             os.kill(worker.pid, signal.SIGKILL)
 
-    assert rows_of(planned(POINTS, tmp_path), jobs(2), kill) == expected
+    assert rows_of(planned(POINTS, tmp_path), jobs(count), kill) == expected
     assert len(killed) == times
     assert not multiprocessing.active_children()
 
@@ -323,6 +342,7 @@ def test_a_sweep_that_ends_early_leaves_nothing_and_goes_on(
     # A line that was cut off is no row.
     with (tmp_path / "rows.csv.part").open("a") as journal:
         journal.write('{"point": 7, "comm')
+    words[words.index("--jobs") + 1] = "1"
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 1
     assert done.stdout.splitlines()[-1].startswith("FAIL: 8 points: ")
@@ -346,7 +366,7 @@ def test_a_csv_file_and_a_page_say_where_it_breaks(
 ) -> None:
     path, rows, page = (tmp_path / name for name in ("sweep.toml", "rows.csv", "page.html"))
     path.write_text(POINTS)
-    assert main(["sweep", str(path), "--jobs", "2", "--rows", str(rows), "--html", str(page)]) == 1
+    assert main(["sweep", str(path), "--jobs", "1", "--rows", str(rows), "--html", str(page)]) == 1
     said = capsys.readouterr()
     assert "sweep: 8 of 8 points, " in said.err
     found = list(csv.DictReader(rows.read_text().splitlines()))

@@ -15,6 +15,7 @@ JOB = (
 )
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("mode", ["phases", "sequence"])
 def test_the_result_does_not_depend_on_how_many_go_at_a_time(tmp_path, monkeypatch, mode):
     results = []

@@ -177,6 +177,7 @@ def verdict_on(
     return found.verdict(min_verified=0.1)
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("evidence", EVIDENCE)
 @pytest.mark.parametrize("cause", CAUSES)
 def test_a_frame_that_the_board_loses_fails(evidence: str, cause: str) -> None:
@@ -220,6 +221,7 @@ STALLS: dict[str, tuple[int, dict[str, Any], dict[str, Any]]] = {
 }
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("stall", STALLS)
 @pytest.mark.parametrize("evidence", EVIDENCE)
 def test_what_the_host_held_up_is_excused(evidence: str, stall: str) -> None:
