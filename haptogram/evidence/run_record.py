@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, cast
 
@@ -121,6 +121,7 @@ def measure_run(
     *,
     faulty: bool = False,
     writer: RecordingWriter | None = None,
+    sink: Callable[[Intended | Observation], object] | None = None,
 ) -> RunRecord:
     """Display the object on *board* and collect what it latched.
 
@@ -136,6 +137,8 @@ def measure_run(
         Whether faults are planned: then a refusal of the board ends the run as a broken link does.
     writer : RecordingWriter, optional
         The recording that the bytes of the line go into, and the records of the back door.
+    sink : callable, optional
+        Called with every frame as it is sent, as the one of :class:`Driver`.
     """
     shown = run_frames.frames_of_run(config.shape, config.pace, config.modulation)
     model = run_frames.host_model_of_run_frames(config.array)
@@ -150,6 +153,7 @@ def measure_run(
         medium=model.medium,
         calibration=elements if config.elements.compensate else None,
         keep=run_frames.MOST_FRAMES,
+        sink=sink,
     )
     known = board.model or driver.model
     found = RunRecord(

@@ -82,11 +82,20 @@ class PtyLink:
                 text = f"link {self._path} is held by a live board (process {owner})"
                 raise ConfigurationError(text) from error
             if self._is_current(lock):
-                with contextlib.suppress(OSError):  # the disk is full: locked all the same
-                    os.truncate(lock, 0)
-                    os.write(lock, f"{os.getpid()}\n".encode())
+                self._sign_lock(lock)
                 return lock
             os.close(lock)  # its owner removed it between our two calls: try again
+
+    def _sign_lock(self, lock: int) -> None:
+        """Write the process id into the lock file."""
+        try:
+            os.truncate(lock, 0)
+            os.write(lock, f"{os.getpid()}\n".encode())
+        except OSError as error:  # the disk is full
+            with contextlib.suppress(OSError):
+                os.unlink(self._lock_path)
+            os.close(lock)
+            raise self._impossible(error) from error
 
     def _impossible(self, error: OSError) -> ConfigurationError:
         reason = plain_reason(error)

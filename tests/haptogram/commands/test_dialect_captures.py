@@ -46,9 +46,7 @@ def test_a_recorded_run_keeps_the_steps_of_its_board():
     assert recorded_run(Recording(Path("run.mcap"))).intended == board.intended
 
 
-def test_late_channels_become_a_calibration_and_the_verdict_says_what_is_left(capsys, monkeypatch):
-    # The pictures of the run are not those of its pins, and take most of the time.
-    monkeypatch.setattr("haptogram.report.run.document._run_page_pictures", lambda *_: ())
+def test_late_channels_become_a_calibration_and_the_verdict_says_what_is_left(capsys):
     captured(late_step=LATE)
     words = f"{JUDGED} --json run.json --html run.html --pin-calibration known.csv"
     assert main(words.split()) == 1

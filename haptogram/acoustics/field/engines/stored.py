@@ -129,18 +129,20 @@ def store_kernels(kernels: ModuleType, path: Path) -> None:
     loops = known | {name: made for name, made in new.items() if made is not None}
     if len(loops) > len(known):
         constants = {name: value for name, value in values.items() if not callable(value)}
+        content = pickle.dumps({"constants": constants, "loops": loops})
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(pickle.dumps({"constants": constants, "loops": loops}))
+            file.write(hashlib.sha256(content).digest() + content)
         os.replace(file.name, path)
 
 
 def read_stored(path: Path) -> dict[str, Any] | None:
-    """Return the loops that :func:`store_kernels` wrote; None: there are none."""
+    """Return the loops that :func:`store_kernels` wrote; None: there are none, or damaged ones."""
     try:
-        found: dict[str, Any] = pickle.loads(path.read_bytes())
-    except (OSError, EOFError, pickle.UnpicklingError):
+        data = path.read_bytes()
+    except OSError:
         return None
-    return found
+    digest, content = data[:32], data[32:]
+    return pickle.loads(content) if hashlib.sha256(content).digest() == digest else None
 
 
 def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]:

@@ -469,7 +469,7 @@ def test_the_answer_does_not_depend_on_numba(monkeypatch):
     fast = Reconstructor(MODEL)
     fast.warm_up()
     found = [fast.reconstruct(drive) for drive in drives]
-    for module in ("field.engines.engine", "reconstruct.reconstruction"):
+    for module in ("field.engines.numba_engine", "reconstruct.reconstruction"):
         monkeypatch.setattr(f"haptogram.acoustics.{module}.load_kernels", lambda: None)
     slow = Reconstructor(MODEL)
     slow.warm_up()
