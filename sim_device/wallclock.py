@@ -220,7 +220,7 @@ class Heartbeat:
         elif self._worker is not None and self._worker.pending:
             hand_over_ns = self._hand_over_ns
         self._due_ns = self._simulation.next_event_ns()
-        next_ns = earliest_board_time(self._due_ns, hand_over_ns)
+        next_ns = earliest_board_time(self._due_ns, hand_over_ns, self._port_due_ns())
         wait_ns = None
         if next_ns is not None:
             wait_ns = round((next_ns - self._elapsed_ns()) * self._slow_down)
@@ -239,6 +239,10 @@ class Heartbeat:
             self.stop()
             if self._worker is not None:
                 self._worker.skip_fields()
+
+    def _port_due_ns(self) -> int | None:
+        due_ns = self._port.due_ns
+        return None if due_ns is None else round((due_ns - self._start_ns) / self._slow_down)
 
     def _elapsed_ns(self) -> int:
         """Return the time since power-up, rounded to whole microseconds."""

@@ -32,6 +32,11 @@ class BoardPort:
         self.description = description
 
     @property
+    def due_ns(self) -> int | None:
+        """When it has to be looked at, on the monotonic clock, though nothing comes; or None."""
+        return None
+
+    @property
     def client_baud(self) -> int | None:
         """Rate that the client has set, where the port knows it and a client has set one."""
         return None

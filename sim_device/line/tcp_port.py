@@ -10,7 +10,7 @@ from typing import Final
 from haptogram.errors import ConfigurationError, plain_reason
 
 from .port import BoardPort
-from .socket_server import admitted_client
+from .socket_server import SocketDoorman
 
 _LOG: Final = logging.getLogger(__name__)
 _GONE: Final = (errno.EIO, errno.EPIPE, errno.ECONNRESET, errno.ENXIO, errno.ENODEV)
@@ -44,10 +44,17 @@ class TcpPort(BoardPort):
         self._departed = False
         self._is_there = True
         super().__init__(-1, f"socket://{_tcp_address(*self._server.getsockname()[:2])}")
+        self._doorman = SocketDoorman(self._server, self.description)
+
+    @property
+    def due_ns(self) -> int | None:
+        """When a client may be taken in again, if descriptors had run out."""
+        return self._doorman.due_ns
 
     def reading(self) -> list[int]:
-        """Return the server, and the client where there is one."""
-        return [self._server.fileno(), *([self._fd] if self._client else [])]
+        """Return the server, unless nobody can be taken in, and the client where there is one."""
+        server = [self._server.fileno()] if self._doorman.is_looking else []
+        return [*server, *([self._fd] if self._client else [])]
 
     def read(self, limit: int) -> bytes:
         """Take a client in where one waits, and return what the present one sent."""
@@ -89,7 +96,7 @@ class TcpPort(BoardPort):
         self._server.close()
 
     def _accept(self) -> None:
-        if (admitted := admitted_client(self._server, self.description)) is None:
+        if (admitted := self._doorman.admit()) is None:
             return
         client, address = admitted
         if self._client is not None and _has_tcp_client_left(self._client):

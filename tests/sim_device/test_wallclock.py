@@ -6,6 +6,9 @@ import os
 import resource
 import select
 import signal
+import subprocess
+import sys
+import textwrap
 import threading
 import time
 from functools import partial
@@ -45,15 +48,16 @@ HIGH = 1500  # beyond FD_SETSIZE
 class End(BoardPort):
     """A port that ends a board in one way, on its second turn."""
 
-    soon, write_end = os.pipe()  # at once: it has ended
-    os.close(write_end)
-
     def __init__(self, act):
         super().__init__(-1, "end of a test")
         self.act, self.turns = act, 0
 
+    @property
+    def due_ns(self):
+        return 0  # at once
+
     def reading(self):
-        return [self.soon] if self.soon is not None else []
+        return []
 
     def read(self, _):
         self.turns += 1
@@ -145,7 +149,7 @@ def test_a_signal_right_before_the_wait_ends_it(own_handlers, monkeypatch, numbe
             return set(woken[-1])
 
     monkeypatch.setattr(wallclock, "DescriptorWaiter", LateWaiter)
-    monkeypatch.setattr(End, "soon", None)
+    monkeypatch.setattr(End, "due_ns", None)
     heartbeat = heartbeat_on(End(lambda: None))
     with heartbeat.stopped_by_signals():
         heartbeat.run()
@@ -167,7 +171,7 @@ def test_a_signal_that_others_handle_ends_one_wait_alone(monkeypatch):
             return waits[-1]
 
     monkeypatch.setattr(wallclock, "DescriptorWaiter", SignalledWaiter)
-    monkeypatch.setattr(End, "soon", None)
+    monkeypatch.setattr(End, "due_ns", None)
     before = signal.signal(signal.SIGUSR1, lambda *_: handled.append(1))
     try:
         heartbeat = heartbeat_on(End(lambda: None))
@@ -248,6 +252,8 @@ FOCI = FociStart(AT_TIME, 1, 340 * 64, 40, 3, NEVER)
 class Awake(End):
     """A port that can always be read, and ends the board on its second turn."""
 
+    due_ns = None
+
     def __init__(self, act):
         super().__init__(act)
         self.pipe, write_end = os.pipe()
@@ -289,6 +295,42 @@ def test_a_board_waits_for_a_time_that_never_comes(operations, monkeypatch):
     assert port.turns == 2
 
 
+# --- descriptors that have run out ----------------------------------------------------------------
+
+SHORT = """
+import logging, os, resource, socket, sys, threading
+from sim_device.wallclock import Heartbeat
+from sim_device.board.settings import board_settings
+from sim_device.line.tcp_port import TcpPort
+from sim_device.simulation import Simulation
+
+logging.basicConfig(format="%(message)s", stream=sys.stdout)
+port = TcpPort("127.0.0.1", 0)
+heartbeat = Heartbeat(Simulation(board_settings(array="2x2")), port)
+turns, turn = [0], heartbeat._turn
+
+def counted():
+    turns[0] += 1
+    turn()
+
+heartbeat._turn = counted
+client = socket.create_connection(port._server.getsockname())
+limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+resource.setrlimit(resource.RLIMIT_NOFILE, (3, limit[1]))  # none is left
+
+def later():
+    short = turns[0], port._doorman.refused, port._client is None
+    resource.setrlimit(resource.RLIMIT_NOFILE, limit)
+    threading.Timer(0.5, lambda: (print("short", *short, "after", port._client is not None),
+                                  heartbeat.stop())).start()
+
+threading.Timer(1.5, later).start()
+heartbeat.run()
+port.close()
+client.close()
+"""
+
+
 class ClientThatEnds(BoardCountLog):
     """Sends its bytes and ends, after the board has looked at its port and before it sleeps."""
 
@@ -324,3 +366,22 @@ def test_the_bytes_and_the_end_of_a_client_may_come_in_one_turn(tmp_path):
     assert was_in_time
     assert not board.simulation.host_unsent
     assert len(board.latches) == 1 + 1  # that of power-up, and the client's
+
+
+def test_a_client_waits_without_spinning_while_descriptors_have_run_out():
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(SHORT)],
+        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=True,
+    )
+    lines = done.stdout.splitlines()
+    (told,) = [line.split() for line in lines if line.startswith("short")]
+    turns, refused = int(told[1]), int(told[2])
+    assert told[3:] == ["True", "after", "True"]
+    assert 2 <= refused <= 9  # tried again every 0.2 s for 1.5 s
+    assert turns <= 4 * refused + 4
+    assert sum("no client can be taken in: too many open files" in line for line in lines) == 1
+    assert sum("clients are taken in again" in line for line in lines) == 1

@@ -19,7 +19,7 @@ from sim_device.backdoor.sinks import SocketSink, open_backdoor_sink
 from sim_device.board.settings import board_settings
 from sim_device.line.port import PortLostError
 from sim_device.line.pty_port import PtyPort
-from sim_device.line.socket_server import UnixListener, admitted_client
+from sim_device.line.socket_server import SocketDoorman, UnixListener
 from sim_device.line.tcp_port import TcpPort
 from sim_device.line.uart import Uart
 from sim_device.log import BoardCountLog
@@ -331,11 +331,12 @@ def test_a_server_that_is_gone_is_told_and_not_taken_for_an_idle_one():
 
 
 @pytest.mark.parametrize(
-    ("code", "is_fatal"),
-    [(code, False) for code in (errno.EAGAIN, errno.ECONNABORTED, errno.EINTR, errno.EPROTO)]
-    + [(code, True) for code in (errno.EBADF, errno.EINVAL, errno.ENOTSOCK, errno.EMFILE)],
+    ("code", "is_fatal", "is_short"),
+    [(code, False, False) for code in (errno.EAGAIN, errno.ECONNABORTED, errno.EINTR, errno.EPROTO)]
+    + [(code, False, True) for code in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS)]
+    + [(code, True, False) for code in (errno.EBADF, errno.EINVAL, errno.ENOTSOCK, errno.EPERM)],
 )
-def test_what_becomes_of_an_error_of_accept(code, is_fatal):
+def test_what_becomes_of_an_error_of_accept(code, is_fatal, is_short):
     error = OSError(code, os.strerror(code))
     why = plain_reason(error)
 
@@ -343,11 +344,14 @@ def test_what_becomes_of_an_error_of_accept(code, is_fatal):
         def accept(self):
             raise error
 
+    doorman = SocketDoorman(Server(), "port")
     if is_fatal:
         with pytest.raises(PortLostError, match=f"port: .*: {why}"):
-            admitted_client(Server(), "port")
+            doorman.admit()
     else:
-        assert admitted_client(Server(), "port") is None
+        assert doorman.admit() is None
+    assert doorman.refused == is_short
+    assert doorman.is_looking is not is_short
 
 
 def test_the_folder_of_a_link_is_made_as_that_of_any_output(tmp_path, caplog):
