@@ -14,15 +14,10 @@ EARLIER = {
         "field at {count} points, beside sgemm"
     ),
     "test_board_step[{frame}]": "board step, {frame}",
-    "test_codes_of_many_foci_against_numpy[{count}]": "phase codes of {count} foci in a call",
-    "test_codes_of_one_focus_against_numpy": "phase codes of one focus",
-    "test_fixed_grid_against_cgemm[{points}-{frames}]": "grid of {points} points, {frames} drives",
     "test_frame_against_crc32[{implementation}-{content}]": (
         "frame from a body, {content}, COBS in {implementation}"
     ),
     "test_message[{direction}-{message}]": "{direction} {message}",
-    "test_numpy_single_precision_against_numpy[{count}]": "field at {count} points without numba",
-    "test_plane_against_the_direct_kernel[{half_width_m}]": "plane of half-width {half_width_m} m",
     "test_reconstruction_against_double_precision": "reconstruction of a drive",
     "test_round_trip_of_both_connections": "PING and PONG through both connections",
     "test_sources_against_numpy[{shape}-{sources}]": "field of {sources} sources, {shape}",

@@ -165,9 +165,8 @@ class InlineReconstructionWorker:
     ) -> None:
         self._write, self._direct = write, direct
         self._told = told
-        self._owed: list[events.Latch] = []
-        self._brief: list[tuple[events.Latch, records.Record]] = []
-        self._estimates: list[Reconstruction | None] = []
+        self._owed: list[tuple[events.Latch, records.Record]] = []
+        self._brief: list[tuple[events.Latch, records.Record, Reconstruction | None]] = []
         wiring = settings.wiring
         steps = None if wiring is None else wiring.steps
         self._estimator = BackdoorEstimator(settings.truth, steps) if reconstruct else None
@@ -207,30 +206,31 @@ class InlineReconstructionWorker:
         """Write the record of a latch; reconstruct its field later, in batches."""
         record = records.backdoor_brief_record(latch)
         self._write(record)
-        self._brief.append((latch, record))
-        self._owed.append(latch)
+        self._owed.append((latch, record))
         if len(self._owed) >= _AT_ONCE:
             self.settle()
 
     def settle(self) -> None:
         """Reconstruct the fields of all latches so far."""
-        latches, told = self._owed, self._told
-        if not latches or told is None:
+        owed, told = self._owed, self._told
+        if not owed or told is None:
             return
+        latches = [latch for latch, _ in owed]
         estimates: Sequence[Reconstruction | None] = [None] * len(latches)
         if self._estimator is not None:
             estimates = self._estimator.estimate_all(latches)
             self._reconstructed += len(latches)
         told += map(_observation_of_latch, latches, estimates)
-        self._estimates += estimates
+        pairs = zip(owed, estimates, strict=True)
+        self._brief += [(latch, record, estimate) for (latch, record), estimate in pairs]
         self._owed = []
 
     def complete(self) -> None:
         """Complete the records of all latches so far."""
         self.settle()
-        for (latch, record), estimate in zip(self._brief, self._estimates, strict=True):
+        for latch, record, estimate in self._brief:
             record.update(records.backdoor_latch_record(latch, estimate))
-        self._brief, self._estimates = [], []
+        self._brief = []
 
     def skip_fields(self) -> None:
         """Leave the field out from now on: there is no time left for it."""

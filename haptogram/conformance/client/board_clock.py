@@ -15,6 +15,7 @@ _IN_TIME_US: Final = 20_000  # from the readiness of a frame to its t_apply, at 
 _HALF_TURN_US: Final = 1 << 31  # of the 32 bits of a device time
 _PASSED_US: Final = 10_000_000  # between the choice of a t_apply and its arrival, at most
 _PING_US: Final = 200_000  # between two PINGs; HG-7.1/4: a lease is 500 ms at least
+_MOST_PINGS: Final = 50
 _SPARE_US: Final = 200  # error of the host's estimate of the device clock, in virtual time
 
 
@@ -196,8 +197,9 @@ class ClockClient:
     def idle_attended(self, duration_us: int) -> None:
         """Wait; a PING now and then keeps the lease, or a playback, of a board that takes long."""
         until_us = self._wire.now_us() + duration_us
-        while until_us - self._wire.now_us() > _PING_US:
-            self._wire.idle(_PING_US)
+        each_us = max(_PING_US, duration_us // _MOST_PINGS)
+        while until_us - self._wire.now_us() > each_us:
+            self._wire.idle(each_us)
             self.device_us()
         self._wire.idle(until_us - self._wire.now_us())
 

@@ -6,9 +6,9 @@ numba takes a quarter of a second to import, so it is imported where a loop is n
 from __future__ import annotations
 
 import atexit
-import contextlib
 import functools
 import hashlib
+import logging
 import os
 import sys
 import tempfile
@@ -29,14 +29,16 @@ _KERNELS: Final = "haptogram.acoustics.field.engines.kernels"
 _SOURCES: Final = Path(__file__).with_name("kernels")
 #: Where numba caches what lies in folders that it cannot write to, on a Mac.
 _MAC_CACHE: Final = "~/Library/Caches/numba"
+_HARMLESS: Final = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
 _TOLD: Final = "compiling the field kernels, once on this machine: half a minute or more\n"
 
 
+_log = logging.getLogger(__name__)
 Kernels: TypeAlias = ModuleType | StoredKernels
 
 
 def load_kernels() -> Kernels | None:
-    """Return the compiled loops; None: numba is not installed.
+    """Return the compiled loops; None: numba is not installed, or not for this numpy.
 
     Where their machine code is stored on this machine, numba itself is not imported.
     """
@@ -44,7 +46,10 @@ def load_kernels() -> Kernels | None:
         return sys.modules[_KERNELS]
     if find_spec("numba") is None:
         return None
-    return _stored_kernels() or compiled_kernels()
+    try:
+        return _stored_kernels() or compiled_kernels()
+    except ImportError:  # numba does not know this numpy or Python yet
+        return None
 
 
 def compiled_kernels() -> ModuleType:
@@ -66,7 +71,7 @@ def compiled_kernels() -> ModuleType:
             raise
         vars(numba.config)["CACHE_DIR"] = str(_temporary_kernel_cache())
         kernels = import_module(_KERNELS)
-    if not os.environ.get("NUMBA_DISABLE_JIT") and os.name == "posix":
+    if _is_code_stored():
         atexit.register(_store, kernels)
     return kernels
 
@@ -74,21 +79,31 @@ def compiled_kernels() -> ModuleType:
 @functools.cache
 def _stored_kernels() -> StoredKernels | None:
     """Return the loops whose machine code is stored; None: there are none."""
-    if os.environ.get("NUMBA_DISABLE_JIT") or os.name != "posix":
+    if not _is_code_stored():
         return None
-    for folder in _cache_folders():
-        for path in folder.glob(f"**/{stored_path(folder, kernel_digest()).name}"):
-            if (stored := read_stored(path)) is not None:
-                return StoredKernels(stored, compiled_kernels)
+    try:
+        for folder in _cache_folders():
+            for path in folder.glob(f"**/{stored_path(folder, kernel_digest()).name}"):
+                if (stored := read_stored(path)) is not None:
+                    return StoredKernels(stored, compiled_kernels)
+    except Exception as error:  # another llvmlite: numba itself serves
+        _log.info("the stored loops cannot be linked: %s", error)
     return None
+
+
+def _is_code_stored() -> bool:
+    """Return True where machine code was tried; numba is as it is by default."""
+    set_otherwise = any(name.startswith("NUMBA_") for name in os.environ.keys() - _HARMLESS)
+    return sys.platform == "linux" and not set_otherwise
 
 
 def _store(kernels: ModuleType) -> None:
     """Store what this program has compiled or loaded, where numba has its cache."""
     folder = Path(kernels.fit_phases_kernel.stats.cache_path)
-    # The next program will, or imports numba as well: its next version may keep code elsewhere.
-    with contextlib.suppress(OSError, AttributeError):
+    try:
         store_kernels(kernels, stored_path(folder, kernel_digest()))
+    except Exception as error:  # a full disk, or a numba that keeps code elsewhere
+        _log.info("the loops cannot be stored: %s", error)
 
 
 def kernel_digest() -> str:

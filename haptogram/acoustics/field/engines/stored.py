@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import operator
 import os
 import pickle
 import re
 import struct
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeAlias, cast
@@ -25,7 +27,7 @@ Described: TypeAlias = Any  # "int", "float", "bool", "none", (dtype, ndim) or a
 _NONE_IS_RETURNED: Final = -2
 #: Each scalar: its type as an argument, its format in a result, and the way to it.
 _SCALARS: Final[Mapping[str, tuple[Any, str, Callable[[Any], Any]]]] = {
-    "int": (ctypes.c_int64, "q", int),
+    "int": (ctypes.c_int64, "q", operator.index),
     "float": (ctypes.c_double, "d", float),
     "bool": (ctypes.c_bool, "?", bool),
     "none": (None, "", bool),
@@ -60,6 +62,10 @@ _PROVIDED: Final = {
     "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor", "NRT_incref", "NRT_decref",
     *_NEVER_CALLED,
 }  # fmt: skip
+
+
+#: What code needs of numba, and of the mathematics of Intel that numba finds on some machines.
+_SYMBOL: Final = rb"\0((?:NRT|numba|__svml)_\w+)(?=\0)"
 
 
 class _OtherTypesError(HaptogramError):
@@ -100,7 +106,7 @@ class StoredKernels:
             pairs = zip(kinds, values, strict=True)
             try:
                 flat = [one for kind, value in pairs for one in _flattened(kind, value)]
-            except _OtherTypesError:
+            except (_OtherTypesError, TypeError):  # a fraction where an integer is stored, too
                 return getattr(self._compiled(), name)(*values)
             found, error = ctypes.create_string_buffer(max(8, form.size)), ctypes.c_void_p()
             status = function(ctypes.addressof(found), ctypes.addressof(error), *flat)
@@ -117,7 +123,8 @@ def stored_path(folder: Path, digest: str) -> Path:
     import llvmlite.binding as llvm  # of which each version of numba has its own
 
     features = llvm.get_host_cpu_features().flatten()
-    machine = f"{llvm.get_host_cpu_name()} {features} {llvmlite.__version__}"
+    machine = f"{llvm.get_host_cpu_name()} {features} {llvmlite.__version__} {version('numba')}"
+    digest += hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
     return folder / f"{digest}-{hashlib.sha256(machine.encode()).hexdigest()[:12]}.loops"
 
 
@@ -132,6 +139,7 @@ def store_kernels(kernels: ModuleType, path: Path) -> None:
         content = pickle.dumps({"constants": constants, "loops": loops})
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             file.write(hashlib.sha256(content).digest() + content)
+        os.chmod(file.name, 0o644)  # for all users that load what numba has cached there
         os.replace(file.name, path)
 
 
@@ -154,7 +162,9 @@ def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]
         if kept is None:
             continue
         (_, _, (code, _)), *_ = kept
-        needed = {name.decode() for name in re.findall(rb"\0((?:NRT|numba)_\w+)(?=\0)", code)}
+        needed = {
+            name.decode() for name in re.findall(rb"\0((?:NRT|numba|__svml)_\w+)(?=\0)", code)
+        }
         result, *types = map(_described, (made.signature.return_type, *made.signature.args))
         if needed <= _PROVIDED and None not in types and result is not None:
             yield code, made.fndesc.llvm_func_name, result, types
