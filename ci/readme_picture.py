@@ -16,7 +16,7 @@ PICTURE: Final = Path(__file__).parents[1] / "docs" / "images" / "hemisphere.png
 BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _FRAME: Final = 400
 _WINDOW: Final = (1280, 900)
-_BOX: Final = (130, 206, 1136, 830)  # of the window: the view with its time line
+_BOX: Final = (130, 206, 1136, 821)  # of the window: the view with its time line
 
 
 def draw() -> Image.Image:
