@@ -33,6 +33,8 @@ _TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
 _STATUS: Final = (m.Status, m.StatusReply)
 CLIENT_COBS: Final = fastest_cobs()
 encoded_frame: Final = partial(encode_frame, stuff=CLIENT_COBS.encode)
+#: From sending a frame to its t_apply, at a wall clock; a retry has more.
+WALL_LEAD_US: Final = 60_000
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 
@@ -84,7 +86,7 @@ class ClientWaitLimits:
         answer_us = round(timeout_s * 1e6)
         if virtual:
             return cls(answer_us, 12 * _HOUR_US, slack_us=0, lead_us=3_000)
-        return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=60_000)
+        return cls(answer_us, 120_000_000, slack_us=30_000, lead_us=WALL_LEAD_US)
 
 
 @dataclass(slots=True, eq=False)  # frozen would take four times as long to make

@@ -22,7 +22,7 @@ from haptogram.acoustics.field.engines.stored import (
     StoredKernels,
     read_stored,
     store_kernels,
-    stored_path,
+    stored_name,
 )
 
 _KERNELS: Final = "haptogram.acoustics.field.engines.kernels"
@@ -82,8 +82,9 @@ def _stored_kernels() -> StoredKernels | None:
     if not _is_code_stored():
         return None
     try:
+        name = stored_name(kernel_digest())
         for folder in _cache_folders():
-            for path in folder.glob(f"**/{stored_path(folder, kernel_digest()).name}"):
+            for path in folder.glob(f"**/{name}"):
                 if (stored := read_stored(path)) is not None:
                     return StoredKernels(stored, compiled_kernels)
     except Exception as error:  # another llvmlite: numba itself serves
@@ -101,7 +102,7 @@ def _store(kernels: ModuleType) -> None:
     """Store what this program has compiled or loaded, where numba has its cache."""
     folder = Path(kernels.fit_phases_kernel.stats.cache_path)
     try:
-        store_kernels(kernels, stored_path(folder, kernel_digest()))
+        store_kernels(kernels, folder / stored_name(kernel_digest()))
     except Exception as error:  # a full disk, or a numba that keeps code elsewhere
         _log.info("the loops cannot be stored: %s", error)
 

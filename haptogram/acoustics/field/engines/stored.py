@@ -117,15 +117,15 @@ class StoredKernels:
         return call
 
 
-def stored_path(folder: Path, digest: str) -> Path:
-    """Return the file in *folder* with the code for this processor and these sources."""
+def stored_name(digest: str) -> str:
+    """Return the name of the file with the code for this processor and these sources."""
     import llvmlite
     import llvmlite.binding as llvm  # of which each version of numba has its own
 
     features = llvm.get_host_cpu_features().flatten()
     machine = f"{llvm.get_host_cpu_name()} {features} {llvmlite.__version__} {version('numba')}"
     digest += hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
-    return folder / f"{digest}-{hashlib.sha256(machine.encode()).hexdigest()[:12]}.loops"
+    return f"{digest}-{hashlib.sha256(machine.encode()).hexdigest()[:12]}.loops"
 
 
 def store_kernels(kernels: ModuleType, path: Path) -> None:

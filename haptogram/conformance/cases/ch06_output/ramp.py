@@ -13,6 +13,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client import latching, playback
 from ...client.board_client import BoardClient
+from ...client.wire import WALL_LEAD_US
 from ...judge.ramps import judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import (
     HOLD,
@@ -53,7 +54,6 @@ _OTHER_MS: Final = 40
 _RAMP_MS: Final = 150
 _RENEWED_MS: Final = 145  # from the first latch: both timers have run out
 _SLOW_LINE_US: Final = 20_000  # for 200 bytes, or twice to a latch; beyond it all lengths grow
-_USUAL_LEAD_US: Final = 60_000  # at a wall clock; a retry has more
 _DROPPED: Final = ("duplicate", "bad_length", "dropped_late")
 _FRAME: Final = "a frame"
 _LATCH: Final = "a latch"
@@ -413,7 +413,7 @@ def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
     """Return a duration, extended for a slow line or board, and in a retry."""
     slow_line, slow_board = board.wire.period_us(200), 2 * board.clock.ready_us(0)
     slow = max(slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
-    return length_ms * max(1, slow, board.wire.limits.lead_us // _USUAL_LEAD_US)
+    return length_ms * max(1, slow, board.wire.limits.lead_us // WALL_LEAD_US)
 
 
 def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
