@@ -304,7 +304,7 @@ _Array = TypeVar("_Array", bound=TransducerArray)
 
 
 def _array_with_axes(array: _Array, axes: FloatArray) -> _Array:
-    """Give a new *array* other axes of its own than its elements suggest."""
+    """Set the own axes of a new *array*, in place of those that its elements suggest."""
     read_only_array(axes)
     object.__setattr__(array, "axes", axes)
     return array

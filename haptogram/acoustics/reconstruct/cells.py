@@ -171,7 +171,7 @@ def _search_intervals(low: float, high: float) -> tuple[FloatArray, float]:
 
 
 def _ray_spread_of_cells(centres: FloatArray, positions: FloatArray) -> FloatArray:
-    """Return the standard deviation, over the elements, of the unit vectors to each centre."""
+    """Return the standard deviation over the elements of the unit vectors to each cell."""
     spread = np.empty_like(centres)
     for first in range(0, len(centres), _CELLS_PER_CHUNK):
         part = slice(first, first + _CELLS_PER_CHUNK)

@@ -93,7 +93,7 @@ def _stored_kernels() -> StoredKernels | None:
 
 
 def _is_code_stored() -> bool:
-    """Return True where machine code was tried; numba is as it is by default."""
+    """Return True on Linux with default options of numba, for which machine code is stored."""
     set_otherwise = any(name.startswith("NUMBA_") for name in os.environ.keys() - _HARMLESS)
     return sys.platform == "linux" and not set_otherwise
 

@@ -100,7 +100,7 @@ class StoredKernels:
         self, name: str, function: Callable[..., int], result: Described, kinds: list[Described]
     ) -> Callable[..., Any]:
         """Return a function that calls a loop; arguments of other types go to numba."""
-        form = struct.Struct(_form_of(result))
+        form = struct.Struct(_result_format(result))
 
         def call(*values: Any) -> Any:
             pairs = zip(kinds, values, strict=True)
@@ -154,7 +154,7 @@ def read_stored(path: Path) -> dict[str, Any] | None:
 
 
 def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]:
-    """Yield code, symbol, result and arguments of what numba has compiled of a loop."""
+    """Yield machine code, symbol, result and arguments of each compiled version of a loop."""
     cache = loop._cache  # noqa: SLF001  numba shows machine code nowhere else
     for given, made in loop.overloads.items():
         key = cache._index_key(given, loop.targetctx.codegen())  # noqa: SLF001  as above
@@ -171,7 +171,7 @@ def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]
 
 
 def _described(kind: Any) -> Described | None:
-    """Return a type of numba in plain values; None: it is none that can be handed over here."""
+    """Return a numba type as plain values; None if a stored loop cannot take its values."""
     from numba import types
 
     if isinstance(kind, types.BaseTuple):
@@ -184,7 +184,7 @@ def _described(kind: Any) -> Described | None:
 
 
 def _linked(codes: list[bytes]) -> Any:
-    """Return an engine of llvmlite with these pieces of code."""
+    """Return an llvmlite engine with these object files linked."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -199,7 +199,7 @@ def _linked(codes: list[bytes]) -> Any:
 
 
 def _flat_types(kind: Described) -> list[Any]:
-    """Return the types of the numbers that stand for an argument."""
+    """Return the types of the numbers that represent an argument."""
     if isinstance(kind, list):
         return [one for part in kind for one in _flat_types(part)]
     if isinstance(kind, tuple):
@@ -208,7 +208,7 @@ def _flat_types(kind: Described) -> list[Any]:
 
 
 def _flattened(kind: Described, value: Any) -> Iterator[Any]:
-    """Yield the numbers that stand for an argument."""
+    """Yield the numbers that represent an argument: a scalar, or the fields of an array."""
     if isinstance(kind, str):
         yield _SCALARS[kind][2](value)
     elif isinstance(kind, list):
@@ -221,13 +221,13 @@ def _flattened(kind: Described, value: Any) -> Iterator[Any]:
         raise _OtherTypesError
 
 
-def _form_of(kind: Described) -> str:
-    """Return the format of a result in memory."""
-    return "".join(map(_form_of, kind)) if isinstance(kind, list) else _SCALARS[kind][1]
+def _result_format(kind: Described) -> str:
+    """Return the :mod:`struct` format of a result."""
+    return "".join(map(_result_format, kind)) if isinstance(kind, list) else _SCALARS[kind][1]
 
 
 def _value(kind: Described, numbers: Iterator[Any]) -> Any:
-    """Return a result as Python has it."""
+    """Return a result as Python objects, from its unpacked *numbers*."""
     if isinstance(kind, list):
         return tuple([_value(part, numbers) for part in kind])
     return next(numbers, None)

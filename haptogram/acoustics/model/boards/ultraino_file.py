@@ -252,7 +252,7 @@ def _ultraino_number(transducer: _UltrainoObject, name: str) -> int:
 
 
 def _same_ultraino_numbers(numbers: list[int], name: str) -> str:
-    """Return why transducers of one number are refused, and what to do."""
+    """Return the error text for transducers with equal numbers."""
     if len(set(numbers)) > 1:
         return f"two transducers have the same {name}"
     return (

@@ -314,9 +314,9 @@ class PatternClassifier:
         return simplest if is_beyond_chance(simplest, self._step_rad) else None
 
     def _simplest(self, phases: PatternPhases, found: Explanation) -> Explanation:
-        """Return a focus for a vortex that explains no more than its axis explains by chance.
+        """Return the vortex *found*, or a focus if the vortex explains no more than by chance.
 
-        An axis far away turns nothing, and yet a few elements that are off bend to it.
+        A vortex axis far from the array turns no phases, but can be fitted to a few outliers.
         """
         if not found.charge:
             return found

@@ -256,7 +256,7 @@ def twin_trap_normal(positions_m: FloatArray, flipped: BoolArray) -> FloatArray 
 
 
 def _turned_pattern_axis(vector: FloatArray, turn_rad: float) -> FloatArray:
-    """Return a vector turned around z."""
+    """Return *vector* rotated around z."""
     x, y, z = vector.tolist()
     cosine, sine = np.cos(turn_rad), np.sin(turn_rad)
     return np.array([cosine * x - sine * y, sine * x + cosine * y, z])

@@ -102,7 +102,7 @@ def _lattice_block_kernel(
 
 @jit_inline
 def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
-    """Return the number of buffered waves after one more; sum them when the buffer is full."""
+    """Return the number of buffered waves after one more: 0 once a full buffer was summed."""
     if held + 1 < WAVES:
         return held + 1
     add_waves_kernel(t, m, re, im)

@@ -69,7 +69,7 @@ def _residuals_kernel(
 
 @jit_sums
 def _products_kernel(rays: F8, mean: F8, products: F8) -> None:
-    """Compute *products* (3,): the residuals times the centred slopes."""
+    """Compute *products* (3,), J^T r: the centred slopes times the residuals."""
     x, y, z = 0.0, 0.0, 0.0
     for n in range(rays.shape[1]):
         e = rays[4, n]
