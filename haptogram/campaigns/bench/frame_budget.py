@@ -93,11 +93,11 @@ def measure_frame_budget(name: str, message: messages.Message, *, baudrate: int)
         raise ConfigurationError(f"baud is {baudrate}, must be 1 or more")
     cobs = fastest_cobs()
     wire = _encode_budget_frame(message, cobs.encode)
-    encode_ns = _median_budget_ns(lambda: _encode_budget_frame(message, cobs.encode))
+    encode_ns = _median_time_ns(lambda: _encode_budget_frame(message, cobs.encode))
     decoder = FrameDecoder(cobs)
-    decode_ns = _median_budget_ns(lambda: _decode_budget_frame(decoder, wire))
+    decode_ns = _median_time_ns(lambda: _decode_budget_frame(decoder, wire))
     with _drained_budget_pty() as (fd, drain):
-        write_ns = _median_budget_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
+        write_ns = _median_time_ns(lambda: os.write(fd, wire), between=lambda: drain(len(wire)))
     size = budget.frame_bytes_on_line(
         len(messages.build_body(message, flags=0, seq=0, time_us=0, session=1)) - 10
     )
@@ -143,9 +143,8 @@ def _decode_budget_frame(decoder: FrameDecoder, wire: bytes) -> None:
         messages.parse_body(body)
 
 
-def _median_budget_ns(
-    work: Callable[[], object], between: Callable[[], object] | None = None
-) -> int:
+def _median_time_ns(work: Callable[[], object], between: Callable[[], object] | None = None) -> int:
+    """Return the median time of *work*; *between* runs after each call, untimed."""
     clock, taken = time.perf_counter_ns, []
     for _ in range(_SETTLE + _TIMES):
         begin_ns = clock()

@@ -122,13 +122,13 @@ def _checked_dask_workers(found: dict[str, Any]) -> int:
             theirs = versions["packages"].get(package)
             if theirs != own.get(package):
                 raise ConfigurationError(
-                    f"{name} has {_shown(package, theirs)}, this machine has "
-                    f"{_shown(package, own.get(package))}: they must be the same"
+                    f"{name} has {_version_text(package, theirs)}, this machine has "
+                    f"{_version_text(package, own.get(package))}: they must be the same"
                 )
     if not found["workers"]:
         raise ConfigurationError("the scheduler has no worker: start one with dask worker")
     return len(found["workers"])
 
 
-def _shown(package: str, version: str | None) -> str:
+def _version_text(package: str, version: str | None) -> str:
     return f"no {package}" if version is None else f"{package} {version}"
