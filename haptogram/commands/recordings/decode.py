@@ -141,7 +141,7 @@ def _decode_annotator(name: str, *, from_board: bool) -> Annotator:
 
 
 def _decoded_source(source: Source, name: str, *, from_board: bool) -> Iterator[_Found]:
-    """Yield the pieces of every direction, in the order in which they ended."""
+    """Yield the decoded pieces of both directions, in the order of their last bytes."""
     annotators: dict[str, Annotator] = {}
     for chunk in source.chunks:
         if chunk.sender not in annotators:

@@ -122,7 +122,7 @@ class RunBoards:
 
     @property
     def _simulated_url(self) -> str | None:
-        """URL of a simulator of our own wire, whose word is its trace as at a port; else None."""
+        """URL of a simulated board with our own wire, judged by its trace; None for others."""
         if self.config.link.simulator is None or self.dialect is not None:
             return None
         return write_board_url(PortConfig(board=self.virtual, clock="virtual"))

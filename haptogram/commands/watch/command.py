@@ -343,7 +343,7 @@ def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
         yield functools.partial(print, end="", flush=True)
     else:
         with contextlib.ExitStack() as open_file:
-            with _refusing_of_frames(path):
+            with _frames_file_errors(path):
                 path.parent.mkdir(parents=True, exist_ok=True)
                 file = open_file.enter_context(path.open("wb", buffering=0))
             yield functools.partial(_write_watch_line, file, path)
@@ -352,13 +352,14 @@ def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
 
 def _write_watch_line(file: FileIO, path: Path, line: str) -> None:
     rest = line.encode("ascii")
-    with _refusing_of_frames(path):
+    with _frames_file_errors(path):
         while rest:
             rest = rest[file.write(rest) :]
 
 
 @contextlib.contextmanager
-def _refusing_of_frames(path: Path) -> Iterator[None]:
+def _frames_file_errors(path: Path) -> Iterator[None]:
+    """Convert an OSError into a refusal of ``--frames``."""
     try:
         yield
     except OSError as error:

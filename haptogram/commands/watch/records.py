@@ -130,7 +130,7 @@ def open_watched_records(arguments: argparse.Namespace, replay: Replay) -> Itera
         elif arguments.source is None:
             found = parts.enter_context(_started_watched_board(arguments))
         elif arguments.dialect is not None:
-            found = _replayed_to_watch(
+            found = _watched_list(
                 replay(_watched_board_settings(arguments), _read_watched_bytes(arguments.source))
             )
         else:
@@ -155,7 +155,7 @@ def reader_of_watched(
 
 
 def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> WatchedRecords:
-    """Return the latches that a capture of the pins shows; the board itself says its array."""
+    """Return the latches in a capture of the pins, with the array of the emulated board."""
     from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
     from haptogram.evidence.captures.pin_record import pin_record_of_capture
@@ -165,10 +165,11 @@ def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> Watched
     mapped = ChannelMap.from_file(arguments.channels)
     held = held_pin_drives(pin_record_of_capture(read_capture(arguments.capture), mapped))
     board = replay(_watched_board_settings(arguments), b"")[0]
-    return _replayed_to_watch(records_of_held_drives(held, board))
+    return _watched_list(records_of_held_drives(held, board))
 
 
-def _replayed_to_watch(records: list[Record]) -> WatchedRecords:
+def _watched_list(records: list[Record]) -> WatchedRecords:
+    """Return a source that yields these records once."""
     parts = [records]
     return WatchedRecords("bytes", lambda: parts.pop() if parts else None, lambda: None)
 
