@@ -73,7 +73,7 @@ def haptogram_board(
         seed=int.from_bytes(os.urandom(4)) if seed is None else seed,
         strict=option("--haptogram-strict"),
     )
-    with SuiteRunner(_access_of_plugin(option, tmp_path_factory), options) as runner:
+    with SuiteRunner(_access_from_options(option, tmp_path_factory), options) as runner:
         yield runner
 
 
@@ -83,7 +83,7 @@ def haptogram_link(haptogram_board: SuiteRunner) -> RequestClient:
     return haptogram_board.session().link
 
 
-def _access_of_plugin(option: Any, folders: pytest.TempPathFactory) -> Access:
+def _access_from_options(option: Any, folders: pytest.TempPathFactory) -> Access:
     from haptogram.conformance.run.access import PortAccess
     from haptogram.conformance.run.spawning import DEFAULT_PORT_REGEX, SpawnAccess
 
@@ -105,7 +105,7 @@ def _access_of_plugin(option: Any, folders: pytest.TempPathFactory) -> Access:
         )
     regex = option("--haptogram-port-regex") or DEFAULT_PORT_REGEX
     return SpawnAccess(
-        command or _virtual_board_of_plugin(folders),
+        command or _virtual_board_command(folders),
         port_regex=regex,
         boot_timeout_s=option("--haptogram-boot-timeout"),
         baudrate=baudrate,
@@ -113,7 +113,7 @@ def _access_of_plugin(option: Any, folders: pytest.TempPathFactory) -> Access:
     )
 
 
-def _virtual_board_of_plugin(folders: pytest.TempPathFactory) -> str:
+def _virtual_board_command(folders: pytest.TempPathFactory) -> str:
     """Return the command line of a virtual board, which runs as a process like a firmware build."""
     import shlex
     import sys

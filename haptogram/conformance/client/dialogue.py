@@ -26,13 +26,14 @@ def full_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
     The first case that asks holds the dialogue; the others judge the same one, and show its bytes.
     """
     if board.dialogue is None:
-        pieces = _hold_client_dialogue(board)
+        pieces = _run_client_dialogue(board)
         board.dialogue = pieces, board.wire.recording
     pieces, board.wire.recording = board.dialogue
     return pieces
 
 
-def _hold_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
+def _run_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
+    """Exchange messages of all kinds with the board; return the frames that it sent."""
     board.hello()
     since = board.link.mark()
     board.hello(board.link.session)
@@ -52,6 +53,7 @@ def _hold_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
 
 
 def _ask_in_client_dialogue(board: BoardClient) -> None:
+    """Send requests that change nothing."""
     board.link.ask(m.Ping(0x0102030405060708))
     board.link.ask(m.GetStatus())
     board.link.ask(m.GetConfig())

@@ -56,18 +56,21 @@ def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
 
 
 def _drive_path_at_once(board: BoardClient, kind: StreamKind) -> m.Message:
+    """Latch an IMMEDIATE frame; return its message."""
     message = kind.make()
     latch_now(board, message)
     return message
 
 
 def _drive_path_in_time(board: BoardClient, kind: StreamKind) -> m.Message:
+    """Latch a scheduled frame; return its message."""
     message = kind.make()
     latch_in_time(board, message)
     return message
 
 
 def _drive_path_of_played_phases(board: BoardClient) -> m.Message:
+    """Play uploaded phases to their end; return the last frame as a message."""
     frames = [board.random.randbytes(board.identity.transducers) for _ in range(_FRAMES)]
     upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, b"".join(frames))
     _play_points_on_drive_path(board)
@@ -75,6 +78,7 @@ def _drive_path_of_played_phases(board: BoardClient) -> m.Message:
 
 
 def _drive_path_while_phases_play(board: BoardClient) -> m.Message:
+    """Return the message of a frame of phases that is played in a loop."""
     frame = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, frame)
     play_now(board, _SEQUENCE, loops=0)
@@ -83,6 +87,7 @@ def _drive_path_while_phases_play(board: BoardClient) -> m.Message:
 
 
 def _drive_path_of_played_points(board: BoardClient, number: int) -> m.Message:
+    """Play uploaded points to their end; return the last frame as a message."""
     frames = [
         m.Points(tuple(random_point_to_send(board, number) for _ in range(number)))
         for _ in range(_FRAMES)

@@ -478,7 +478,7 @@ def _header_of_frame(wire: bytes) -> m.Header | None:
 
 
 def _number_of_request(wire: bytes) -> int | None:
-    """Return the number of a request that is answered in its turn; None if *wire* is none."""
+    """Return the number of a request that is answered in order, None otherwise (a MUTE)."""
     header = _header_of_frame(wire)
     if header is None or header.type not in m.REQUEST_RANGE or header.type == m.Mute.TYPE:
         return None

@@ -431,7 +431,7 @@ class RawFrameClient:
         self.note_held_up(self._board_waited_us - before_us)
 
     def _leave(self, latest_us: int = 1 << 62) -> None:
-        """Record the time up to which the host listened or sent: now, *latest_us* at the latest."""
+        """Record when the host last listened or sent: now, but *latest_us* at the latest."""
         if self.limits.slack_us:
             self._left_us = min(latest_us, self.now_us())
             self._left_cpu_ns = time.process_time_ns()

@@ -170,4 +170,5 @@ class DialogueHost:
 
 
 def _drive_named_in_dialogue(key: m.LatchKey) -> tuple[int, int]:
+    """Return the sequence and number with which READ_DRIVE asks for the drive of a latch."""
     return key.sequence, 0 if key.sequence else key.index & 0xFFFF

@@ -266,7 +266,7 @@ class Lockstep:
         return min(ready_us, SLOT_US - _END_US)
 
     def _early_us(self, line_us: int) -> int:
-        """Return how long before the slot its bytes are sent."""
+        """Return how long before the slot the host sends its bytes."""
         early_us = self._opening.early_us
         return early_us if self.is_exact else early_us + line_us
 

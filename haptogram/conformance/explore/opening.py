@@ -135,7 +135,7 @@ class DialogueOpening:
         return now_us
 
     def _hello(self, host: DialogueHost) -> None:
-        """Open a session at both."""
+        """Open a session at board and model."""
         board = self._board
         nonce = board.new_nonce()
         board.hello(nonce)
@@ -144,7 +144,7 @@ class DialogueOpening:
         self._tell_model(host.hello(hello))
 
     def _ask(self, host: DialogueHost, message: m.Message) -> tuple[m.Message, m.Message]:
-        """Return the answers of both to a request before slot 0."""
+        """Return the answers of board and model to a request before slot 0."""
         ours = self._board.link.ask(message).message
         host.seq = self._board.link.seq - 1
         theirs = self._tell_model(host.request(message))
@@ -152,7 +152,7 @@ class DialogueOpening:
         return ours, theirs
 
     def _tell_model(self, body: bytes) -> m.Message:
-        """Return the models' answer to a request before slot 0."""
+        """Return the model's answer to a request before slot 0."""
         now_us = self._board.clock.device_estimate_us()
         return self._models.ask(now_us, encoded_frame(body)).message
 

@@ -120,7 +120,7 @@ def _check_held_drives(
 def _check_held_radiated(
     latched: m.DriveReply, radiated: m.DriveReply, correction: bytes, ceiling: int
 ) -> None:
-    """FAILED unless a drive is radiated as it is latched, but for correction, ceiling and ramp."""
+    """FAILED unless the radiated drive is the latched one with correction, ceiling and ramp."""
     before, after = (
         latching.client_drive_of_reply(latched),
         latching.client_drive_of_reply(radiated),

@@ -94,7 +94,8 @@ def _stream_fault_at_recovery(board: BoardClient) -> str:
 def _ask_for_room(board: BoardClient) -> None:
     """Begin the largest uploads to learn the free memory; a standing rule judges the replies.
 
-    The first tells what room is left if that is less, the second is taken, and abandoned.
+    A board without that much memory reports its free memory in the refusal of the first; the second
+    is accepted, and abandoned.
     """
     count, most = board.identity.transducers, board.identity.max_sequence_frames
     frames = board.identity.max_upload_bytes // count

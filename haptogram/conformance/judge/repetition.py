@@ -67,7 +67,7 @@ def _mute_between_repetitions(board: BoardClient) -> None:
 
 
 def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead: int) -> Between:
-    """Send a MUTE whose number is not used up, or was used before."""
+    """Return a function that sends a MUTE with an unused or an old number."""
 
     def send(board: BoardClient) -> None:
         seq = board.link.seq + ahead
@@ -105,6 +105,8 @@ CHUNKS_BETWEEN: Final[dict[str, Between]] = {
 def _refused_between_repetitions(
     code: m.ErrorCode, message: m.Message | int, **header: Any
 ) -> Between:
+    """Return a function that sends a request which the board refuses with *code*."""
+
     def send(board: BoardClient) -> None:
         seq = board.link.seq + header.get("ahead", 1)
         rest = {name: value for name, value in header.items() if name != "ahead"}

@@ -118,7 +118,7 @@ class PinDialogue:
 
     @cached_property
     def _arms_under_way(self) -> list[tuple[float, float]]:
-        """Arrival of each ARM, and the begin of its answer, or of the end of the wait for it."""
+        """Return the arrival of each ARM, and when its answer begins or the wait for it ends."""
         found = []
         for arm in self.requests(m.MessageType.ARM):
             answer = self.answer(arm, m.MessageType.ARM_REPLY)
@@ -255,7 +255,7 @@ class PinDialogue:
 
     @cached_property
     def _first_bytes(self) -> float:
-        """Return the time of two bytes on the line, in carrier periods."""
+        """Return the duration of the first two bytes of a frame, in carrier periods."""
         assert self.record.to_host is not None  # it has a PONG
         return 2.0 * float(np.diff(self.record.to_host.times).min())
 

@@ -155,9 +155,9 @@ def _clause_result_by_pins(
     unclear = findings.unclear.get(clause, [])
     every = held + len(broken) + len(unclear)
     if broken:
-        behaviour, detail = Behaviour.FAILED, _occasions(broken, every)
+        behaviour, detail = Behaviour.FAILED, _findings_text(broken, every)
     elif unclear:
-        behaviour, detail = Behaviour.INCONCLUSIVE, _occasions(unclear, every)
+        behaviour, detail = Behaviour.INCONCLUSIVE, _findings_text(unclear, every)
     elif held:
         left = findings.paths_left_out(clause)
         part = findings.partial.get(clause, "")
@@ -178,7 +178,7 @@ def _clause_result_by_pins(
     )
 
 
-def _occasions(texts: Sequence[str], every: int) -> str:
+def _findings_text(texts: Sequence[str], every: int) -> str:
     """Join the findings into one text: the count, the first few, the number of others."""
     more = f"; and {len(texts) - _NAMED} times more" if len(texts) > _NAMED else ""
     return f"{len(texts)} of {every} times: " + "; ".join(texts[:_NAMED]) + more

@@ -150,7 +150,8 @@ class LatchDriveClauseJudge:
     def _drift(self, low: float, high: float) -> FloatArray:
         """Return the polynomial phase drift of the reference element after *low*.
 
-        An element counts no periods, so there the analyser's clock turns all phases slowly.
+        With an element in place of a carrier clock, the analyser's own clock error turns all
+        phases.
         """
         if self.record.reference_element is None:
             return np.zeros(1)
@@ -166,8 +167,8 @@ class LatchDriveClauseJudge:
     ) -> tuple[NDArray[np.bool_], bool]:
         """Return a mask of differing pins, and whether any phase could be compared.
 
-        Phases are compared on the one that the pins share with their drives: *offset*, which is
-        known to *steps* of a code, or that of the reference.
+        The phase common to all pins is removed first: *offset*, known to *steps* steps of a code,
+        or that of the reference element.
         """
         size = self._amplitude_limit(one)
         sizes = np.abs(np.abs(one.seen) - np.abs(one.meant)) > size
@@ -197,10 +198,10 @@ class LatchDriveClauseJudge:
         return audible & ~one.shown.free[list(self.record.pins)]
 
     def _offset(self, drives: Sequence[DriveBehindLatch]) -> tuple[float | None, int]:
-        """Return the common phase between pins and codes, constant until the next reset.
+        """Return the common phase between pins and codes, and its uncertainty in steps.
 
-        It is known to so many steps: a drive that the board computed may be off by one. None:
-        there is one phase alone, with which nothing can be compared.
+        The phase is constant until the next reset; a drive that the board computed may be off by
+        one step. None if there is only one phase: nothing can be compared.
         """
         angles: dict[int, list[FloatArray]] = {}
         for one in drives:

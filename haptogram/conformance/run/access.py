@@ -130,13 +130,13 @@ class RecordedAccess:
 
     def open(self) -> Transport:
         """Open the port."""
-        return self._taken(self._access.open())
+        return self._recorded_transport(self._access.open())
 
     def reset(self) -> Transport:
         """Restart the board and open its port."""
-        return self._taken(self._access.reset())
+        return self._recorded_transport(self._access.reset())
 
-    def _taken(self, transport: Transport) -> Transport:
+    def _recorded_transport(self, transport: Transport) -> Transport:
         self.url = self._access.url  # of a program that names its port when it starts
         return self._wrap(transport)
 

@@ -114,7 +114,7 @@ class RandomScenes(SceneMaker):
     def _watched(self) -> ActionSlots:
         """Return scenes that set one field in a timed state, and read back after each change.
 
-        Neither ends the ramp of a hold.
+        Neither action may end the ramp of a hold.
         """
         names = [field.name for field in fields(m.Config)]
         ramps = [state for state in self.timed if "ramp" in state]
@@ -131,9 +131,9 @@ class RandomScenes(SceneMaker):
         return found
 
     def _filled(self) -> ActionSlots:
-        """Return a running output with the same input in each slot, and one different input.
+        """Return a running output with the same input in each slot.
 
-        In one of them comes another input.
+        One of the slots often has a different input.
         """
         rows = [row for row in _RUNNING if self._inputs.knows(row)]
         row, filler = self._next("fillers", lambda: product(rows, _FILLERS))
