@@ -147,7 +147,7 @@ def check_frames_to_send(
     """
     geometry_hash = model.array.digest()
     for number, frame in enumerate(frames):
-        if frame.geometry_hash != geometry_hash or not _is_taken(frame, identity):
+        if frame.geometry_hash != geometry_hash or not _is_supported(frame, identity):
             raise ConfigurationError(
                 f"frame {number} was made for another board or array; make it anew with frames()"
             )
@@ -159,8 +159,8 @@ def check_frames_to_send(
         )
 
 
-def _is_taken(frame: Frame, identity: HelloReply) -> bool:
-    """Return True if the board takes frames of this mode, with so many foci and amplitudes."""
+def _is_supported(frame: Frame, identity: HelloReply) -> bool:
+    """Return True if the board supports this mode, number of foci and amplitudes."""
     if frame.mode in NEEDED_FEATURE and not identity.features & NEEDED_FEATURE[frame.mode]:
         return False
     if not isinstance(frame.message, Points):
