@@ -56,7 +56,7 @@ def verified_board(request: pytest.FixtureRequest) -> Iterator[VerifiedBoard]:
 
 
 def _sleep_on_board(board: VerifiedBoard) -> Callable[[float], None]:
-    """Return a sleep that lets the board's time pass, and in other threads the wall clock's."""
+    """Return a :func:`time.sleep` that advances the board's time in the main thread only."""
     asleep = time.sleep
 
     def sleep(seconds: float) -> None:

@@ -361,8 +361,8 @@ def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
 def _state_changes_of_run(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:
     """Return texts on state changes that the board made on its own.
 
-    Not of the time before the first frame: while many are prepared the lease may run out, and the
-    driver arms the board again.
+    Those before the first frame are left out: while many frames are prepared the lease may expire,
+    and the driver arms the board again.
     """
     return [
         f"the board went {event.message.state.name} by itself: {event.message.reason.name}"

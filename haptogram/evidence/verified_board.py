@@ -209,7 +209,7 @@ def _verified_focus_problems(
 def _verified_late_problems(records: Sequence[Mapping[str, Any]], most: int) -> Iterator[str]:
     late = [record["index"] for record in records if record["kind"] == "latch" and record["late"]]
     if len(late) > most:
-        yield f"late      {len(late)} frames were latched late: {_verified_list(late)}"
+        yield f"late      {len(late)} frames were latched late: {_indices_text(late)}"
 
 
 def _verified_lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -222,7 +222,7 @@ def _verified_lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[st
             lost += range(last.get(session, index) + 1, index)
             last[session] = index
     if lost:
-        named = _verified_list(lost)
+        named = _indices_text(lost)
         yield f"lost      {len(lost)} frames of the stream were never latched: {named}"
 
 
@@ -243,6 +243,6 @@ def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[s
         yield f"output    was muted by the board itself ({last['reason']}), not by the driver"
 
 
-def _verified_list(indices: Sequence[int]) -> str:
+def _indices_text(indices: Sequence[int]) -> str:
     more = f" and {len(indices) - _SHOWN} more" if len(indices) > _SHOWN else ""
     return f"index {', '.join(map(str, indices[:_SHOWN]))}{more}"

@@ -141,9 +141,10 @@ class WatchedBoard:
         )
 
     def _cause_of_pulses(self, seen: PulseObservation) -> str:
-        """Return the cause; a drive that came while modulated to 0 begins with its first sound.
+        """Return the cause of a change: an operation of the client, or its modulation.
 
-        Samples of a modulation are no frames of the client.
+        A drive that was written while the output was modulated to 0 takes effect at its first
+        sound.
         """
         is_dark = not (np.abs(seen.weights) > 0.0).any()
         if seen.cause != MODULATED:

@@ -89,6 +89,7 @@ class Channel:
 
 
 def _is_plain(about: Mapping[str, Any]) -> bool:
+    """Return True if the JSON schema of a property describes one scalar or typed list."""
     return isinstance(about["type"], str) and (about["type"] != "array" or "items" in about)
 
 
@@ -96,20 +97,20 @@ def _json_channel(topic: str, clock: str, meaning: str, **properties: Any) -> Ch
     return Channel(topic, clock, meaning, properties)
 
 
-def _bytes_in_channel(description: str) -> dict[str, str]:
+def _bytes_schema(description: str) -> dict[str, str]:
     """Return the JSON schema of a base64 string."""
     return {"type": "string", "contentEncoding": "base64", "description": description}
 
 
-def _text_in_channel(description: str) -> dict[str, str]:
+def _text_schema(description: str) -> dict[str, str]:
     return {"type": "string", "description": description}
 
 
-def _object_in_channel(description: str) -> dict[str, Any]:
+def _object_schema(description: str) -> dict[str, Any]:
     return {"type": ["object", "null"], "description": description}
 
 
-def _whole_number_in_channel(description: str) -> dict[str, Any]:
+def _integer_schema(description: str) -> dict[str, Any]:
     return {"type": ["integer", "null"], "description": description}
 
 
@@ -121,28 +122,24 @@ CHANNELS: Final = {
             TO_BOARD,
             "host",
             "bytes that the port took from the host; publish time: since when they may have waited",
-            data=_bytes_in_channel("the bytes"),
+            data=_bytes_schema("the bytes"),
         ),
-        _json_channel(
-            TO_HOST, "host", "bytes that the host read", data=_bytes_in_channel("the bytes")
-        ),
+        _json_channel(TO_HOST, "host", "bytes that the host read", data=_bytes_schema("the bytes")),
         _json_channel(
             LINK,
             "host",
             "what happened to the line between host and board, and to the board",
-            event=_text_in_channel(
+            event=_text_schema(
                 "opened: a line to a board begins; departed: the host closed the port; "
                 "hardware_fault: the hardware of the board was made to fail; excerpt: what "
                 "follows is from the midst of a soak"
             ),
-            text=_text_in_channel("excerpt: the violation"),
-            board=_object_in_channel(
+            text=_text_schema("excerpt: the violation"),
+            board=_object_schema(
                 "opened: options of the virtual board, as `haptogram board` takes them"
             ),
-            boot_ns=_whole_number_in_channel(
-                "opened: time of the board's power-up; null: not known"
-            ),
-            paced=_whole_number_in_channel(
+            boot_ns=_integer_schema("opened: time of the board's power-up; null: not known"),
+            paced=_integer_schema(
                 "opened: 1 if a simulated line carries the bytes, 0 if a real one does"
             ),
         ),
@@ -154,16 +151,16 @@ CHANNELS: Final = {
             **_KEY,
             number={"type": "integer", "description": "count of latches in the session"},
             t_latch_us={"type": "integer", "description": "device time, us"},
-            t_received_us=_whole_number_in_channel("device time; null: out of a sequence"),
+            t_received_us=_integer_schema("device time; null: out of a sequence"),
             late={"type": "boolean"},
             ramping={"type": "boolean"},
             commanded_bits={"type": "integer"},
             phase_bits={"type": "integer"},
-            phase_codes=_bytes_in_channel("u8 for each element; from 9 bits on u16, little-endian"),
-            amplitude_codes=_bytes_in_channel("u8 for each element"),
+            phase_codes=_bytes_schema("u8 for each element; from 9 bits on u16, little-endian"),
+            amplitude_codes=_bytes_schema("u8 for each element"),
             drive_crc={"type": "integer"},
-            radiated=_object_in_channel("the drive that left the transducers; null: the same"),
-            reconstruction=_object_in_channel("single_focus, not_single or no_focus"),
+            radiated=_object_schema("the drive that left the transducers; null: the same"),
+            reconstruction=_object_schema("single_focus, not_single or no_focus"),
         ),
         _json_channel(
             PULSES,
@@ -172,8 +169,8 @@ CHANNELS: Final = {
             number={"type": "integer"},
             t_latch_us={"type": "integer", "description": "device time, us"},
             steps={"type": "integer", "description": "steps of a carrier period"},
-            rises=_bytes_in_channel("u16 for each channel"),
-            widths=_bytes_in_channel("u16 for each channel"),
+            rises=_bytes_schema("u16 for each channel"),
+            widths=_bytes_schema("u16 for each channel"),
         ),
         _json_channel(
             BOARD,
@@ -189,7 +186,7 @@ CHANNELS: Final = {
             "device",
             "a change of the output, as the back door tells it",
             t_us={"type": "integer", "description": "device time, us"},
-            event=_text_in_channel(
+            event=_text_schema(
                 "session, state, ramp_began, ramp_ended, radiated_anew, playback_ended or "
                 "power_down"
             ),
@@ -199,8 +196,8 @@ CHANNELS: Final = {
             "device",
             "the last record of the back door: how often each fault on purpose has fired",
             latched={"type": "integer"},
-            faults=_object_in_channel("how often each has fired"),
-            fault_plan=_text_in_channel("plan and seed as TOML"),
+            faults=_object_schema("how often each has fired"),
+            fault_plan=_text_schema("plan and seed as TOML"),
         ),
         _json_channel(
             MODEL,
@@ -209,7 +206,7 @@ CHANNELS: Final = {
             "how many frames follow",
             positions_m={"type": "array", "description": "N x 3, metres"},
             normals={"type": "array", "description": "N x 3, unit vectors"},
-            intended_frames=_whole_number_in_channel("messages of `/intended`"),
+            intended_frames=_integer_schema("messages of `/intended`"),
         ),
         _json_channel(
             INTENDED,
@@ -217,13 +214,13 @@ CHANNELS: Final = {
             "a frame that the host intended, with the drive that it expects",
             **_KEY,
             number={"type": "integer", "description": "place among all frames"},
-            t_apply_us=_whole_number_in_channel(
+            t_apply_us=_integer_schema(
                 "device time at which it is due, µs; null: as soon as complete"
             ),
             foci={"type": "array", "description": "x, y, z in metres, amplitude, phase in rad"},
-            phase_codes=_bytes_in_channel("u8 for each element; from 9 bits on u16, little-endian"),
-            amplitude_codes=_bytes_in_channel("u8 for each element"),
-            drive_of=_whole_number_in_channel(
+            phase_codes=_bytes_schema("u8 for each element; from 9 bits on u16, little-endian"),
+            amplitude_codes=_bytes_schema("u8 for each element"),
+            drive_of=_integer_schema(
                 "number of the frame that has the same drive, instead of the codes"
             ),
         ),
@@ -233,16 +230,16 @@ CHANNELS: Final = {
             "the verdict on one frame",
             **_KEY,
             number={"type": "integer", "description": "place among all frames"},
-            verdict=_text_in_channel("name of the verdict"),
+            verdict=_text_schema("name of the verdict"),
         ),
         _json_channel(SUMMARY, "host", "the result of the run, as --json writes it"),
         _json_channel(
             RUN,
             "host",
             "what was run, by which versions",
-            command=_text_in_channel("verify, board, conform, bench or soak"),
-            configuration=_object_in_channel("options of the command"),
-            versions=_object_in_channel("versions of the programs"),
+            command=_text_schema("verify, board, conform, bench or soak"),
+            configuration=_object_schema("options of the command"),
+            versions=_object_schema("versions of the programs"),
         ),
         Channel(LOG, "device", "events and findings in words", LOG_SCHEMA, "foxglove.Log"),
         Channel(FRAME, "host", "the axes of the scene", FRAME_SCHEMA, "foxglove.FrameTransform"),

@@ -108,7 +108,7 @@ class ReplayComparison:
             key = (header.session, header.seq, header.type in EVENT_RANGE)
             self._add(side, "frames", key, entry)
         elif header.type != MessageType.STATUS:
-            entry.fields = _lasting_replayed_fields(fields, piece.name)
+            entry.fields = _comparable_fields(fields, piece.name)
             self._add(side, "frames", _compared_replay_key(piece), entry)
 
     def add_latch(self, side: str, latch: LatchRecord, *, timed: bool = True) -> None:
@@ -204,6 +204,7 @@ class ReplayComparison:
 
 
 def _compared_replay_kind(key: Hashable) -> str:
+    """Return the kind of entry for which :meth:`ReplayComparison._add` made a key."""
     assert isinstance(key, tuple)  # as _add made it
     return str(key[0])
 
@@ -218,22 +219,23 @@ def _compared_replay_key(piece: Annotated) -> tuple[Hashable, ...]:
     return (header.session, piece.name, of_latch)
 
 
-def _lasting_replayed_fields(fields: Fields, name: str) -> Fields:
+def _comparable_fields(fields: Fields, name: str) -> Fields:
     """Return the fields that are independent of time and of the board's identity."""
     if name == MessageType.HELLO_REPLY.name:
         return {key: value for key, value in fields.items() if key in _IDENTITY}
     return {
-        key: _lasting_replayed_items(value)
+        key: _comparable_value(value)
         for key, value in fields.items()
         if not (key.startswith("t_") or key.endswith("_us") or key in _OF_THE_MOMENT)
     }
 
 
-def _lasting_replayed_items(value: Any) -> Any:
+def _comparable_value(value: Any) -> Any:
+    """Return a value without the nested fields that differ between runs."""
     if isinstance(value, Mapping):
-        return _lasting_replayed_fields(value, "")
+        return _comparable_fields(value, "")
     if isinstance(value, list):
-        return [_lasting_replayed_items(item) for item in value]
+        return [_comparable_value(item) for item in value]
     return value
 
 
@@ -246,7 +248,7 @@ def _compared_replay_details(recorded: Fields, replayed: Fields) -> Iterator[str
         if isinstance(before, Codes) and isinstance(after, Codes):
             yield f"{name} drive differs in {_compared_replay_codes(before, after)}"
         else:
-            yield f"{name} {_replayed_text(before)} recorded, {_replayed_text(after)} replayed"
+            yield f"{name} {_shortened_text(before)} recorded, {_shortened_text(after)} replayed"
 
 
 def _compared_replay_codes(before: Codes, after: Codes) -> str:
@@ -259,6 +261,7 @@ def _compared_replay_codes(before: Codes, after: Codes) -> str:
     return f"{' and '.join(parts) or 'the bits of its phases'} of {count} elements"
 
 
-def _replayed_text(value: Any) -> str:
+def _shortened_text(value: Any) -> str:
+    """Return a value as text of at most 60 characters."""
     text = "nothing" if value is None else str(value)
     return text if len(text) <= 60 else f"{text[:60]}..."

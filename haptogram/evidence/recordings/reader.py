@@ -260,9 +260,10 @@ class Recording:
                 ) from error
 
     def _in_chunk(self, chunk: Any) -> list[Any]:
-        """Return the records in a chunk; of a damaged one none, since its bytes lie anywhere.
+        """Return the records in a chunk; none of a damaged one.
 
-        It may have been that of the channels, which the end of a whole file repeats.
+        A damaged chunk may have held the channels: those at the end of the file are returned
+        instead.
         """
         from mcap.stream_reader import breakup_chunk
 

@@ -64,7 +64,7 @@ class ReplayFrameShifter:
         return bytes(moved)
 
     def _moved(self, piece: bytes) -> bytes:
-        """Return the bytes between two delimiters; damaged ones stay as they are."""
+        """Return a frame with its time shifted to the board's clock; damaged ones are unchanged."""
         try:
             body = decode_frame(piece)
         except RemoteProtocolError:

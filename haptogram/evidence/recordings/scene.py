@@ -25,6 +25,7 @@ _TARGET_CM, _FOUND_CM = 0.8, 0.5  # diameters
 
 
 def _numbers(*names: str) -> Fields:
+    """Return the JSON schema of an object of numbers."""
     return {"type": "object", "properties": {name: {"type": "number"} for name in names}}
 
 
