@@ -107,7 +107,7 @@ class LineProcess:
 
 
 def _end_of(answer: bytearray) -> str:
-    """Return the last line of an answer that is not whole."""
+    """Return the last line of an incomplete answer."""
     lines = answer[-_LAST_WORDS:].decode(errors="replace").splitlines()
     return f", after {lines[-1][-60:]!r}" if lines else ""
 

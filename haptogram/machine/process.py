@@ -113,9 +113,9 @@ def process_without_garbage_collector() -> Iterator[None]:
 
 
 def _fix_process_priority(stack: contextlib.ExitStack) -> Iterator[str]:
-    """Run under SCHED_FIFO: nothing but the kernel and higher priorities interrupts this thread.
+    """Run under SCHED_FIFO: only the kernel and higher priorities interrupt this thread.
 
-    Yield why it cannot be; *stack* undoes it.
+    Yield the reason if that is impossible; *stack* restores the scheduling.
     """
     if not hasattr(os, "sched_setscheduler"):
         yield f"fixed priority: {sys.platform} has no SCHED_FIFO"
@@ -132,9 +132,9 @@ def _fix_process_priority(stack: contextlib.ExitStack) -> Iterator[str]:
 
 
 def _lock_process_memory(stack: contextlib.ExitStack) -> Iterator[str]:
-    """Lock all pages in memory against page faults; yield the reason if impossible.
+    """Lock all pages in memory against page faults.
 
-    Yield why it cannot be; *stack* undoes it.
+    Yield the reason if that is impossible; *stack* unlocks them.
     """
     libc = ctypes.CDLL(None, use_errno=True) if os.name == "posix" else None
     if libc is None or not hasattr(libc, "mlockall"):
