@@ -54,7 +54,7 @@ def frames_of_run(shape: ShapeConfig, pace: PaceConfig, modulated: ModulationCon
         None if modulated.dwell_ms is None else modulated.dwell_ms / 1e3,
     )
     frames = modulation.frames(sample_object_of_run(shape, pace.repeat), pace.rate_hz)
-    _check_kept_run_frames(pace.repeat, frames.count, "frames")
+    _check_frame_count(pace.repeat, frames.count, "frames")
     return frames
 
 
@@ -68,11 +68,11 @@ def sample_object_of_run(config: ShapeConfig, repeat: int = 1) -> NDArray[np.flo
         one run can keep.
     """
     points = _shape_of_run(config).sample(config.resolution_mm / 1e3)
-    _check_kept_run_frames(repeat, len(points), "points")
+    _check_frame_count(repeat, len(points), "points")
     return points
 
 
-def _check_kept_run_frames(repeat: int, count: int, of_what: str) -> None:
+def _check_frame_count(repeat: int, count: int, of_what: str) -> None:
     if count * repeat > MOST_FRAMES:
         raise ConfigurationError(
             f"{repeat} times {count} {of_what} are {count * repeat} frames; "
