@@ -186,14 +186,14 @@ class _Frame(NamedTuple):
 
 def marked_transcript(result: CaseResult) -> list[str]:
     """Return the whole transcript; lines of the frames that decide begin with ``>``."""
-    deciding = {line for frame in _deciding_frames(result) for line in frame.lines}
+    deciding = {line for frame in _cited_frames(result) for line in frame.lines}
     lines = enumerate(result.transcript)
     return [f"{'>' if number in deciding else ' '} {line}" for number, line in lines]
 
 
 def folded_transcript(result: CaseResult) -> Iterator[str]:
     """Yield the frames that decide, marked and with their bytes, and those near them in short."""
-    frames, deciding = _frames_of(result.transcript), _deciding_frames(result)
+    frames, deciding = _frames_of(result.transcript), _cited_frames(result)
     if not frames:
         yield from result.transcript[-_MOST:]
         return
@@ -216,7 +216,7 @@ def folded_transcript(result: CaseResult) -> Iterator[str]:
         yield f"  all {len(frames)} frames, and their bytes, are in --json and --html"
 
 
-def _deciding_frames(result: CaseResult) -> list[_Frame]:
+def _cited_frames(result: CaseResult) -> list[_Frame]:
     """Return the frame of the board that a finding refers to, its request and its cause."""
     frames = _frames_of(result.transcript)
     done = _NOT_DONE.sub("", result.detail)
@@ -232,11 +232,11 @@ def _deciding_frames(result: CaseResult) -> list[_Frame]:
     host = [frame for frame in frames if frame.sender == "host"]
     causes = [frame for frame in host if frame.name not in _READINGS] or host
     found = [max(some, key=place) for some in (board, causes) if some]
-    found += _asked(board and found[0], host)
+    found += _request_of(board and found[0], host)
     return sorted(set(found), key=lambda frame: frame.lines.start)
 
 
-def _asked(answer: _Frame | list[_Frame], host: Sequence[_Frame]) -> list[_Frame]:
+def _request_of(answer: _Frame | list[_Frame], host: Sequence[_Frame]) -> list[_Frame]:
     """Return the request that a frame of the board answers."""
     seq = _SEQ.match(answer.text) if isinstance(answer, _Frame) else None
     if seq is None or not isinstance(answer, _Frame):
