@@ -53,21 +53,21 @@ def _check_fault_value(name: str, key: str, value: float) -> None:
     """Refuse a value that is beyond its limits."""
     limits = FAULT_KINDS[name][key]
     if not isinstance(value, int | float):
-        raise _no_fault_number(name, key, repr(value))
+        raise _not_a_number_error(name, key, repr(value))
     if not limits.least <= value <= limits.most:
         shown = f"{name} {key}={fault_number_text(value)}"
-        raise ConfigurationError(f"{shown}, must be {_span_of_fault(limits)}")
+        raise ConfigurationError(f"{shown}, must be {_limits_text(limits)}")
     if limits.whole and value != round(value):
-        raise _no_fault_number(name, key, fault_number_text(value))
+        raise _not_a_number_error(name, key, fault_number_text(value))
 
 
-def _no_fault_number(name: str, key: str, shown: str) -> ConfigurationError:
+def _not_a_number_error(name: str, key: str, shown: str) -> ConfigurationError:
     limits = FAULT_KINDS[name][key]
     kind = "a whole number" if limits.whole else "a number"
-    return ConfigurationError(f"{name} {key}={shown}, must be {kind}, {_span_of_fault(limits)}")
+    return ConfigurationError(f"{name} {key}={shown}, must be {kind}, {_limits_text(limits)}")
 
 
-def _span_of_fault(limits: Parameter) -> str:
+def _limits_text(limits: Parameter) -> str:
     return f"{fault_number_text(limits.least)} to {fault_number_text(limits.most)}"
 
 
@@ -94,7 +94,7 @@ def check_fault_direction(name: str, direction: str) -> None:
 def check_fault_window(name: str, from_ns: int, until_ns: int) -> None:
     """Refuse a time at which the fault could never be there."""
     if not 0 <= from_ns < FOR_EVER_NS:
-        raise _fault_out_of_time(name, "from", fault_time_text(from_ns))
+        raise _time_limit_error(name, "from", fault_time_text(from_ns))
     if until_ns <= from_ns:
         times = f"from={fault_time_text(from_ns)} until={fault_time_text(until_ns)}"
         raise ConfigurationError(f"{name} {times}: until must be after {fault_time_text(from_ns)}")
@@ -112,7 +112,7 @@ def fault_number(name: str, key: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError as error:
-        raise _no_fault_number(name, key, text) from error
+        raise _not_a_number_error(name, key, text) from error
     _check_fault_value(name, key, value)
     return value
 
@@ -126,11 +126,11 @@ def fault_time_ns(name: str, key: str, text: str) -> int:
         such_as = "must be a time such as 2s, 500ms, 10us"
         raise ConfigurationError(f"{name} {key}={text}: {such_as}") from error
     if not 0 <= t_ns < FOR_EVER_NS:
-        raise _fault_out_of_time(name, key, text)
+        raise _time_limit_error(name, key, text)
     return t_ns
 
 
-def _fault_out_of_time(name: str, key: str, text: str) -> ConfigurationError:
+def _time_limit_error(name: str, key: str, text: str) -> ConfigurationError:
     """Return the error for a time outside its limits."""
     last = fault_time_text(FOR_EVER_NS // _UNITS_NS["s"] * _UNITS_NS["s"])
     return ConfigurationError(
