@@ -252,9 +252,9 @@ def _single_element_drive_faults(
 
 
 def _are_lines(model: AcousticModel, off: NDArray[np.bool_]) -> bool:
-    """Return True if few columns or one row of the grid are off, and nothing else.
+    """Return True if exactly a few columns or one row of the grid are off.
 
-    Rows that repeat are elements with one remainder, which tells more of a board.
+    Several rows are not lines: elements with the same remainder say more about the board.
     """
     if model.array.grid_shape is None:
         return False
@@ -300,7 +300,7 @@ def _merge_rounding_errors(errors: Codes, step: float) -> Codes:
 
 
 def _numbered_run_text(model: AcousticModel, numbers: NDArray[np.intp]) -> str:
-    """Return "elements 64 to 127", or as many as there are if they are no neighbours by number."""
+    """Return "elements 64 to 127", or the number of elements if they are not consecutive."""
     first, last = int(numbers[0]), int(numbers[-1])
     if len(numbers) > _TWO and last - first + 1 == len(numbers):
         return f"elements {first} to {last}"

@@ -277,7 +277,7 @@ def _frames_by_drive(intended: Sequence[Intended]) -> dict[int, list[int]]:
 def _named_by_other_frame(
     verdict: FrameVerdict, latch: Observation, drives: Mapping[int, Sequence[int]]
 ) -> FrameVerdict:
-    """Return *verdict*, with the next frame whose drive was latched instead, if there is one."""
+    """Return *verdict*, with the nearest frame of the same drive named as its fault, if any."""
     crc = latch.drive_crc if latch.drive is None else latch.drive.digest()
     numbers = () if crc is None else drives.get(crc, ())
     if not numbers:

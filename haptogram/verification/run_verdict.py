@@ -185,7 +185,7 @@ class RunVerdict(Judged):
 
 
 def _run_verdict_summary(run: RunVerdict) -> Iterator[str]:
-    """Yield the lines."""
+    """Yield the lines of the summary."""
     result, counts = run.as_dict(), run.counts
     yield run.sentence
     yield (

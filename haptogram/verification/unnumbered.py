@@ -88,9 +88,8 @@ def _next_unnumbered_pair(
 ) -> tuple[int, int]:
     """Return how many frames and latches to skip up to the next pair with equal drives.
 
-    As many of both, if there is such a pair. Else more frames if latches are *missing* in all, more
-    latches if there are too many: an object that repeats fits in several ways. None of either
-    without any pair.
+    Equal numbers of both come first; then more frames if latches are *missing* in total, else more
+    latches, since a repeated object fits in several ways. (0, 0) if no pair is equal.
     """
     places = [
         (frame, total - frame)
@@ -141,7 +140,7 @@ def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> O
 
 
 def _common_lag_of_unnumbered(found: Drive, wanted: Drive) -> int:
-    """Return the lag that most channels share, which the shape of the pulses makes."""
+    """Return the lag that most channels share: an effect of the pulse shape."""
     sounding = (found.amplitude_codes > 0) & (wanted.amplitude_codes > 0)
     if not sounding.any():
         return 0

@@ -132,7 +132,7 @@ def _held_stretches(
 
 
 def _ends_of_held_stretches(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
-    """Yield until when each frame is due."""
+    """Yield the time until which each frame should be radiated."""
     neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
     for before_us, begin_us, next_us in neighbours:
         period_us = None if before_us is None else begin_us - before_us

@@ -95,7 +95,7 @@ def focus_still_held(
 
 
 def _held_focus_fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
-    """Return True if the output fell silent after the one time, and not after the other."""
+    """Return True if the output fell silent after *after_us*, at *until_us* at the latest."""
     return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
 
 

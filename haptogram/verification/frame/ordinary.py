@@ -122,7 +122,7 @@ class OrdinaryFrames:
         ]
 
     def _limits_of(self, intended: Intended) -> tuple[float, float]:
-        """Return S1's and S3's limit of a drive of full amplitude."""
+        """Return the limits of criteria S1 and S3 for a drive of full amplitude."""
         key = (intended.steps, intended.drive.phase_bits, intended.board_computed)
         if key not in self._limits:
             limit_rad = self._limit_rad(intended)
@@ -178,7 +178,7 @@ class OrdinaryFrames:
 
 
 def _why_not_ordinary(intended: Intended, latch: Observation, full: bytes) -> str | None:
-    """Return why a frame and its latch are not ordinary, *full* amplitude; None: they may be."""
+    """Return why a frame is not one focus, latched as it was sent; None if it may be."""
     reason = _why_not_as_sent(intended, latch, full)
     if reason is not None:
         return reason
@@ -224,6 +224,6 @@ def _focus_of(latch: Observation) -> SingleFocus:
 def _sum_of_places(
     target_m: tuple[float, float, float], found_m: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return the found focus, rounded like target plus miss."""
+    """Return the found focus with the rounding of target + miss."""
     (x, y, z), (u, v, w) = target_m, found_m
     return x + (u - x), y + (v - y), z + (w - z)

@@ -207,8 +207,7 @@ class SeveralFociFrame:
     def _judge_of_host(self, ideal: IdealFrameDrive, host: ToleratedHost) -> _Findings:
         """Return the findings, with the drive of a tolerated host as the ideal.
 
-        The peaks of several foci may be off by more than their host is: so far a miss does not
-        show.
+        Peaks of several foci may move further than the host is off; smaller misses do not show.
         """
         found = self._judge_strictly(
             ideal.of_host(self.intended, host),
@@ -230,8 +229,8 @@ class SeveralFociFrame:
     def _judge_with_tolerance(self, ideal: IdealFrameDrive, fault: str | None) -> _Findings:
         """Judge a multi-focus drive with the positions of the foci fitted from its phases.
 
-        A solver may come to another drive there, with other phases between the foci.  So the places
-        are fitted from the phases that there are, whatever the weights of the foci.
+        For displaced foci a solver may choose other phases between the foci, so the positions are
+        fitted to the phases with free weights of the foci.
         """
         target = ideal.targets[0]
         limit_rad, miss_mm = target.phase_limit_rad, target.tolerance.miss_mm

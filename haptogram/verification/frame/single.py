@@ -226,7 +226,7 @@ class SingleFocusFrame:
     def _is_of_this_drive(self, found: acoustics.SingleFocus | acoustics.NotSingle) -> bool:
         """Return True if a reconstruction is consistent with the latched phases.
 
-        It cannot if the elements that were found to be off are not off in these phases.
+        It is not if its outlier elements are no outliers in these phases.
         """
         if isinstance(found, acoustics.NotSingle) and not found.outliers:
             return True  # nothing was found, which any search may come to
@@ -281,6 +281,7 @@ def _unobservable_frame_target(target: FrameTarget) -> str:
 def _where_against_frame_target(
     target: FrameTarget, found: acoustics.SingleFocus | acoustics.NotSingle
 ) -> dict[str, Any]:
+    """Return the miss of the found focus, its pressure and force, as fields of the verdict."""
     force_n = found.force_n if isinstance(found, acoustics.SingleFocus) else None
     if force_n is not None and not math.isfinite(force_n):
         force_n = None

@@ -123,14 +123,14 @@ class ToleratedHost:
         return self.hosts.limit_rad + self.hosts.scatter_rad
 
     @cached_property
-    def _asked(self) -> ComplexArray:
-        """Return the drive of a host with this error."""
+    def _drive(self) -> ComplexArray:
+        """Return the drive that a host with this error sends."""
         return self.hosts.drive(self.off)
 
     @cached_property
     def levels(self) -> FloatArray:
         """(N,) how loud it asks for each element, over the mean; 1 at most."""
-        levels = np.abs(self._asked)
+        levels = np.abs(self._drive)
         loudness: FloatArray = np.minimum(levels / levels[self.active].mean(), 1.0)
         return loudness
 
@@ -144,7 +144,7 @@ class ToleratedHost:
 
     def errors_about(self, used: Bools) -> FloatArray:
         """Return (N,) the phase errors; the mean of the *used* ones is 0."""
-        levels, errors = self.levels, self.phases_rad - np.angle(self._asked)
+        levels, errors = self.levels, self.phases_rad - np.angle(self._drive)
         common = np.angle((levels * np.exp(1j * errors))[used].sum())
         errors = wrapped_phases(errors - common)
         centred: FloatArray = errors - np.average(errors[used], weights=levels[used])
@@ -277,9 +277,9 @@ class ToleratedHost:
         return self._elements_text(model, errors, np.flatnonzero(off))
 
     def _is_proven(self, off: Bools) -> bool:
-        """Return True if hosts explain the elements but these: they ask for other phases of these.
+        """Return True if hosts explain all elements but *off*, and none of these.
 
-        A solver may turn an element by much where the air changes by next to nothing.
+        Small changes of the air can turn an element far where a solver made the drive.
         """
         rest = self.active & ~off
         host = self.nearest(self.hosts, self.phases_rad, rest)

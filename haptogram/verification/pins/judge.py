@@ -108,8 +108,8 @@ def verify_captured_pins(
     return _PinJudge(record, run, model, shown, steps, offset).judge()
 
 
-def _drives_told_apart(weights: ComplexArray, apart: float) -> int:
-    """Return the number of distinguishable *weights* (K,), up to a sufficient number."""
+def _count_distinct_drives(weights: ComplexArray, apart: float) -> int:
+    """Return the number of distinct *weights* (K,), counted up to a sufficient number."""
     found = 0
     while len(weights) and found < _FEWEST_AGREEING + 2:
         found += 1
@@ -294,7 +294,7 @@ class _PinJudge:
             codes = run.weights[known[near], place]
             if own is not None:
                 codes = codes * np.conj(run.weights[known[near], own])
-            agreeing += _drives_told_apart(codes, 2.0 * limit) - 1
+            agreeing += _count_distinct_drives(codes, 2.0 * limit) - 1
         return agreeing >= _FEWEST_AGREEING
 
     def _near_match_share(self, judged: Bools) -> float:
@@ -401,9 +401,9 @@ class _PinJudge:
     def _note_doubtful_frames(self, judged: NDArray[np.intp], mixed: Bools) -> Bools:
         """Return a mask (F,) of wrong frames that missing samples of the capture may explain.
 
-        Those are the last ones, the first one of a capture that begins with it, and all of them
-        where an element is the reference: samples may be missing beside them. Those that it shows
-        to be missing in a frame may make any of its pins wrong.
+        With a carrier clock those are the last frames, and the first one of a capture that begins
+        within it. With an element as reference every frame may lack samples, and a frame that does
+        may have any pin wrong.
         """
         doubtful = np.zeros_like(mixed)
         if self.record.reference_element is None:
@@ -422,9 +422,9 @@ class _PinJudge:
         return doubtful
 
     def _frames_with_a_break(self) -> Bools:
-        """Return the (F,) frames within which the element that is the reference changes its drive.
+        """Return a mask (F,) of frames within which the reference element changes its drive.
 
-        It latches with the others, at their ends: within a frame samples are missing.
+        It latches only between frames, so samples are missing there.
         """
         found = np.zeros(self.run.count, np.bool_)
         limit = _BREAK_SAMPLES * math.tau * self.record.carrier_hz / self.record.sample_rate_hz
@@ -449,7 +449,7 @@ class _PinJudge:
     def _check_turns(self, judged: Bools) -> None:
         """Find frames in which the phases of all pins are shifted against the carrier clock.
 
-        A phase that the whole array has moves no focus. Pins outside the capture may lack it.
+        A phase common to the whole array moves no focus, but pins outside the capture may lack it.
         """
         turns = self._turns_rad
         if turns is None:

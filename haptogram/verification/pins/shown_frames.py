@@ -209,7 +209,10 @@ class _AlignedPins:
 def _end_of_last_pin_frame(
     record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
 ) -> float:
-    """Return half of the last frame, in which the host may mute, or when all pins are silent."""
+    """Return until when the last frame must be shown: half of it, or until all pins stop.
+
+    The host may mute in its second half.
+    """
     middle = float(starts[-1] + ends[-1]) / 2.0
     pins = [record.pins[element] for element in run.elements]
     silent = max((float(pin.falls[-1]) for pin in pins if len(pin.falls)), default=middle)

@@ -104,9 +104,9 @@ class DefectFinder:
             yield Defect.SILENT
 
     def _is_amplitude_frame(self, latch: SeenLatch) -> bool:
-        """Return True if FB and as many amplitudes as channels came where phases were written.
+        """Return True if a frame of amplitudes was written as phases: FB and a code per channel.
 
-        Two frames in one would be as many codes, and not one more; amplitudes are 16 at most.
+        Two frames in one would have a code less, and amplitudes are at most 16.
         """
         beyond = latch.counted.get("codes_beyond_array", 0)
         strange = latch.counted.get("codes_out_of_range", 0)

@@ -155,7 +155,7 @@ def _axes_text(order: Sequence[int]) -> str:
 def _other_channels(
     model: AcousticModel, board_channels: int, axes: FloatArray
 ) -> Iterator[tuple[str, NDArray[np.intp]]]:
-    """Yield the channel at which the phase of each element is."""
+    """Yield mistaken channel maps by name: which channel holds the phase of each element."""
     count = model.array.count
     same = np.arange(count)
     for roll in range(1, _MOST_ROLL + 1):

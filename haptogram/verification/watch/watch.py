@@ -150,7 +150,7 @@ class Watch:
         )
 
     def _pattern(self, latch: SeenLatch) -> tuple[Pattern, float]:
-        """Return the pattern of a drive, and how long the search for it took."""
+        """Return the pattern of a drive, and the duration of the search."""
         weights = np.asarray(latch.weights, dtype=np.complex128)
         key = latch.steps, weights.tobytes()
         if key in self._seen:
