@@ -88,9 +88,9 @@ def _short_cobs_pieces(chunk: bytes) -> bytes:
     """Return the code of at most 254 bytes that end with a zero.
 
     It is the chunk with its last zero in front, and in place of every zero the distance to the
-    next.  The bytes of a long integer do that side by side.  Doubling: the run of non-zero bytes
-    behind a place, counted up to 2n, is that counted up to n, and where this is all of them, the
-    same n places on.
+    next. Long integers process all bytes at once. The distances are found by doubling: the number
+    of non-zero bytes after a place, counted up to 2n, is that up to n, plus that of the place n
+    further on if all n are non-zero.
     """
     size = len(chunk)
     moved = _ZERO + chunk[:-1]
