@@ -50,7 +50,7 @@ def _leave(*_: object) -> NoReturn:
 
 
 def _leave_after_callback(unraisable: UnraisableHookArgs) -> None:
-    """Repeat a signal that came inside a callback, as an import has them: its end is dropped."""
+    """Repeat a signal that arrived in a callback, such as of an import, where exits are lost."""
     import threading
 
     if unraisable.exc_type is SystemExit:

@@ -49,7 +49,7 @@ class BoardNoticeLog:
 
     def notice(self, notice: events.Notice) -> None:
         """Log a change of the output."""
-        if self._is_optional(notice) and not self._has_room(notice.t_us):
+        if self._is_optional(notice) and not self._is_within_rate(notice.t_us):
             self._left_out += 1
             return
         if self._left_out:
@@ -62,8 +62,8 @@ class BoardNoticeLog:
         is_fault = isinstance(notice, events.StateChange) and notice.state is OutputState.FAULT
         return isinstance(notice, _FREQUENT) and not is_fault and not self._is_complete
 
-    def _has_room(self, t_us: int) -> bool:
-        """Take the room of a notice at *t_us*; return False if there is none."""
+    def _is_within_rate(self, t_us: int) -> bool:
+        """Count a message against the rate limit; return False if it is exceeded."""
         self._room_us = min(self._room_us + max(t_us - self._last_us, 0), _ROOM_US)
         self._last_us = t_us
         if self._room_us < _SECOND_US:

@@ -181,7 +181,7 @@ class Heartbeat:
             self._start_ns += taken_ns - given_ns // 2  # half, so that its steps become shorter
 
     def _check_rate(self) -> None:
-        """Say once of each rate that a client has set that real boards do not have it."""
+        """Warn once of each line rate set by a client that real boards do not support."""
         settings, baud = self._simulation.settings, self._port.client_baud
         if settings.wiring is None or baud is None or baud == self._client_baud:
             return

@@ -135,7 +135,7 @@ class BackdoorPinCapture:
             line.cut(t_us)
 
     def _follow_ramp(self, until_us: int) -> None:
-        """Keep the steps of the ramp up to *until_us*."""
+        """Queue the steps of the ramp up to *until_us*."""
         if self._ramp is None:
             return
         begin_us, end_us, full, cut = self._ramp
@@ -168,7 +168,7 @@ class BackdoorPinCapture:
         self._is_silent = weights is None
 
     def _is_within(self, t_us: float) -> bool:
-        """Return True if the capture lasts at *t_us*; its first event begins it."""
+        """Return True if *t_us* is within the capture, which starts with the first event."""
         if self._begin_us is None:
             self._begin_us = t_us
         return t_us - self._begin_us < self._config.capture_ms * 1000.0

@@ -120,7 +120,7 @@ def _radiated_by_latch_record(latch: events.AnyLatch) -> Hashable:
 
 
 def _observation_of_latch(latch: events.Latch, estimate: Reconstruction | None) -> Observation:
-    """Return the observation that the record of a latch is read as."""
+    """Return a latch as a reader of its record sees it."""
     key = FrameKey(latch.session, latch.key.sequence, latch.key.loop, latch.key.index)
     return Observation(
         key,

@@ -156,7 +156,7 @@ def _readout_span(
     reply: type[m.Message],
     unit: int,
 ) -> tuple[int, int]:
-    """Return first and last-but-one of the transducers that a reply shows."""
+    """Return the range of transducers in a reply: first, and one after the last."""
     if request.first >= total:
         raise RefusalError(m.ErrorCode.NOT_FOUND, total)
     fits = _room_of_readout(reply) // unit

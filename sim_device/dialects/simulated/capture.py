@@ -89,19 +89,19 @@ class SimulatedCapture:
                 self._changes.append((int(since), int(levels, 16)))
 
     def _end_periods(self, count: int) -> None:
-        """Take down periods with the last changes; the first may begin with other levels."""
+        """Write whole periods with the last changes; the first may start at other levels."""
         edges: list[tuple[int, str]] = []
         for number in range(count):
             if number < 2:
-                edges = [(since_ns, self._shown(levels)) for since_ns, levels in self._last]
+                edges = [(since_ns, self._edges_to(levels)) for since_ns, levels in self._last]
             begin_ns = self._periods * self._period_ns
             self._periods += 1
             self._edges.append((begin_ns, f"1{self._codes[0]}\n"))
             self._edges.append((begin_ns + self._period_ns // 2, f"0{self._codes[0]}\n"))
             self._edges += [(begin_ns + since_ns, text) for since_ns, text in edges]
 
-    def _shown(self, high: int) -> str:
-        """Return the edges from the levels that there were to these."""
+    def _edges_to(self, high: int) -> str:
+        """Return VCD changes of the pins that differ from the last levels."""
         changed, self._high = high ^ self._high, high
         edges = ""
         while changed:

@@ -90,7 +90,7 @@ class SimulatedPins:
         return block
 
     def _take_period(self, block: bytes) -> Iterator[ShownDrive]:
-        """Take a period, which may be known to be the same as the one before."""
+        """Process one carrier period, unless it repeats a steady one."""
         self.periods += 1
         if self._is_steady and block == self._block:
             return
@@ -156,8 +156,8 @@ class SimulatedPins:
 def _pulses_of(weights: ComplexArray) -> PulseDrive:
     """Return pulses with these fundamentals, none of which is wider than half a period.
 
-    If their phases are codes apart, all are turned to codes: else a drive whose common phase is
-    between two of them would be rounded both ways.
+    Phases that differ by whole codes are turned onto codes together: a common phase between two
+    codes would be rounded both ways.
     """
     sizes = np.abs(weights)
     is_on = sizes > _SILENT

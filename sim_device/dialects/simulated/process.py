@@ -103,7 +103,7 @@ class SimulatorProcess:
         self.now_ns = 0
         self._announced = b""
         bit_ns = round(1e9 / baud) if baud else 0
-        self.hello = self._read_hello(self._process.ask(b"L %d\n" % bit_ns, _is_whole_hello))
+        self.hello = self._read_hello(self._process.ask(b"L %d\n" % bit_ns, _is_complete_hello))
         if len(self.hello.pins) < channels:
             self.fail(
                 f"has {len(self.hello.pins)} pins, and the array {channels} channels: give an "
@@ -140,7 +140,7 @@ class SimulatorProcess:
         raise self._failure(f"{self._name} {what}")
 
     def _ask(self, text: bytes) -> bytes:
-        return self._process.ask(text, _is_whole_answer)
+        return self._process.ask(text, _is_complete_answer)
 
     def _read_sent(self, line: bytes, until_ns: int) -> SentByte:
         try:
@@ -188,12 +188,12 @@ def count_of_same(line: bytes) -> int:
     return int(count)
 
 
-def _is_whole_hello(answer: bytearray) -> bool:
-    """Return True if that is a hello, or cannot become one."""
-    return (b"\n" in answer and not answer.startswith(b"hello ")) or _is_whole_answer(answer)
+def _is_complete_hello(answer: bytearray) -> bool:
+    """Return True if the hello is complete, or the answer is none."""
+    return (b"\n" in answer and not answer.startswith(b"hello ")) or _is_complete_answer(answer)
 
 
-def _is_whole_answer(answer: bytearray) -> bool:
+def _is_complete_answer(answer: bytearray) -> bool:
     """Return True if the last line is a full stop."""
     if not answer.endswith(b"\n"):
         return False

@@ -163,11 +163,11 @@ class SimulatedUnit:
             self._is_lost = False
             self._sent += sent
             if self._capture is not None:
-                self._take_down(self._capture, text, sent)
+                self._write_capture(self._capture, text, sent)
             if sent and stops:
                 return
 
-    def _take_down(self, capture: SimulatedCapture, text: bytes, sent: list[SentByte]) -> None:
+    def _write_capture(self, capture: SimulatedCapture, text: bytes, sent: list[SentByte]) -> None:
         """Write pin changes and sent bytes of the simulator to the capture."""
         capture.changed(text)
         for t_ns, value in sent:
