@@ -22,7 +22,7 @@ _LIGHTER_WATER: Final = 0.378  # 1 less the molar mass of water over that of dry
 _CARBON_DIOXIDE: Final = 4e-4
 #: Up to this molar share of water Cramer's equation is within 0.15 m/s of the real gas.
 _MOST_WATER: Final = 0.08
-_HUMIDITY_PERCENT: Final = 50.0  # of air of which nobody states another
+_HUMIDITY_PERCENT: Final = 50.0  # default humidity of air
 #: Air that :func:`air_temperature_c` can name.
 _COLDEST_C: Final = -90.0
 _HOTTEST_C: Final = 90.0

@@ -59,7 +59,7 @@ class ParallelPistons:
 
     @classmethod
     def of(cls, model: AcousticModel) -> ParallelPistons:
-        """Return those of a model of which :meth:`why_not` says nothing."""
+        """Return the pistons of a model for which :meth:`why_not` returns None."""
         kernels, source, piston = load_kernels(), model.transducer, model.transducer.directivity
         assert kernels is not None
         assert isinstance(piston, CircularPiston)

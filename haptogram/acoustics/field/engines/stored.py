@@ -120,7 +120,7 @@ class StoredKernels:
 def stored_name(digest: str) -> str:
     """Return the name of the file with the code for this processor and these sources."""
     import llvmlite
-    import llvmlite.binding as llvm  # of which each version of numba has its own
+    import llvmlite.binding as llvm  # each version of numba has its own
 
     features = llvm.get_host_cpu_features().flatten()
     machine = f"{llvm.get_host_cpu_name()} {features} {llvmlite.__version__} {version('numba')}"
