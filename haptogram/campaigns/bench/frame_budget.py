@@ -20,7 +20,7 @@ from haptogram.machine.process import real_time_process
 from haptogram_protocol import FrameDecoder, encode_frame, messages
 from haptogram_protocol.cobs import Stuffing, fastest_cobs
 
-_TIMES: Final = 400  # repetitions of a stage, of which the median counts
+_TIMES: Final = 400  # repetitions of a stage; the median counts
 _TICKS: Final = 100
 _LONGEST_NS: Final = 10**12  # that the ticks may take on a machine that misses most
 _SETTLE: Final = 20  # repetitions to warm up

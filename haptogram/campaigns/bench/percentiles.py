@@ -50,7 +50,7 @@ class TimingPercentiles:
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> TimingPercentiles:
-        """Return the percentiles of which :meth:`as_dict` made *fields*."""
+        """Return the percentiles from the *fields* of :meth:`as_dict`."""
         return cls(fields["n"], fields["levels"], fields["max"], fields["blocks"])
 
     def as_dict(self) -> dict[str, Any]:

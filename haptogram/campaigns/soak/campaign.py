@@ -88,7 +88,7 @@ class SoakCampaign:
 
     @classmethod
     def load(cls, path: Path, setup: SoakSetup) -> Self:
-        """Go on with what *path* holds; begin anew if there is no such file.
+        """Continue the campaign of *path*; start a new one if there is no such file.
 
         Raises
         ------

@@ -216,7 +216,7 @@ class SoakLine:
         return not (self.arriving or self._runs or self._partial or self._numbered)
 
     def next_sent(self, verdict: int | str) -> Sent | None:
-        """Return the whole frame of which the end found *verdict*; None: damage, or nothing."""
+        """Return the whole frame whose last byte led to *verdict*; None: damage, or nothing."""
         if not self._runs:
             self._tally.violate(UNEXPLAINED, f"{self._end} found {verdict} where nothing came")
             return None

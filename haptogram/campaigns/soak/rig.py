@@ -234,7 +234,7 @@ class SoakRig:
     def _take_from_board(self) -> None:
         for wire in self.comparison.take_frames():
             sent = Sent(wire, self._board.session)
-            # What belongs to the session before has no number that its loss could be told by.
+            # Events of the session before have no number that could show their loss.
             is_old = sent.session != self.link.connection.session
             self.up.send(sent, self._now_ns, spared=is_old)
 

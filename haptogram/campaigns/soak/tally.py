@@ -21,7 +21,7 @@ STATES: Final = ("injected", "detected", "harmless")  # of a fault
 #: to the board; those that came after their time, and by how much at most; what must not happen.
 _COUNTED: Final = ("frames", "damaged", "lost", "late", "latest_us", "violations")
 
-#: Counts of the intervals of which something was counted, by number.
+#: Counts of each interval with at least one count, by number.
 SoakCourse: TypeAlias = dict[int, dict[str, int]]
 
 #: What must not happen, and the sentence that is true while it does not.

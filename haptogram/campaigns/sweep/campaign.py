@@ -51,7 +51,7 @@ class SweepCampaign:
 
     @classmethod
     def load(cls, plan: SweepPlan, journal: Path | None) -> Self:
-        """Go on with what *journal* holds; begin anew if there is no such file.
+        """Continue the campaign of *journal*; start a new one if there is no such file.
 
         Raises
         ------

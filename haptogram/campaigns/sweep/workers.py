@@ -88,7 +88,7 @@ def dask_workers(address: str, jobs: int) -> Iterator[Workers]:
     except ImportError as error:
         raise missing_extra("--scheduler needs distributed", "sweep") from error
     with contextlib.ExitStack() as stack:
-        logging.disable()  # a worker that dies or a scheduler that goes is told in our words
+        logging.disable()  # our own errors report lost workers and schedulers
         stack.callback(logging.disable, logging.NOTSET)
         stack.enter_context(warnings.catch_warnings())
         warnings.simplefilter("ignore")  # of other versions, which are refused below
