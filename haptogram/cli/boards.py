@@ -147,7 +147,7 @@ def boards_of_dialect(config: VerifyConfig) -> DialectBoardsUnderTest:
 def access_in_program(
     url: str | None, baudrate: int, seed: int, boards: RecordedBoards | None = None
 ) -> VirtualAccess:
-    """Return a virtual board in this program that starts anew whenever its port is opened.
+    """Return a virtual board in this program that restarts whenever its port is opened.
 
     Without a URL its time is virtual; *baudrate* and *seed* hold unless the URL gives others.
     With *boards* every board goes into their recording.
