@@ -45,7 +45,7 @@ examples:
 
 @dataclass(frozen=True, kw_only=True)
 class BoardUnderTestConfig(Settings):
-    """The board under test, its port, and how it is started anew."""
+    """The board under test, its port, and how it is restarted."""
 
     port: str | None = option_of(
         LinkConfig, "port", help="any pyserial URL", absent="the virtual board, in virtual time"

@@ -22,7 +22,7 @@ _POLL_S: Final = 0.1
 def read_capture_arguments(
     config: CaptureConfig, progress: Progress | None = None
 ) -> list[PinRecord]:
-    """Return the pins of all captures; *progress* is told how many were read, and their number.
+    """Return the pins of all captures; *progress* gets the number read, and the total.
 
     Raises
     ------

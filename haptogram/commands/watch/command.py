@@ -1,4 +1,4 @@
-"""``haptogram watch``: what a board radiates, latch by latch, without being told what was meant."""
+"""``haptogram watch``: what a board radiates, latch by latch, without knowing the intent."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class LatchLines:
         self._is_terminal = stream.isatty()
         self._printed_s = -math.inf
         self._left_out = 0
-        self._levels: list[float] = []  # of the samples of a modulation that are not told yet
+        self._levels: list[float] = []  # samples of a modulation that are not printed yet
         self._cause = ""  # of these samples
 
     def print(self, seen: WatchedLatch) -> None:

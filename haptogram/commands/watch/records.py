@@ -36,7 +36,7 @@ def is_watched_latch(record: Record) -> bool:
 
 
 class WatchedRecords:
-    """Records in their order, of which an interrupt loses none.
+    """Records in their order; an interrupt loses none.
 
     Parameters
     ----------
