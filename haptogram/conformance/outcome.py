@@ -22,7 +22,7 @@ SELF_REPORTED: Final = Evidence.SELF_REPORTED
 EXTERNAL: Final = Evidence.EXTERNAL
 
 _SHOWN: Final = 4  # fields or elements of two values that are named
-_WHOLE: Final = 6  # values of a sequence that is told whole
+_WHOLE: Final = 6  # values of a sequence that is shown in full
 _HALVES: Final = 2  # of a drive: phases, amplitudes
 _MISSING: Final = object()
 _FORMS: Final = ("", "#x", "#04x", "#06x", "#010x", "016x", "+d")  # in which messages show a number
@@ -68,7 +68,7 @@ def check(holds: bool, text: str) -> None:
 
 
 def check_equal(got: object, due: object, text: str) -> None:
-    """End the case as FAILED unless *got* is *due*; both are told behind *text*, or where in it."""
+    """End the case as FAILED unless *got* is *due*; *text* begins the finding."""
     if got == due:
         return
     for form in _FORMS if isinstance(got, int) and type(got) is type(due) else ("",):

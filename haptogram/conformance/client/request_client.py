@@ -1,4 +1,4 @@
-"""Requests and stream frames of which every field can be chosen, and their answers."""
+"""Requests and stream frames with any values in their fields, and their answers."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ def valid_requests_to_send(board: BoardClient, sequence: int) -> Iterator[m.Mess
 
 
 def refused_requests_to_send(board: BoardClient) -> Iterator[m.Message]:
-    """Yield requests of which each check of a link holds and that an ARMED board refuses."""
+    """Yield requests that pass all checks of the link, but that an ARMED board refuses."""
     count = board.identity.transducers
     yield m.GetGeometry(count, 1)
     if board.has(m.Feature.READ_LATCHED):

@@ -379,7 +379,7 @@ class RawFrameClient:
         if self.now_us() > self._deadline_us:
             inconclusive(f"the case was not over after {self.limits.case_us / 1e6:g} s")
         self._note_idle_time()
-        if self.limits.slack_us:  # in short waits, each of which shows whether it lasted too long
+        if self.limits.slack_us:  # short waits: each one shows whether it lasted too long
             deadline_ns = min(deadline_ns, self._transport.now_ns() + _LOOK_NS)
         data = self._transport.read_available(deadline_ns)
         self._leave(deadline_ns // 1000)  # held up if that is long ago

@@ -179,8 +179,8 @@ class DialogueComparison:
 
     def _order(self) -> str:
         """Return the first event that leaves before the response of its request (HG-4.11/5)."""
-        told = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
-        for event, ours, theirs in told:
+        paired = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
+        for event, ours, theirs in paired:
             if ours < theirs and isinstance(event.message, m.StateChanged | m.PlaybackEnded):
                 name = _named_in_dialogue(event.message)
                 return f"HG-4.11/5: {name} leaves before the response to the request that led to it"

@@ -107,23 +107,23 @@ class DialogueGenerator:
 
     def before_hello(self) -> list[DialogueAction]:
         """Return actions for slots before 0, in which a board has no session."""
-        told = self._scenes.before_hello()
-        return self._apart(self._actions(-len(told), told))
+        planned = self._scenes.before_hello()
+        return self._apart(self._actions(-len(planned), planned))
 
     def actions(self, slots: int) -> list[DialogueAction]:
         """Return a random dialogue of so many slots."""
-        told: ActionSlots = []
+        planned: ActionSlots = []
         if self._makers.configs.with_status:
-            told.append(self._inputs.told("another configuration"))
+            planned.append(self._inputs.named("another configuration"))
         elif self._random.random() < _GREETING_SHARE:
-            told.append(self._inputs.told("HELLO wrapping"))
-        while len(told) < slots:
+            planned.append(self._inputs.named("HELLO wrapping"))
+        while len(planned) < slots:
             if self._random.random() < _SCENE_SHARE[self._timed]:
-                told += self._scenes.scene()
+                planned += self._scenes.scene()
                 self._is_armed = False
             else:
-                told.append(self._batch())
-        return self._apart(self._actions(0, told))
+                planned.append(self._batch())
+        return self._apart(self._actions(0, planned))
 
     def _batch(self) -> list[DialogueAction]:
         """Return random actions for one slot."""
@@ -140,12 +140,12 @@ class DialogueGenerator:
             found += self._makers.pair()
         for _ in range(self._random.choice((0, 1, 2, 2, 3, 5))):
             found += map(self._damaged, self._rarest())
-        found.sort(key=lambda told: not told.name.startswith(m.Mute.TYPE.name))
+        found.sort(key=lambda action: not action.name.startswith(m.Mute.TYPE.name))
         seen = self._makers.probe() if self._random.random() < self._seen else []
         if self._exact:
             return found + seen
-        last = [told for told in found if told.ends_slot]
-        return [*(told for told in found if not told.ends_slot), *seen, *last[:1]]
+        last = [action for action in found if action.ends_slot]
+        return [*(action for action in found if not action.ends_slot), *seen, *last[:1]]
 
     def _rarest(self) -> list[DialogueAction]:
         """Return the input that has followed the last one least often."""
@@ -157,14 +157,14 @@ class DialogueGenerator:
         self._coverage.pairs[self._last, name] += 1
         self._last = name
         self._is_armed = name == "ARM" or (self._is_armed and not name.startswith(_DISARMING))
-        return self._inputs.told(name)
+        return self._inputs.named(name)
 
-    def _damaged(self, told: DialogueAction) -> DialogueAction:
+    def _damaged(self, action: DialogueAction) -> DialogueAction:
         """Return the action with random damage to its bytes."""
         (damage,) = self._random.choices(_DAMAGES, _DAMAGE_WEIGHTS)
-        return told._replace(damage=told.damage or damage)
+        return action._replace(damage=action.damage or damage)
 
-    def _actions(self, first: int, told: ActionSlots) -> list[DialogueAction]:
+    def _actions(self, first: int, planned: ActionSlots) -> list[DialogueAction]:
         """Assign slot numbers to the actions of consecutive slots, starting at *first*."""
         return [
             one._replace(
@@ -172,7 +172,7 @@ class DialogueGenerator:
                 name=one.name + _DAMAGE_TEXT[one.damage],
                 seed=self._random.getrandbits(32),
             )
-            for number, some in enumerate(told, first)
+            for number, some in enumerate(planned, first)
             for one in some
         ]
 

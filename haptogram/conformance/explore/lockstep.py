@@ -203,8 +203,8 @@ class Lockstep:
             by_slot.setdefault(action.slot, []).append(action)
         slot, waited_us = first, 0
         while slot < slots:
-            told = by_slot.get(slot, [])
-            batch = frames_of_slot(host, told, room_bytes, exact=self.is_exact)
+            due = by_slot.get(slot, [])
+            batch = frames_of_slot(host, due, room_bytes, exact=self.is_exact)
             shown_us = host.slot_us - start_us
             arrived_us = itertools.accumulate(action.wait_us for action, _ in batch)
             sent += [

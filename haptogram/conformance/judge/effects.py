@@ -125,7 +125,7 @@ def effect_counted_once(name: str) -> Due:
 
 
 def effect_of_received(number: int) -> Due:
-    """Return the change by an upload of which so many bytes have come."""
+    """Return the change by an upload after *number* bytes."""
     return lambda _, __: {"the upload": m.UploadChunkReply(number)}
 
 

@@ -46,7 +46,7 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
     held: dict[str, object] = {
         "the output state": (status.state, status.reason),
         "the queue": status.queued,
-        # A STATUS that the board sends by itself begins them anew (HG-9.3/1).
+        # A STATUS that the board sends by itself resets them (HG-9.3/1).
         "the arrival margins": None if board.config.status_period_ms else status.margins,
         "the last latch": (status.last_seq, status.last_latch_us),
         "config_crc": status.config_crc,

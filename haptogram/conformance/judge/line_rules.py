@@ -160,7 +160,7 @@ class LineRules:
 
 
 def judge_line_rule(pieces: Iterable[ReceivedByClient], clause: str) -> None:
-    """FAILED if one of *pieces*, of which the first answers HELLO, breaks the rule of *clause*."""
+    """FAILED if one of *pieces* breaks the rule of *clause*; the first one answers HELLO."""
     rules = LineRules(is_lossless=True)
     for piece in pieces:
         texts = (text for of, text in rules.broken_by(piece) if of == clause)

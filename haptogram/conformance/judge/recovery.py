@@ -15,7 +15,7 @@ from ..verdict import Recovery
 
 _LOOKS: Final = 1000  # at a frame that waits, of a board that computes others
 _TARGET: Final = 1  # a sequence that many cases store
-MAX_FRAMES: Final = 3  # requests, of which the board has to answer one
+MAX_FRAMES: Final = 3  # requests; the board has to answer one of them
 
 
 def recover_board(board: BoardClient) -> Recovery:

@@ -151,7 +151,7 @@ class UploadRoom:
         self._open: m.UploadBegin | None = None
         self._stored: dict[int, tuple[int, int]] = {}  # kind and size by target
         self._taken: dict[_RoomKey, int] = {}  # size of the largest upload that was taken
-        self._left: dict[_RoomKey, int] = {}  # most room that a refusal told
+        self._left: dict[_RoomKey, int] = {}  # most free memory that a refusal reported
 
     def note_sent(self, header: m.Header, message: m.Message) -> None:
         """Note a request about an upload."""

@@ -191,7 +191,7 @@ class StandingRules:
         self._since.sent.clear()
         before = self._since.counters
         if lacks == (_lacking_parts(before) if before is not None else 0):
-            return ""  # or told when it began
+            return ""  # or reported at its beginning
         text = f"frames is {counters.frames}, its parts make {counters.frames - lacks}"
         if before is None:
             return text

@@ -10,7 +10,7 @@ from typing import TypeVar
 from haptogram_protocol import messages as m
 
 from .dialogue import PinDialogue
-from .told_drives import DrivesOfPinDialogue
+from .reported_drives import DrivesOfPinDialogue
 
 _T = TypeVar("_T")
 

@@ -169,8 +169,8 @@ class PinDialogue:
     @property
     def _horizon(self) -> float:
         """Return the scheduling horizon of the board in carrier periods."""
-        told = [reply.max_horizon_us for _, reply in self.said(m.HelloReply)]
-        return max(told, default=0) * self.record.carrier_hz * 1e-6
+        horizons = [reply.max_horizon_us for _, reply in self.said(m.HelloReply)]
+        return max(horizons, default=0) * self.record.carrier_hz * 1e-6
 
     @cached_property
     def stream(self) -> list[LineFrame]:
@@ -276,8 +276,8 @@ class PinDialogue:
         clock = self.clock_at(period)
         return 0.0 if clock is None else clock.within(period)
 
-    def told(self, frame: LineFrame, t_us: int | None = None) -> float | None:
-        """Return when the device clock showed the time in a header, or *t_us*; None: not known."""
+    def capture_time(self, frame: LineFrame, t_us: int | None = None) -> float | None:
+        """Return the capture time of *t_us* on the device clock, or of the time in a header."""
         clock = self.clock_at(frame.begin)
         if clock is None:
             return None

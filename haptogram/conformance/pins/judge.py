@@ -20,13 +20,13 @@ from .latch_drives import LatchDriveClauseJudge
 from .latch_moments import LatchMomentClauseJudge
 from .latch_pulses import SETTLED, LatchClausePulses
 from .ramps import judge_ramp_clauses
+from .reported_drives import DRIVE_CLAUSES, advertised_drive_paths
+from .reported_latches import latches_of_pin_dialogue
 from .silences import judge_silence_clauses
-from .told_drives import DRIVE_CLAUSES, advertised_drive_paths
-from .told_latches import latches_of_pin_dialogue
 
 _LATE: Final = 20.0  # periods after a latch until the old drive is gone, where pins latch late
 _LATCH_CLAUSES: Final = ("HG-5.8/1", "HG-5.8/2", "HG-5.8/5", "HG-8.3/1", "HG-7.9/1", "HG-7.9/2")
-_NAMED: Final = 3  # occasions that are told
+_NAMED: Final = 3  # findings that are shown
 _LINE_TELLS: Final = {
     "to_board": "what the board was told is not known",
     "to_host": "what the board says, and its clock, are not known",
@@ -88,7 +88,7 @@ def judge_clauses_by_pins(
 
 
 def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
-    """Judge every latch that the board told, one event for each."""
+    """Judge every latch that the board reported."""
     for _, identity in dialogue.said(m.HelloReply):
         findings.offered.update(advertised_drive_paths(identity))
     if dialogue.missing == "to_host":
@@ -99,14 +99,14 @@ def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> N
                 clause, "no PING was answered: the device clock is not known"
             )
         return
-    told = list(latches_of_pin_dialogue(dialogue))
+    latches = list(latches_of_pin_dialogue(dialogue))
     pulses = LatchClausePulses(dialogue.record)
     moments, drives = LatchMomentClauseJudge(pulses), LatchDriveClauseJudge(pulses)
-    for number, latch in enumerate(told):
-        moments.judge(latch, told[number - 1].at if number else -math.inf, findings)
+    for number, latch in enumerate(latches):
+        moments.judge(latch, latches[number - 1].at if number else -math.inf, findings)
     # Pins that latch at another time than the board tells show an old drive for a while.
     is_late = any(findings.broken.get(clause) for clause in ("HG-5.8/1", "HG-5.8/2", "HG-8.3/1"))
-    drives.judge(told, _LATE if is_late else SETTLED, findings)
+    drives.judge(latches, _LATE if is_late else SETTLED, findings)
 
 
 def _dialogue_before_lost_samples(record: PinRecord) -> PinDialogue:

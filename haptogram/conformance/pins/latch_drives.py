@@ -18,23 +18,23 @@ from haptogram.verification.pins.shown_frames import PinCaptureLimits
 
 from .findings import PinClauseFindings, duration_by_pins, names_of_pins, time_by_pins
 from .latch_pulses import LONGEST, SHORTEST, LatchClausePulses
-from .told_latches import ShownDrive, ToldLatch
+from .reported_latches import ReportedLatch, ShownDrive
 
 _FULL: Final = 255
 _TURN: Final = 256
 _SILENT: Final = 2.5  # periods without a pulse
-_FEWEST: Final = 2  # phases of which one is compared with another
+_FEWEST: Final = 2  # phases: one is compared with another
 _ALONE: Final = "the phase of a pin shows beside another sounding pin, and none was captured"
 _BY_SILENCE: Final = frozenset({"HG-7.9/2"})  # clauses that no phase is needed for
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class DriveBehindLatch:
-    """Drives that the captured pins show behind a latch.
+class DriveAfterLatch:
+    """Drives that the captured pins show after a latch.
 
     Attributes
     ----------
-    latch : ToldLatch
+    latch : ReportedLatch
         The latch.
     shown : ShownDrive
         Drive that they have to show.
@@ -48,7 +48,7 @@ class DriveBehindLatch:
         Periods that were looked at.
     """
 
-    latch: ToldLatch
+    latch: ReportedLatch
     shown: ShownDrive
     seen: ComplexArray
     meant: ComplexArray
@@ -80,12 +80,12 @@ class LatchDriveClauseJudge:
         return PinCaptureLimits.of(self.record)
 
     def judge(
-        self, latches: Iterable[ToldLatch], settled: float, findings: PinClauseFindings
+        self, latches: Iterable[ReportedLatch], settled: float, findings: PinClauseFindings
     ) -> None:
         """Compare the drives with the codes, from *settled* periods behind each latch on."""
-        by_boot: dict[float, list[DriveBehindLatch]] = {}
+        by_boot: dict[float, list[DriveAfterLatch]] = {}
         for latch in latches:
-            found = self._behind(latch, settled + latch.within)
+            found = self._drive_after(latch, settled + latch.within)
             if found is not None:
                 by_boot.setdefault(latch.boot, []).append(found)
         for drives in by_boot.values():
@@ -94,7 +94,7 @@ class LatchDriveClauseJudge:
                 self._judge(one, offset, steps, findings)
 
     def _judge(
-        self, one: DriveBehindLatch, offset: float | None, steps: int, findings: PinClauseFindings
+        self, one: DriveAfterLatch, offset: float | None, steps: int, findings: PinClauseFindings
     ) -> None:
         """Judge the pin drive after one latch, and add the findings."""
         record, shown, elements = self.record, one.shown, list(self.record.pins)
@@ -122,7 +122,7 @@ class LatchDriveClauseJudge:
         if text or compared:
             findings.paths.add((shown.clause, shown.path))
 
-    def _behind(self, latch: ToldLatch, settled: float) -> DriveBehindLatch | None:
+    def _drive_after(self, latch: ReportedLatch, settled: float) -> DriveAfterLatch | None:
         """Return the pin drive measured after a latch; None if it lasted too short."""
         shown = latch.drive
         if shown is None or latch.until - latch.at <= settled + latch.within + SHORTEST:
@@ -145,7 +145,7 @@ class LatchDriveClauseJudge:
                 gone.append(element)
             elif len(times):
                 seen[place] = pulses.mean()
-        return DriveBehindLatch(latch, shown, seen, meant, tuple(gone), is_sounding, high - low)
+        return DriveAfterLatch(latch, shown, seen, meant, tuple(gone), is_sounding, high - low)
 
     def _drift(self, low: float, high: float) -> FloatArray:
         """Return the polynomial phase drift of the reference element after *low*.
@@ -163,7 +163,7 @@ class LatchDriveClauseJudge:
         return found
 
     def _wrong(
-        self, one: DriveBehindLatch, offset: float | None, steps: int
+        self, one: DriveAfterLatch, offset: float | None, steps: int
     ) -> tuple[NDArray[np.bool_], bool]:
         """Return a mask of differing pins, and whether any phase could be compared.
 
@@ -187,17 +187,17 @@ class LatchDriveClauseJudge:
         bad: NDArray[np.bool_] = sizes | (audible & (errors > limit))
         return bad, is_compared
 
-    def _amplitude_limit(self, one: DriveBehindLatch) -> float:
+    def _amplitude_limit(self, one: DriveAfterLatch) -> float:
         return self.limits.amplitude + one.shown.steps / _FULL
 
-    def _audible(self, one: DriveBehindLatch) -> NDArray[np.bool_]:
+    def _audible(self, one: DriveAfterLatch) -> NDArray[np.bool_]:
         """Return a mask (E,) of pins with enough amplitude to compare their phase."""
         audible: NDArray[np.bool_] = np.minimum(
             np.abs(one.seen), np.abs(one.meant)
         ) > self._amplitude_limit(one)
         return audible & ~one.shown.free[list(self.record.pins)]
 
-    def _offset(self, drives: Sequence[DriveBehindLatch]) -> tuple[float | None, int]:
+    def _offset(self, drives: Sequence[DriveAfterLatch]) -> tuple[float | None, int]:
         """Return the common phase between pins and codes, and its uncertainty in steps.
 
         The phase is constant until the next reset; a drive that the board computed may be off by

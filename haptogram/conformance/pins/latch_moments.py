@@ -9,13 +9,13 @@ import numpy as np
 
 from .findings import PinClauseFindings, duration_by_pins, names_of_pins, time_by_pins
 from .latch_pulses import LONGEST, SETTLED, SHORTEST, LatchClausePulses
-from .told_latches import ToldLatch
+from .reported_latches import ReportedLatch
 
 _SEARCHED: Final = 8.0  # periods on both sides of a latch in which it is sought
 _TORN: Final = 1.25  # a period, and what a pulse that a latch cut may seem to be off
 _MISSED: Final = 2.0  # a period, and where its pulse lies in it
 _KNOWN: Final = 1.0  # period within which a time must be known to show that a latch is in time
-_LEAST_STEP: Final = 0.06  # of full drive: drives nearer than that are not told apart
+_LEAST_STEP: Final = 0.06  # least difference of drives that pulses show, of full drive
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class LatchMomentClauseJudge:
 
     pulses: LatchClausePulses
 
-    def judge(self, latch: ToldLatch, before: float, findings: PinClauseFindings) -> None:
+    def judge(self, latch: ReportedLatch, before: float, findings: PinClauseFindings) -> None:
         """Judge when the pins change in a latch; *before* is the time of the latch before it."""
         after, first = self._moments(latch, before)
         if after:
             self._judge_moments(latch, after, first, findings)
 
     def _moments(
-        self, latch: ToldLatch, before: float
+        self, latch: ReportedLatch, before: float
     ) -> tuple[dict[int, float], dict[int, float]]:
         """Return the last old and the first new pulse of each pin that shows the latch."""
         settled = SETTLED + latch.within
@@ -60,7 +60,7 @@ class LatchMomentClauseJudge:
 
     def _judge_moments(
         self,
-        latch: ToldLatch,
+        latch: ReportedLatch,
         after: dict[int, float],
         first: dict[int, float],
         findings: PinClauseFindings,
@@ -79,11 +79,11 @@ class LatchMomentClauseJudge:
                 )
             findings.add("HG-5.8/2", torn)
         middle = float(np.median([(after[e] + first[e]) / 2.0 for e in after]))
-        told = f"than the trace tells, {where}"
-        self._judge_time(findings, "HG-8.3/1", middle - latch.at, latch.within, told)
+        excess = f"than the trace tells, {where}"
+        self._judge_time(findings, "HG-8.3/1", middle - latch.at, latch.within, excess)
         if latch.due is not None:
-            told = f"than the frame of the latch {where} is due"
-            self._judge_time(findings, latch.due_clause, middle - latch.due, latch.within, told)
+            excess = f"than the frame of the latch {where} is due"
+            self._judge_time(findings, latch.due_clause, middle - latch.due, latch.within, excess)
 
     def _judge_time(
         self, findings: PinClauseFindings, clause: str, late: float, within: float, than: str

@@ -16,7 +16,7 @@ from haptogram_protocol.state import MuteReason
 from .configurations import ConfigurationsByPins
 from .dialogue import PinDialogue
 from .findings import PinClauseFindings, names_of_pins, time_by_pins
-from .told_drives import DrivesOfPinDialogue
+from .reported_drives import DrivesOfPinDialogue
 
 #: Timers whose ramps are judged: during that of an unattended playback latches go on.
 _TIMERS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
@@ -38,7 +38,7 @@ def judge_ramp_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> No
     configs = ConfigurationsByPins(dialogue, DrivesOfPinDialogue(dialogue))
     per_ms = dialogue.record.carrier_hz * 1e-3
     for frame, changed in dialogue.said(m.StateChanged):
-        end = dialogue.told(frame)
+        end = dialogue.capture_time(frame)
         if changed.reason not in _TIMERS or end is None:
             continue
         found = configs.of_ramp(end, per_ms)

@@ -1,4 +1,4 @@
-"""Times at which no pin may sound, by what the board was told and by what it says."""
+"""Times at which no pin may sound, by the requests to the board and its own messages."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def judge_silence_clauses(dialogue: PinDialogue, findings: PinClauseFindings) ->
             continue
         goes_on = any(e in before and wrong[e][0] <= begin + _BEFORE for e in wrong)
         if goes_on and due.clause == "HG-6.3/1":
-            continue  # it did not fall silent before: that is told
+            continue  # reported elsewhere: it did not fall silent
         clause = due.clause if goes_on or due.clause != "HG-6.6/1" else "HG-6.6/2"
         first, last = min(wrong.values())[0], max(rise for _, rise in wrong.values())
         how = "go on sounding" if goes_on else "begin to sound"
@@ -165,17 +165,17 @@ def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
     """Yield the silences that follow from the board's own messages."""
     timer = _TIMER_US * dialogue.record.carrier_hz * 1e-6
     for frame in dialogue.to_host:
-        told = frame.message
-        if not isinstance(told, m.StateChanged | m.Status | m.StatusReply):
+        said = frame.message
+        if not isinstance(said, m.StateChanged | m.Status | m.StatusReply):
             continue
-        moment = dialogue.told(frame)
-        if told.state is OutputState.ARMED or moment is None or dialogue.is_arm_under_way(moment):
+        moment = dialogue.capture_time(frame)
+        if said.state is OutputState.ARMED or moment is None or dialogue.is_arm_under_way(moment):
             continue
         begin = moment + _PERIOD + _CLOCKS + dialogue.within(moment)
-        clause, cause = "HG-6.6/2", f"STATUS says {told.state.name}"
-        if isinstance(told, m.StateChanged):
-            clause, cause = _BY_REASON.get(told.reason, (clause, "a change of state"))
-            begin += timer if told.reason in _BY_TIMER else 0.0
+        clause, cause = "HG-6.6/2", f"STATUS says {said.state.name}"
+        if isinstance(said, m.StateChanged):
+            clause, cause = _BY_REASON.get(said.reason, (clause, "a change of state"))
+            begin += timer if said.reason in _BY_TIMER else 0.0
         due = _silence_until_arm(dialogue, moment, begin, clause, cause)
         # The board may not have answered yet what the analyser read wrongly.
         doubt = dialogue.next_unread(min(moment, dialogue.answered_before(moment)))

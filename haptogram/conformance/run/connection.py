@@ -167,7 +167,7 @@ class SuiteConnection:
         return board
 
     def revive(self, *, may_reset: bool = True) -> None:
-        """Try once to bring back a board that does not answer: reset it, or open the port anew."""
+        """Try once to bring back a board that does not answer: reset it, or reopen the port."""
         why = self.lost
         try:
             if may_reset and self._access.can_reset:

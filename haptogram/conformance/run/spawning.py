@@ -105,7 +105,7 @@ class SpawnAccess:
         return open_transport(self.url, baudrate=self.baudrate)
 
     def reset(self) -> Transport:
-        """Start the process anew and open its port."""
+        """Restart the process and open its port."""
         self.close()
         self.url = self._wait_for_port(self._start())
         return open_access_port(

@@ -93,7 +93,7 @@ class SteppedAccessTransport:
 
 
 class SteppedAccess:
-    """A board in virtual time that a process plays; it starts anew whenever its port is opened.
+    """A board in virtual time, played by a process that restarts whenever its port is opened.
 
     Parameters
     ----------

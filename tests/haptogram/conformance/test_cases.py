@@ -84,8 +84,8 @@ def test_cases_are_in_the_order_of_the_text():
 
 
 def test_every_case_says_in_one_line_what_it_does():
-    is_told = re.compile(r".{11,119}").fullmatch
-    assert [case.id for case in CASES if not is_told(case.summary)] == []
+    is_report = re.compile(r".{11,119}").fullmatch
+    assert [case.id for case in CASES if not is_report(case.summary)] == []
 
 
 def test_level_is_the_strongest_word():

@@ -20,7 +20,7 @@ from haptogram.conformance.pins.judge import (
     judge_clauses_by_pins,
     suite_with_clauses_by_pins,
 )
-from haptogram.conformance.pins.told_drives import advertised_drive_paths
+from haptogram.conformance.pins.reported_drives import advertised_drive_paths
 from haptogram.conformance.run.access import VirtualAccess
 from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 from haptogram.conformance.verdict import Behaviour
@@ -533,7 +533,7 @@ def test_pulses_in_a_silence_are_found_whatever_made_it(healthy):
     assert results["HG-6.6/2"].behaviour is Behaviour.FAILED
     assert "begin to sound 1" in results["HG-6.6/2"].detail
     frame = next(f for f, changed in dialogue.said(StateChanged))
-    end = dialogue.told(frame)
+    end = dialogue.capture_time(frame)
     late = shifted(record, 5, end + 60.0, end + 62.0, 0.3)
     failed = {r.clause for r in judge_clauses_by_pins([late]) if r.behaviour is Behaviour.FAILED}
     assert failed == {"HG-6.10/1"}

@@ -275,8 +275,8 @@ def test_room_does_not_shrink_while_the_same_is_stored(answers, words):
     assert words in findings(hello, *told, sent=sent).get("HG-7.2/7", "" if not words else "none")
 
 
-@pytest.mark.parametrize(("late_us", "is_told"), [(9_000, False), (30_000, True)])
-def test_an_answer_that_is_late_is_told(late_us, is_told):
+@pytest.mark.parametrize(("late_us", "is_report"), [(9_000, False), (30_000, True)])
+def test_an_answer_that_is_late_is_told(late_us, is_report):
     found = RuleFindings()
     rules = StandingRules(found, is_lossless=True)
     rules.begin_board(lambda size: size)
@@ -286,4 +286,4 @@ def test_an_answer_that_is_late_is_told(late_us, is_told):
     rules.take_sent(encode_frame(ping), 1_000_000)
     pong, head = Pong(1, 0, 0), Header(Pong.TYPE, 0, 5, 0, SESSION)
     rules.take(ReceivedByClient(1_000_000 + late_us, b"x", False, head, pong))
-    assert ("HG-4.11/3" in found.broken) is is_told
+    assert ("HG-4.11/3" in found.broken) is is_report

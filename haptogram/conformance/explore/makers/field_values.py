@@ -20,7 +20,7 @@ _MOST_U32: Final = 0xFFFFFFFF
 _LIMITS: Final = (
     *("transducers", "max_points", "max_chunk", "max_sequence_frames", "max_upload_bytes"),
 )
-#: Loops, of which 2 or 3 frames wrap a product of 32 bits.
+#: Loops for which the product with 2 or 3 frames overflows 32 bits.
 MANY_LOOPS: Final = (0x80000000, 0x55555556, 0xAAAAAAAB, _MOST_U32)
 #: Fields of the configuration, with values outside their bounds (HG-7.1).
 REFUSED_CONFIG: Final = {
@@ -30,7 +30,7 @@ REFUSED_CONFIG: Final = {
     "late_window_us": (100_001, _MOST_U32),
     "trace_mode": (_NO_VALUE, 0xFF, *(2 | 1 << bit for bit in range(4, 8))),
 }
-#: Fields of which a value may let timers end at any time, or means nothing.
+#: Fields with values that make timers expire at any time, or that have no meaning.
 _NOT_ANY: Final = frozenset(
     {
         *("hold_ms", "ramp_ms", "host_timeout_ms", "status_period_ms", "unattended_ms"),

@@ -18,7 +18,7 @@ At: TypeAlias = float | str | None
 ODD_FLAGS: Final = (0x20, 0x40, 0x80, 0x01, 0x02, 0x04, 0x08, 0xFF & ~m.Flag.IMMEDIATE)
 #: Of a session that is not the open one: low byte the same, high byte the same.
 WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000)
-#: Defects of a request, of which each has its place in the order of the checks (HG-3.8).
+#: Defects of a request, one for each check in the order of HG-3.8.
 DEFECTS: Final[dict[str, dict[str, int]]] = {
     "IMMEDIATE": {"flags": m.Flag.IMMEDIATE},
     "a flag that must be understood": {"flags": 0x40},

@@ -188,7 +188,7 @@ class RandomRequests(RandomUploads):
         unattended_ms = unattended_ms or self.configs.unattended_ms() or 6000
         return m.Play(sequence, period_us, loops, unattended_ms)
 
-    # --- single steps of uploads, most of which are refused --------------------------------------
+    # --- single steps of uploads, mostly refused --------------------------------------
 
     def _begin(self) -> m.Message:
         pick, data = self._pick, bytes(2 * self._count)

@@ -67,7 +67,7 @@ _FAULT: Final = DialogueAction(0, "the hardware fails", lambda _: b"", FAULT)
 
 
 class SceneInputs:
-    """Makes what a board is told.
+    """Makes the inputs of a board.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class SceneInputs:
     makers : RandomRequests
         The same.
     kinds : dict of str to list of str
-        Names of what can be told, by its kind.
+        Names of the inputs, by kind.
     groups : dict of str to list of str
         Names that a state is likely to treat alike, by that of their group.
     """
@@ -114,7 +114,7 @@ class SceneInputs:
         one |= self._steps() | self._steps_of_playbacks()
         self._made = self._rows() | {name: partial(_alone, make) for name, make in one.items()}
 
-    def told(self, name: str) -> list[DialogueAction]:
+    def named(self, name: str) -> list[DialogueAction]:
         """Return the frames that have a name: of :attr:`names`, or a step to a state."""
         if name.startswith(_TIMERS):
             lengths = (None if word == "-" else int(word) for word in name.split()[1:])
@@ -128,7 +128,7 @@ class SceneInputs:
 
     def slots(self, row: str) -> ActionSlots:
         """Return the frames of a row: names of a slot (+), slot by slot (|)."""
-        return [[one for name in names for one in self.told(name)] for names in _names_of_row(row)]
+        return [[one for name in names for one in self.named(name)] for names in _names_of_row(row)]
 
     def frame(self, at: At, **odd: int) -> DialogueAction:
         """Return a stream frame of any kind; see :meth:`~..makers.frames.RandomFrames.frame`."""
@@ -277,16 +277,16 @@ class SceneInputs:
         payload = self._pick((b"\0", b"U")) * size  # the one is stuffed, the other not
         session = self._pick((0, 0, *WRONG_SESSIONS))
         message = self.makers.any() if kind in m.STREAM_RANGE else m.Ping(0)
-        told = self.makers.frame(message, 0.5, session=session)
-        return told._replace(
+        action = self.makers.frame(message, 0.5, session=session)
+        return action._replace(
             name=f"type {kind:#x}",
-            body=lambda host: bytes([kind]) + told.body(host)[1:HEADER_BYTES] + payload,
+            body=lambda host: bytes([kind]) + action.body(host)[1:HEADER_BYTES] + payload,
         )
 
     def _damaged(self, damage: int) -> DialogueAction:
         """Return a frame with the given damage."""
-        told = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
-        return told._replace(name=f"damage {damage}", damage=damage)
+        action = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
+        return action._replace(name=f"damage {damage}", damage=damage)
 
     # --- one field of any value ------------------------------------------------------------------
 
@@ -296,16 +296,16 @@ class SceneInputs:
         message, offset, value = found
         makers, end = self.makers, offset + len(value)
         is_hello = isinstance(message, m.Hello)
-        told = makers.hello("open") if is_hello else makers.frame(message, 0.5)
+        action = makers.hello("open") if is_hello else makers.frame(message, 0.5)
 
         def body(host: DialogueHost) -> bytes:
-            whole = told.body(host)
+            whole = action.body(host)
             return whole[:offset] + value + whole[end:]
 
         # A MUTE has a write of its own: it may overtake what is sent with it.
         is_mute = (offset, value[0]) == (m.Header.WIRE["type"].offset, m.Mute.TYPE)
         wait_us = int(is_mute and makers.conditions.exact)
-        return told._replace(name=f"{told.name} with a value", body=body, wait_us=wait_us)
+        return action._replace(name=f"{action.name} with a value", body=body, wait_us=wait_us)
 
     def values(self) -> list[FieldValue]:
         """Return every frame that :meth:`with_any_value` may return."""

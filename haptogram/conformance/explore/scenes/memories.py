@@ -37,12 +37,12 @@ class MemoryScenes(SceneMaker):
         while len(names) < _STEPS:
             names += self._next("steps of sessions", lambda: product(steps, repeat=2))
         found = self._inputs.slots("HELLO wrapping | a keeping request | HELLO new")
-        for told in (told for name in names for told in self._inputs.told(name)):
-            is_alone = told.name == m.Mute.TYPE.name or not exact
+        for action in (action for name in names for action in self._inputs.named(name)):
+            is_alone = action.name == m.Mute.TYPE.name or not exact
             if not is_alone and self._random.random() < _TOGETHER:
-                found[-1].append(told)
+                found[-1].append(action)
             else:
-                found.append([told])
+                found.append([action])
         return found
 
     def numbers(self) -> ActionSlots:
@@ -51,7 +51,7 @@ class MemoryScenes(SceneMaker):
         return self._inputs.slots("HELLO wrapping" + twice * _NUMBERS)
 
     def ring(self) -> ActionSlots:
-        """Return latches of which the ring keeps some, and requests for parts of them."""
+        """Return more latches than the ring keeps, and requests for parts of them."""
         makers, source = self._makers, self._random
         kept = makers.configs.traced_config(m.TraceMode.RING, 1)
         modes = [m.TraceMode.RING, m.TraceMode.RING, *makers.configs.modes()]

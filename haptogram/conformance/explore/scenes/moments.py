@@ -62,9 +62,9 @@ class MomentScenes(SceneMaker):
         if first == "queued":
             before[0].append(self._inputs.frame(1.0, apart_us=wait_us))
             del names[0]
-        for told in (self._inputs.told(name)[0] for name in names):
-            own_us = int(told.name == "MUTE")  # it has a write of its own
-            turn.append(told._replace(wait_us=max(own_us, wait_us)))
+        for action in (self._inputs.named(name)[0] for name in names):
+            own_us = int(action.name == "MUTE")  # it has a write of its own
+            turn.append(action._replace(wait_us=max(own_us, wait_us)))
             wait_us = self._random.choice(_WAITS)
         return [*before, turn, *self._inputs.slots("ARM + frames")]
 
@@ -75,11 +75,11 @@ class MomentScenes(SceneMaker):
         """
         states, groups = self.timed if timed else self.quick, self._inputs.groups
         state, group = self._next(f"pauses with timers: {timed}", lambda: product(states, groups))
-        told = self._inputs.told(self._random.choice(groups[group]))
+        actions = self._inputs.named(self._random.choice(groups[group]))
         long_us = [slots * SLOT_US for slots in _LONG_PAUSES] if timed else []
         pause_us = self._random.choice((*_SHORT_PAUSES, *long_us))
-        if told:
+        if actions:
             name = f"the rest, {pause_us} µs later"
             rest = DialogueAction(0, name, lambda _: b"", REST, wait_us=pause_us)
-            told[:1] = [told[0]._replace(damage=told[0].damage or PARTS), rest]
-        return [*self._state(state), told]
+            actions[:1] = [actions[0]._replace(damage=actions[0].damage or PARTS), rest]
+        return [*self._state(state), actions]

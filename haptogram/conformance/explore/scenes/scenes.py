@@ -1,4 +1,4 @@
-"""Scenes: a state, what the board is told in it, and what timers do with both."""
+"""Scenes: a state, the inputs in it, and timers that run out during both."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _GOES_ON: Final = 0.5  # of the scenes show whether a stream goes on
 
 
 class RandomScenes(SceneMaker):
-    """Makes scenes, each of which no scene of the run was like."""
+    """Makes scenes, each different from all earlier ones of the run."""
 
     def __init__(self, inputs: SceneInputs) -> None:
         super().__init__(inputs)
@@ -90,7 +90,11 @@ class RandomScenes(SceneMaker):
         """Return frames for slots in which the board has no session."""
         names = [name for name in self._inputs.names if name not in _OPENS]
         return [
-            [told for _ in range(_EARLY) for told in self._inputs.told(self._random.choice(names))]
+            [
+                action
+                for _ in range(_EARLY)
+                for action in self._inputs.named(self._random.choice(names))
+            ]
             for _ in range(_EARLY_SLOTS)
         ]
 
@@ -124,10 +128,10 @@ class RandomScenes(SceneMaker):
         )
         found = self._state(state)
         for slot in range(_WATCHED):
-            told = self._makers.read_backs()
+            actions = self._makers.read_backs()
             if slot == 0 or self._random.random() < _SET_AGAIN:  # of the one that is in force
-                told = [*self._inputs.told(f"another {name}"), *told]
-            found.append(told)
+                actions = [*self._inputs.named(f"another {name}"), *actions]
+            found.append(actions)
         return found
 
     def _filled(self) -> ActionSlots:
@@ -139,13 +143,13 @@ class RandomScenes(SceneMaker):
         row, filler = self._next("fillers", lambda: product(rows, _FILLERS))
         keeping = self._makers.keeping()
         slots = [
-            self._inputs.told(filler) if filler else [keeping]
+            self._inputs.named(filler) if filler else [keeping]
             for _ in range(self._random.choice(_FILLED))
         ]
         if self._random.random() < _DISTURBED:
             kind = self._random.choice(list(self._inputs.kinds.values()))
             place = self._random.randrange(len(slots))
-            slots[place] = self._inputs.told(self._random.choice(kind))
+            slots[place] = self._inputs.named(self._random.choice(kind))
         return [*self._inputs.slots(row), [], *slots]
 
     # --- without ---------------------------------------------------------------------------------
@@ -161,7 +165,7 @@ class RandomScenes(SceneMaker):
         """Return a state followed by one input; each state meets each group of inputs once."""
         groups = self._inputs.groups
         state, group = self._next(kind, lambda: product(states, groups))
-        return [*self._state(state), self._inputs.told(self._random.choice(groups[group]))]
+        return [*self._state(state), self._inputs.named(self._random.choice(groups[group]))]
 
     def _late_until_status(self) -> ActionSlots:
         """Return a late frame, then silence until a STATUS reports its margin."""
@@ -172,8 +176,8 @@ class RandomScenes(SceneMaker):
         rows = ["traces + a long PLAY", "a ring + a long PLAY"]
         rows += ["traces + a long upload + a short PLAY"] * self._makers.conditions.exact
         (row,) = self._next("long", lambda: ((row,) for row in rows))
-        (told,) = self._inputs.slots(row)
-        slots = [told[at : at + _CHUNKS] for at in range(0, len(told), _CHUNKS)]
+        (actions,) = self._inputs.slots(row)
+        slots = [actions[at : at + _CHUNKS] for at in range(0, len(actions), _CHUNKS)]
         return [*slots, *self._silent(_LONG_SLOTS)]
 
     def _defects(self) -> ActionSlots:

@@ -41,12 +41,12 @@ TIMED_STATES: Final = {
 
 
 class SceneMaker:
-    """Makes scenes: a state, and what the board is told in it.
+    """Makes scenes: a state, and the inputs that the board gets in it.
 
     Parameters
     ----------
     inputs : SceneInputs
-        Makes what a board is told.
+        Makes the inputs of a board.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ _FAINT: Final = 1.0 / 16.0  # HG-5.4/3: below it the phase of a computed drive i
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class ToldDrive:
+class ReportedDrive:
     """A drive that the host asked for.
 
     Attributes
@@ -190,16 +190,16 @@ class DrivesOfPinDialogue:
         ]
         self._models: dict[int, AcousticModel] = {}
 
-    def of(self, told: LineFrame, at: float) -> ToldDrive | None:
-        """Return the drive of a latch of which *told* tells; None: it is not known."""
-        message = told.message
+    def of(self, frame: LineFrame, at: float) -> ReportedDrive | None:
+        """Return the drive of a latch that *frame* reports; None: it is not known."""
+        message = frame.message
         if isinstance(message, m.Trace):
-            return self._of_stream(told.header.session, message.index, message.crc, at)
+            return self._of_stream(frame.header.session, message.index, message.crc, at)
         if not isinstance(message, m.TracePlayback | m.DriveReply):
             return None
         if message.key.sequence:
             return self._of_playback(message.key, at)
-        return self._of_stream(told.header.session, message.key.index, None, at)
+        return self._of_stream(frame.header.session, message.key.index, None, at)
 
     def model(self, sound_speed_mm_s: int) -> AcousticModel | None:
         """Return the model of the board's array at a speed of sound; None: nobody tells it."""
@@ -226,10 +226,10 @@ class DrivesOfPinDialogue:
             return None
         return array_of_geometry([shown[number] for number in sorted(shown)])
 
-    def _frames_of_stream(self) -> dict[tuple[int, int], list[ToldDrive]]:
+    def _frames_of_stream(self) -> dict[tuple[int, int], list[ReportedDrive]]:
         """Return the frames of the stream by session and unwrapped number."""
         newest: dict[int, int] = {}
-        found: dict[tuple[int, int], list[ToldDrive]] = {}
+        found: dict[tuple[int, int], list[ReportedDrive]] = {}
         for frame in self._dialogue.to_board:
             header = frame.header
             if header.type not in m.STREAM_RANGE or frame.message is None:
@@ -237,11 +237,13 @@ class DrivesOfPinDialogue:
             index = m.unwrap(header.seq, newest.get(header.session, m.FIRST_STREAM_SEQ), 16)
             newest[header.session] = max(index, newest.get(header.session, index))
             if (type(frame.message), False) in DRIVE_CLAUSES:
-                drive = ToldDrive(frame, frame.message)
+                drive = ReportedDrive(frame, frame.message)
                 found.setdefault((header.session, index), []).append(drive)
         return found
 
-    def _of_stream(self, session: int, index: int, crc: int | None, at: float) -> ToldDrive | None:
+    def _of_stream(
+        self, session: int, index: int, crc: int | None, at: float
+    ) -> ReportedDrive | None:
         """Return the drive sent in a stream frame."""
         sent = self._stream.get((session, index), [])
         exact = [one for one in sent if crc is not None and self._crc(one) == crc]
@@ -251,7 +253,7 @@ class DrivesOfPinDialogue:
         is_alone = len(sent) == 1 and not self._is_doubtful(sent[0].frame.arrival, at)
         return sent[0] if is_alone else None
 
-    def _crc(self, drive: ToldDrive) -> int | None:
+    def _crc(self, drive: ReportedDrive) -> int | None:
         """Return the CRC-32 of a drive's codes; None if they are invalid."""
         try:
             parts = m.drive_codes(drive.message, self.count)
@@ -263,7 +265,7 @@ class DrivesOfPinDialogue:
         """Return True if the capture has unreadable bytes that may have changed the drive."""
         return self._dialogue.next_unread(begin - self._dialogue.record.carrier_hz) < end
 
-    def _of_playback(self, key: m.LatchKey, at: float) -> ToldDrive | None:
+    def _of_playback(self, key: m.LatchKey, at: float) -> ReportedDrive | None:
         """Return the drive stored for a playback latch."""
         plays = [(f, p) for f, p in self._plays if f.arrival < at and p.sequence == key.sequence]
         stored = [
@@ -285,4 +287,4 @@ class DrivesOfPinDialogue:
         if len(part) < size:
             return None
         message = m.Points.deserialize(part) if points else m.Phases(part)
-        return ToldDrive(frame, message, play, key.loop * (len(data) // size) + key.index)
+        return ReportedDrive(frame, message, play, key.loop * (len(data) // size) + key.index)

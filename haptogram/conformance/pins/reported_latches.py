@@ -1,4 +1,4 @@
-"""The latches of which an event of the board tells, joined with the frames of the stream."""
+"""The latches that the board reports, joined with the frames of the stream."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import itemgetter
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -19,10 +20,10 @@ from haptogram_protocol.state import OutputState
 
 from .configurations import ConfigurationsByPins
 from .dialogue import PinDialogue
-from .told_drives import DrivesOfPinDialogue, ToldDrive
+from .reported_drives import DrivesOfPinDialogue, ReportedDrive
 
-#: Time in periods, what tells of it, and up to when no other latch can have followed.
-_Told: TypeAlias = tuple[float, LineFrame, float]
+#: Time in periods, the frame that reports it, and until when no other latch can have followed.
+_Reported: TypeAlias = tuple[float, LineFrame, float]
 #: Requests that may change the output.
 _OF_OUTPUT: Final = (
     m.MessageType.HELLO,
@@ -64,8 +65,8 @@ class ShownDrive:
 
 
 @dataclass(frozen=True, slots=True)
-class ToldLatch:
-    """A latch that the board told.
+class ReportedLatch:
+    """A latch that the board reported.
 
     Attributes
     ----------
@@ -80,7 +81,7 @@ class ToldLatch:
     drive : ShownDrive or None
         What the pins show; None: not known.
     boot : float
-        Begin of the device clock that told it.
+        Begin of the device clock that dates it.
     within : float
         By how many periods these times may be wrong.
     """
@@ -94,16 +95,16 @@ class ToldLatch:
     within: float = 0.0
 
 
-def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
-    """Yield the latches of which the board tells, in the order of their times."""
+def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ReportedLatch]:
+    """Yield the latches that the board reports, in the order of their times."""
     asked = DrivesOfPinDialogue(dialogue)
     configs = ConfigurationsByPins(dialogue, asked)
     per_ms = dialogue.record.carrier_hz * 1e-3
     changes = sorted(_output_ends_of_pin_dialogue(dialogue), key=lambda change: change[1])
     ends = [last for _, last in changes]
     firsts = np.minimum.accumulate([first for first, _ in changes][::-1])[::-1]
-    told = [*_traced_latches(dialogue, configs), *_latches_read_back(dialogue, configs)]
-    for at, frame, limit in sorted(told, key=_time_of_told_latch):
+    reports = [*_traced_latches(dialogue, configs), *_latches_read_back(dialogue, configs)]
+    for at, frame, limit in sorted(reports, key=itemgetter(0)):
         known = configs.at(at)
         if known is None:
             continue
@@ -119,19 +120,15 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
             due = _latch_due_in_pin_dialogue(dialogue, found, frame)
         due_clause = "HG-5.8/1" if found is None or found.playing is None else "HG-7.6/4"
         boot = next(c.begin for c in dialogue.clocks if c.begin <= frame.begin < c.end)
-        yield ToldLatch(at, limit, due, due_clause, shown, boot, dialogue.within(at))
+        yield ReportedLatch(at, limit, due, due_clause, shown, boot, dialogue.within(at))
 
 
-def _time_of_told_latch(told: _Told) -> float:
-    return told[0]
-
-
-def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Told]:
+def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Reported]:
     """Yield the latches reported by trace events, while every latch has one."""
     events = []
     for frame in dialogue.to_host:
-        is_told = isinstance(frame.message, m.Trace | m.TracePlayback | m.TraceDrive)
-        if is_told and (at := dialogue.told(frame)) is not None:
+        is_report = isinstance(frame.message, m.Trace | m.TracePlayback | m.TraceDrive)
+        if is_report and (at := dialogue.capture_time(frame)) is not None:
             events.append((at, frame))
     events.sort(key=lambda event: event[0])
     lost = _lost_events_of_pin_dialogue(dialogue)
@@ -139,7 +136,7 @@ def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Ite
     for place, (at, frame) in enumerate(events):
         known = configs.at(at)
         if known is None or known.trace_mode is not m.TraceMode.CRC:
-            continue  # a latch of which nothing tells may be next to it
+            continue  # an unreported latch may be next to it
         following = events[place + 1][0] if place + 1 < len(events) else math.inf
         since = events[place - 1][1].begin if place else -math.inf
         until = events[place + 1][1].begin if place + 1 < len(events) else frame.begin + per_ms
@@ -148,15 +145,15 @@ def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Ite
         yield at, frame, following
 
 
-def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Told]:
+def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Reported]:
     """Yield the latches reported by READ_DRIVE, where trace events are off."""
     requests = {
         (frame.header.session, frame.header.seq): frame.arrival
         for frame in dialogue.requests(m.MessageType.READ_DRIVE)
     }
-    found: dict[tuple[int, m.LatchKey, int], _Told] = {}
+    found: dict[tuple[int, m.LatchKey, int], _Reported] = {}
     for frame, reply in dialogue.said(m.DriveReply):
-        at = dialogue.told(frame, reply.t_latch_us)
+        at = dialogue.capture_time(frame, reply.t_latch_us)
         asked_at = requests.get((frame.header.session, frame.header.seq))
         if at is None or asked_at is None or reply.key == m.LatchKey(0, 0, 0):
             continue
@@ -167,18 +164,18 @@ def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> 
 
 
 def _latch_due_in_pin_dialogue(
-    dialogue: PinDialogue, found: ToldDrive, told: LineFrame
+    dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame
 ) -> float | None:
     """Return when the frame of a latch is due; None: at once, or late."""
-    is_late = told.header.flags & m.Flag.LATE or isinstance(told.message, m.DriveReply)
+    is_late = frame.header.flags & m.Flag.LATE or isinstance(frame.message, m.DriveReply)
     if found.due_us is None or is_late:
         return None  # a read-back does not say whether the latch was late
-    due = dialogue.told(told, found.due_us)
+    due = dialogue.capture_time(frame, found.due_us)
     return None if due is None else max(due, found.frame.arrival)
 
 
 def _shown_drive(
-    found: ToldDrive, asked: DrivesOfPinDialogue, configs: ConfigurationsByPins, at: float
+    found: ReportedDrive, asked: DrivesOfPinDialogue, configs: ConfigurationsByPins, at: float
 ) -> ShownDrive | None:
     """Return the drive expected at the pins; None if it cannot be computed."""
     known, correction = configs.at(at), configs.correction(at)
@@ -226,7 +223,7 @@ def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[tuple[float, flo
         answers = (f for f in dialogue.to_host if f.header.type in kinds)
         asked = [(dialogue.answered_before(f.begin), f.begin) for f in answers]
     for frame, changed in dialogue.said(m.StateChanged):  # by a fault, which no request brings
-        moment = dialogue.told(frame)
+        moment = dialogue.capture_time(frame)
         if changed.state is not OutputState.ARMED and moment is not None:
             found += [moment - _BEFORE_WORD_MS * dialogue.record.carrier_hz * 1e-3, moment]
     found += [*dialogue.resets, dialogue.record.end, math.inf]
