@@ -214,11 +214,11 @@ class Driver(ClosedByWith):
         return self._session.time_of_event_us(event)
 
     def status(self) -> messages.StatusReply:
-        """Return the board's counters and arrival margin; the margin then starts anew."""
+        """Return the board's counters and arrival margin; the margin is then reset."""
         return self._link.request(messages.GetStatus(), messages.StatusReply)
 
     def ping(self) -> float:
-        """Measure the device clock anew and return the error that is left, in microseconds."""
+        """Measure the device clock again and return the remaining error, in microseconds."""
         self._pinger.synchronise()
         return self.clock.uncertainty_us
 

@@ -51,7 +51,7 @@ def read_geometry(link: Link, identity: HelloReply) -> TransducerArray:
 
 
 def array_of_geometry(elements: Sequence[Element]) -> TransducerArray:
-    """Return the array of which GET_GEOMETRY shows *elements*."""
+    """Return the array whose *elements* GET_GEOMETRY reports."""
     positions = np.array([(e.x_um, e.y_um, e.z_um) for e in elements]) / 1e6
     normals = np.array([(e.nx, e.ny, e.nz) for e in elements]) / 32767
     return TransducerArray.from_positions(positions, normals)

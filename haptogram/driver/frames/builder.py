@@ -248,7 +248,7 @@ def frame_phases_rad(
 
 
 def frame_sound_speed_mm_s(model: AcousticModel) -> int:
-    """Return the model's speed of sound as a board is told it, in whole mm/s."""
+    """Return the model's speed of sound in whole mm/s, as boards take it."""
     return round(model.medium.sound_speed_m_s * 1000)
 
 
