@@ -118,7 +118,7 @@ class BoardUnderTest:
         return ()
 
     def brief_records(self) -> Sequence[Mapping[str, Any]]:
-        """Return :meth:`records`, of which latches may hold key and time alone."""
+        """Return :meth:`records`; latches may have key and time only."""
         return self.records()
 
     @property
@@ -231,7 +231,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
         return self._records()
 
     def brief_records(self) -> Sequence[Mapping[str, Any]]:
-        """Return the records, of which latches may hold key and time alone."""
+        """Return the records; latches may have key and time only."""
         return self._brief()
 
 

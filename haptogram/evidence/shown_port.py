@@ -21,7 +21,7 @@ from haptogram.evidence.dialects.latches import (
 from haptogram.records.frame import Observation
 from haptogram.settings.arguments import Progress
 
-_LAST_S: Final = 10.0  # until it has told its last latch
+_LAST_S: Final = 10.0  # wait for the last latch records
 _QUEUE_S: Final = 2.0
 _POLL_S: Final = 0.01
 

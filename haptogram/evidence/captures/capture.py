@@ -17,7 +17,7 @@ from haptogram.errors import ConfigurationError
 MOST_CHANNELS: Final = 2048
 MOST_EDGES: Final = 50_000_000
 _MOST_SHARES: Final = 16  # steps in the least distance of two edges
-_LEAST_STEP: Final = 4.0  # ticks: a finer grid is not told from none
+_LEAST_STEP: Final = 4.0  # ticks: a finer grid cannot be recognised
 _MOST_STEPS: Final = 20_000.0  # in a distance whose steps are counted: a longer one is a silence
 _LEAST_COUNT: Final = 4.0
 _SURE_SHARE: Final = 0.4

@@ -25,7 +25,7 @@ _LEAST_JITTER: Final = 0.01  # of a period, by which a steady carrier may jitter
 _UNSTEADY: Final = 4  # distances in a row that are off: a latch makes one
 _LONGER: Final = 0.15  # of a period that comes before its time: it is one that was not drawn out
 _BLOCK: Final = 64  # pulses that make one point of a steady clock: their mean has no samples
-_MOST_DIVIDER: Final = 3  # of a carrier of which pulses are left out
+_MOST_DIVIDER: Final = 3  # largest divider of a carrier with missing pulses
 _NEAR: Final = 0.1  # share by which a carrier is that of the map
 
 

@@ -1,4 +1,4 @@
-"""Files of captures, told apart by how they begin."""
+"""Files of captures; the first bytes show the format."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ class RecordingEntry:
 
 
 class Recording:
-    """A recording in a file; every pass reads it anew, in bounded memory.
+    """A recording in a file; every pass reads it again, in bounded memory.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ class RecordingTransport:
         return written
 
     def tell(self, records: Sequence[Mapping[str, Any]]) -> None:
-        """Write those of the records of a back door that were not told before."""
+        """Write the records of a back door that were not written before."""
         while self._written < len(records):
             self._writer.record(records[self._written])
             self._written += 1
