@@ -114,7 +114,7 @@ def read_provenance_stamp(text: str) -> datetime.datetime:
         ) from error
 
 
-#: The origin of a result of which nothing is stated but the version.
+#: The origin of a result if only the version is stated.
 UNSTATED: Final = Provenance()
 
 
