@@ -26,7 +26,7 @@ MAGNITUDE_MAP: Final = "cividis"
 PHASE_MAP: Final = "twilight"
 DPI: Final = 200  # of a picture in a file of its own
 
-# Okabe and Ito's colours, told apart with any colour vision.
+# Okabe and Ito's colours, distinguishable with any colour vision.
 BLUE: Final = "#0072B2"
 ORANGE: Final = "#E69F00"
 GREEN: Final = "#009E73"
