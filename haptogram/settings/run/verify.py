@@ -161,7 +161,7 @@ class VerifyConfig(Settings):
         )
 
     def dialect_options(self) -> dict[str, Any]:
-        """Return the options of a virtual board that say which boards of which dialect it is."""
+        """Return the options of a virtual board that choose its dialect and the boards of it."""
         given = {} if self.array.array is None else {"array": self.array.array}
         return given | {"dialect": self.link.dialect, "dialect_option": self.link.dialect_option}
 
