@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _INTERRUPTED = 130
-_BOARD = "board"  # ends with 0, whenever it is told to
+_BOARD = "board"  # exits with 0 on a signal
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _run_after_start(argv)
     finally:
-        # The verdict is told: an interrupt now would only break the end of the interpreter.
+        # The verdict is printed: an interrupt now would only disturb the exit of the interpreter.
         _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
         exec("")  # an interrupt that came within an exec, of dataclasses say, would be our status
 
