@@ -29,7 +29,7 @@ from .verdict import FrameStatus, FrameVerdict
 Pair: TypeAlias = tuple[Intended, Observation]
 
 _MM: Final = 1e3
-#: Of a frame of which the CRC alone was seen.
+#: Note of a verdict by the CRC of the drive alone.
 BY_CRC: Final = "by the CRC of the drive, which is that of the intended one"
 _HOLD: Final = ("S1", "S2", "S3", "S4", "S5")
 COMPILED: Final = "compiled"

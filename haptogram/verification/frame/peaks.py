@@ -33,7 +33,7 @@ _ROUND: Final = 0.10  # rad: a peak that rounding moves further may do so out of
 _FLAT: Final = 1.5  # times the bound of the first order: such a peak has no place of its own
 _LEAST_CURVED: Final = 1e-9  # of the largest curvature
 _MARGIN: Final = 1.1  # for the second order of the response to rounding
-#: Of a focus: the metric of which a direction has less, over k^2, tells nothing along it.
+#: Least metric of a focus, over k^2, along a direction in which the phases determine its place.
 TURNED_RATIO: Final = 1e-6
 #: All of these, as the compiled loops take them.
 PEAK_SETTINGS: Final[FloatArray] = np.array([

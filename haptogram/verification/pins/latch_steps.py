@@ -18,7 +18,7 @@ from haptogram.records.pins import PinRecord
 
 from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 
-#: Drives nearer than that are not told apart pulse by pulse: samples, and a share of full drive.
+#: Smallest difference of drives that single pulses show: in samples, and as a share of full drive.
 _SAMPLES: Final = 8.0
 _LEAST_DISTANCE: Final = 0.06
 _LATCH: Final = 1.25  # periods: a pulse that begins so long before a frame is none of it

@@ -85,7 +85,7 @@ class Expectation:
         return self._frames[index % len(self._frames)]
 
     def judge(self, index: int, latch: SeenLatch, pattern: Pattern) -> FrameVerdict:
-        """Return the verdict on a latch of which frame *index* is expected."""
+        """Return the verdict on a latch at which frame *index* is expected."""
         foci = self.frame(index)
         seen = FrameVerdict(
             number=latch.number,

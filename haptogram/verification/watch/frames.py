@@ -66,7 +66,7 @@ class FrameDefects:
         self._about: dict[About, str] = {}
         self._undecided: str | None = None
         self._has_whole = self._is_stopped = False
-        self._is_own: bool | None = None  # None: not told
+        self._is_own: bool | None = None  # None: not known
         self.remarks: list[str] = []
 
     def take(self, latch: SeenLatch, *, is_named: bool = False) -> None:
@@ -93,7 +93,7 @@ class FrameDefects:
             self._of_client.add(Defect.NO_COMMIT, None, 0)
 
     def client_left(self) -> None:
-        """Judge what came of the client, and begin anew with the next one."""
+        """Judge the frames of the client, and start over with the next client."""
         self._judged = self._so_far()
         self._undecided = self.undecided
         self._of_client, self._about = _FoundDefects(), {}
@@ -104,13 +104,13 @@ class FrameDefects:
         self._is_own = is_own
 
     def cut_short(self) -> None:
-        """Learn that nothing more will be told: torn frames of an unknown wire are not judged."""
+        """Mark the end of the reports: torn frames of an unknown wire are not judged."""
         if self.waits_for_wire:
             self._is_own = False
 
     @property
     def waits_for_wire(self) -> bool:
-        """True if frames of the client are torn, and the board has not told their wire yet."""
+        """True if frames of the client are torn, and the board has not reported their wire yet."""
         is_told = self._is_own is not None or About.OTHER_WIRE in self._about
         return bool(self._of_client.latches) and not is_told
 

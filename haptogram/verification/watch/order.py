@@ -38,7 +38,7 @@ class ExpectedOrder:
         self._after_torn = False
         self._right: deque[tuple[bytes, int]] = deque(maxlen=_REMEMBERED)
         self._again: dict[int, int] = {}  # latch: the one that it repeats
-        self._never: list[int] = []  # latches in front of which a frame is missing
+        self._never: list[int] = []  # latches before which a frame is missing
         self._missing = 0
 
     @property

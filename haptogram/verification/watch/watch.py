@@ -113,7 +113,7 @@ class Watch:
 
     @property
     def waits_for_wire(self) -> bool:
-        """True if frames of the client are torn, and the board has not told their wire yet."""
+        """True if frames of the client are torn, and the board has not reported their wire yet."""
         return self._finder.frames.waits_for_wire
 
     def cut_short(self) -> None:
