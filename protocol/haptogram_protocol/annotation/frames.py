@@ -65,7 +65,7 @@ class FrameAnnotator:
     def __init__(self) -> None:
         self._partial = b""
         self._begin = 0  # offset of the piece that has not ended
-        self._size = 0  # of that piece, of which the partial one is the beginning
+        self._size = 0  # size of the whole piece, which may be longer than the kept part
 
     def feed(self, chunk: bytes) -> Iterator[Annotated]:
         """Yield a piece for every frame, and for every run of bytes that is none."""

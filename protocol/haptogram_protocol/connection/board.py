@@ -289,7 +289,7 @@ class BoardConnection:
     # --- Out -----------------------------------------------------------------------------------
 
     def open_session(self, nonce: int) -> None:
-        """Make *nonce* the open session: every sequence space starts anew.  HG-4.6.
+        """Make *nonce* the open session: every sequence space is reset.  HG-4.6.
 
         Raises
         ------

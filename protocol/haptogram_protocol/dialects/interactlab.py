@@ -68,7 +68,7 @@ class QueueFrame(Operation):
 
 @dataclass(frozen=True, slots=True)
 class FifoCleared(Reply):
-    """The board forgets the beginning of a frame.  It has no bytes: only its end is told."""
+    """The board forgets the beginning of a frame; it has no bytes of its own."""
 
 
 class InteractlabBoardEnd:
