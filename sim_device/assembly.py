@@ -1,4 +1,4 @@
-"""The parts that a board is put together from, any of which may be replaced by a wrong one."""
+"""The parts that a board is assembled from; mutants replace one of them."""
 
 from __future__ import annotations
 

@@ -149,7 +149,7 @@ class Serial(serial.SerialBase):
 
     @property
     def brief_records(self) -> list[Record]:
-        """:attr:`records`, of which latches may hold key and time alone."""
+        """:attr:`records`; latches may have key and time only."""
         return self._records
 
     @property

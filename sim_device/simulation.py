@@ -188,7 +188,7 @@ class Simulation:
             self._feed_line()
 
     def power_down(self) -> None:
-        """Mute the board for good; recorders are told."""
+        """Mute the board for good; recorders get the end."""
         self._end_idle_time()
         for recorder in self._recorders:
             recorder.notice(PowerDown(self.dialect.now_us))

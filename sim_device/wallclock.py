@@ -29,7 +29,7 @@ _ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Heartbeat:
-    """Runs a simulation on the wall clock, behind a port, until it is told to stop.
+    """Runs a simulation on the wall clock, behind a port, until it is stopped.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ def board_counters(board: Board, link: Mapping[str, int], trace_dropped: int) ->
 
 
 def board_status(board: Board, counts: Mapping[str, int], *, free_bytes: int) -> StatusFields:
-    """Return the fields of a status, in their order; the margins start anew."""
+    """Return the fields of a status, in their order; the margins are reset."""
     margins, least_us, mean_us = board.margins.take()
     latched = board.latched
     return (

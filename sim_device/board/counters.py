@@ -51,7 +51,7 @@ class BoardArrivalMargins:
         self.count += 1
 
     def take(self) -> tuple[int, int, int]:
-        """Return count, least and mean, and start anew."""
+        """Return count, least and mean, and reset them."""
         taken = self.count, self.least_us, self.total_us // self.count if self.count else 0
         self.count = self.least_us = self.total_us = 0
         return taken

@@ -279,7 +279,7 @@ class StreamDropped:
 
 @dataclass(frozen=True, slots=True)
 class PowerDown:
-    """The board was told to end: it mutes itself, and nobody asked for that."""
+    """The board is shutting down: it mutes itself without a request."""
 
     t_us: int
 

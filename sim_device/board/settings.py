@@ -1,4 +1,4 @@
-"""Hardware and limits of a board: fixed at power-up, told to the host in HELLO_REPLY."""
+"""Hardware and limits of a board: fixed at power-up, reported to the host in HELLO_REPLY."""
 
 from __future__ import annotations
 

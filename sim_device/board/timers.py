@@ -76,14 +76,14 @@ class BoardTimers:
         self.ramp = None
 
     def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
-        """Start the lease anew; playback brings its own, *unattended_ms*."""
+        """Restart the lease; playback has its own, *unattended_ms*."""
         alone_ms = config.host_timeout_ms if unattended_ms is None else unattended_ms
         reason = MuteReason.HOST_SILENT if unattended_ms is None else MuteReason.UNATTENDED
         self._lease = BoardTimer(reason, now_us + alone_ms * 1000)
         self._end_ramp_if_renewed(now_us)
 
     def latched(self, now_us: int, config: Config) -> None:
-        """Start the hold anew: a drive was latched."""
+        """Restart the hold: a drive was latched."""
         self._hold.deadline_us = now_us + config.hold_ms * 1000
         self._end_ramp_if_renewed(now_us)
 

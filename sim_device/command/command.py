@@ -41,7 +41,7 @@ _LOOPBACK: Final = "127.0.0.1"
 def main(
     words: Sequence[str], program: str = PROGRAM, open_recording: OpenRecording | None = None
 ) -> int:
-    """Run a board until it is told to stop; return the exit status.
+    """Run a board until it is stopped; return the exit status.
 
     0 after SIGINT, SIGTERM or SIGHUP, 1 if the port was lost, 2 for arguments that cannot be used.
 

@@ -118,7 +118,7 @@ class ClientRemarks:
         self._is_own = self._is_other = self._came = False
         self._told_own: bool | None = None
         self._said: set[tuple[str, bool]] = set()
-        self._strange: dict[str, int] = {}  # kinds that are not told yet, and the size of a frame
+        self._strange: dict[str, int] = {}  # kinds that are not reported yet: size of a frame
         self._frames: list[tuple[int, frozenset[str]]] = []
 
     @property
@@ -191,7 +191,7 @@ class ClientRemarks:
         self._remark_foreign_frames(t_us)
 
     def left(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Look at all that came before the client left; the next one is judged anew."""
+        """Judge all bytes of the client that has left, and start over with the next one."""
         if self._came:
             waits = unshown.whole > 0 and not unshown.unfinished
             is_one = waits and unshown.whole == 1

@@ -163,7 +163,7 @@ class VirtualForeignDialect:
         return taken
 
     def client_left(self) -> None:
-        """Say so if a frame has not ended, and look at the first bytes of the next client anew.
+        """Report an unfinished frame, and start over with the next client.
 
         A serial board does not see that its client leaves: what the board holds stays. A link that
         has no line ends with its connection, and with it the answers that wait; the next latch

@@ -84,7 +84,7 @@ class SocketDoorman:
             raise PortLostError(f"{self._name}: {why}") from error
         self.refused += 1
         self.due_ns = time.monotonic_ns() + _PATIENCE_NS
-        if not self._is_short:  # told once, until somebody gets in
+        if not self._is_short:  # logged once, until a client gets in
             _LOG.warning("%s: no client can be taken in: %s", self._name, plain_reason(error))
         self._is_short = True
 

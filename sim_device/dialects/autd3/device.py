@@ -51,7 +51,7 @@ class Autd3Patterns:
 
     @property
     def phase_steps(self) -> int | None:
-        """Steps to half of which the device computes its phases; None: it computes none."""
+        """Steps of a period: the device computes phases to half of one; None: it computes none."""
         return self.data.steps if isinstance(self.data, Autd3Foci) else None
 
     def drive(self, index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

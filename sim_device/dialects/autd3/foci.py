@@ -72,7 +72,7 @@ class Autd3Foci:
 
     @property
     def steps(self) -> int:
-        """Steps of a period to half of which these phases are right, by the arithmetic above.
+        """Steps of a period: these phases are exact to half of one, by the arithmetic above.
 
         Places of elements and distances are rounded to 0.025 mm, phases rounded down, then sine and
         cosine to a half of 127.5/2, and the angle to the nearest step: together 2.3 of 256 steps

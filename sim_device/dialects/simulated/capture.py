@@ -12,7 +12,7 @@ from .process import PERIOD, SAME, SimulatedHello, count_of_same
 
 _LINES: Final = ("carrier", "to_board", "to_host")
 _BITS: Final = 10  # of a byte
-_OFF_NS: Final = 1_000_000  # between two boards, of which the second is the first after a reset
+_OFF_NS: Final = 1_000_000  # gap in the capture for a reset of the board
 _FIRST_CODE: Final = 33  # of the identifiers, which are 94 signs
 _SIGNS: Final = 94
 

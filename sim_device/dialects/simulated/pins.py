@@ -154,7 +154,7 @@ class SimulatedPins:
 
 
 def _pulses_of(weights: ComplexArray) -> PulseDrive:
-    """Return pulses with these fundamentals, none of which is wider than half a period.
+    """Return pulses with these fundamentals, each at most half a period wide.
 
     Phases that differ by whole codes are turned onto codes together: a common phase between two
     codes would be rounded both ways.
