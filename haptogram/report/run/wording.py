@@ -132,13 +132,14 @@ _LIMITS: Final = (
 def run_tested_rows(result: Mapping[str, Any], model: AcousticModel) -> Iterator[tuple[str, str]]:
     """Yield name and text of what was tested: object, rate, array, mode, link and evidence."""
     asked, frames = result["configuration"], result["frames"]["sent"]
-    if asked.get("recording") is None and "object" in asked:  # else another run had another one
+    is_live = asked.get("from_recording") is None  # else these are not the options of the run
+    if is_live and "object" in asked:
         yield "object", _run_object_text(asked)
         rate = f" at {asked['rate_hz']:g} Hz" if "rate_hz" in asked else ""
         yield "frames", f"{frames}{rate}, {asked.get('mode')}"
     yield "array", _run_array_text(model, asked.get("array"))
     if "is" in result["board"]:
-        line = f", {asked['baud']} Bd" if "baud" in asked else ""
+        line = f", {asked['baud']} Bd" if is_live and "baud" in asked else ""
         yield "link", f"{result['board']['is']}{line}"
     kinds = result["evidence"]
     yield "evidence", (kinds if isinstance(kinds, str) else ", ".join(kinds)) or "none"

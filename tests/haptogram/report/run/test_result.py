@@ -57,6 +57,21 @@ def test_a_package_without_metadata_has_no_version(
     assert report.run_environment()["scipy"] is None
 
 
+@pytest.mark.parametrize(("source", "known"), [(None, True), ("run.mcap", False)])
+def test_the_options_beside_a_recording_are_not_shown_as_those_of_its_run(
+    good_run: RunVerdict, model: AcousticModel, source: str | None, known: bool
+) -> None:
+    options = {"object": "circle", "center_mm": (0.0, 0.0, 100.0), "baud": 3_000_000}
+    result = make_result(
+        good_run,
+        configuration=options | {"mode": "phases", "from_recording": source},
+        board={"is": "the board"},
+    )
+    rows = dict(wording.run_tested_rows(result, model))
+    assert rows["link"] == "the board" + ", 3000000 Bd" * known
+    assert ("object" in rows) == ("frames" in rows) == known
+
+
 def test_every_value_becomes_one_that_json_knows(good_run: RunVerdict) -> None:
     odd = {
         "nan": float("nan"),
