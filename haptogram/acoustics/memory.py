@@ -9,8 +9,8 @@ from typing import Final
 
 from haptogram.errors import ConfigurationError
 
-_SHARE: Final = 0.5  # of the machine's memory that one result may take
-_ALWAYS_BYTES: Final = 1 << 14  # not worth asking the system
+_SHARE: Final = 0.5  # share of the machine's memory that one result may take
+_ALWAYS_BYTES: Final = 1 << 14  # smallest size that is checked against the system
 
 
 def check_array_memory(what: str, shape: Sequence[int], item_bytes: int) -> None:

@@ -23,7 +23,7 @@ from haptogram.acoustics.model.drive import as_weights
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_positive
 
-DEFAULT_BANDWIDTH_HZ: Final = 2000.0  # at -6 dB: ProWave 400PT120, a common 10 mm, 40 kHz part
+DEFAULT_BANDWIDTH_HZ: Final = 2000.0  # -6 dB width of a common 10 mm part: ProWave 400PT120
 _MAX_BANDWIDTH_HZ: Final = 1e6
 
 

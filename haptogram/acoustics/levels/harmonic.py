@@ -21,7 +21,7 @@ from haptogram.acoustics.field.reference import FieldEngine, points_with_field
 from haptogram.acoustics.model.drive import as_drive
 
 NONLINEARITY: Final = 1.2  # beta of air: (gamma + 1) / 2
-#: From here on the second harmonic is a tenth of the pressure: -20 dB.
+#: Amplitude at which the second harmonic is a tenth of the pressure: -20 dB.
 TOLD_FROM: Final = 0.2
 _SAMPLES_PER_WAVELENGTH: Final = 8
 _MOST_SAMPLES: Final = 2000

@@ -24,8 +24,8 @@ _GRADIENT_STEP_M: Final = 1e-5
 _MAX_STEPS: Final = 400  # a steered focus of a small aperture creeps along its ridge
 _STEP_TOLERANCE_M: Final = 1e-7
 _LONGEST_SHIFT_RAD: Final = 0.2  # beyond it the second order says nothing of the maximum
-_NO_SPREAD: Final = 1e-12  # of the directions from the elements: there is one only
-_UNOBSERVABLE: Final = 1e-6  # of the largest eigenvalue: a line of elements has two such directions
+_NO_SPREAD: Final = 1e-12  # least spread of the directions to the elements
+_UNOBSERVABLE: Final = 1e-6  # least share of the largest eigenvalue: a line has two below it
 
 # Central differences over the edges and faces of a cube: value, gradient and Hessian.
 _PAIRS: Final = ((0, 1), (0, 2), (1, 2))

@@ -35,7 +35,7 @@ MIN_SPACING_M: Final = 0.1e-3
 MAX_COORDINATE_M: Final = 100.0  # keeps micrometres far inside an int32
 DEFAULT_PITCH_M: Final = 0.010
 _ROUNDING_M: Final = 1e-9  # a point of the plane of a turned array is not behind it
-_NO_ROTATION: Final = 1e-9  # of R R^T from 1: rounding of a rotation that was computed
+_NO_ROTATION: Final = 1e-9  # largest difference of R R^T from 1: rounding of a computed rotation
 
 _GRID = re.compile(r"(\d{1,5})\s*[xX]\s*(\d{1,5})")
 _HEADERS = (["x", "y", "z"], ["x", "y", "z", "nx", "ny", "nz"])

@@ -11,11 +11,11 @@ from haptogram.acoustics.arrays import FloatArray
 
 TOLERANCE_M: Final = 1e-9
 _ROUNDED_M: Final = 5e-6  # lines and planes of an array that was rounded to whole micrometres
-_MAX_EMPTY: Final = 0.3  # of the nodes; beyond it the empty ones cost more than a lattice saves
+_MAX_EMPTY: Final = 0.3  # largest share of empty nodes; more cost more than a lattice saves
 _STEEP: Final = 0.5  # cosine: elements that look along the plane they lie in have another face
 _UPRIGHT: Final = 1e-12
 _CANCELLED: Final = 0.2  # mean of unit normals that look at each other, or around, on the whole
-_ONE_LINE: Final = 1.5  # so much more they look along one line than along any across it
+_ONE_LINE: Final = 1.5  # least ratio of the normals along one line to those across it
 _UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
 
 

@@ -21,7 +21,7 @@ from haptogram.errors import ConfigurationError
 
 _COARSE_CELL_M: Final = 0.040
 _CELL_SPREAD_RAD: Final = 1.2  # RMS phase change to a corner: coherence exp(-0.72) there
-#: Of axes that spread alike the first one is halved, whatever the rounding says.
+#: Preference of the first axis among equally wide ones, whatever the rounding.
 _ORDER: Final = 1.0 - 1e-9 * np.arange(3)
 _CELLS_PER_CHUNK: Final = 32  # temporaries stay in the cache
 _VOLUMES_KEPT: Final = 4  # 15 MB each for 16 x 16 elements; board and judge often share a model

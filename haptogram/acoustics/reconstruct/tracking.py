@@ -25,7 +25,7 @@ from haptogram.settings.arguments import check_whole
 
 _MAX_STEPS: Final = 16
 _FIRST_COUNT: Final = 40  # elements whose wide beam forgives a start that is off
-_WIDENING: Final = 2.5  # of the number of elements, from fit to fit
+_WIDENING: Final = 2.5  # growth of the number of elements from fit to fit
 _RIVALS: Final = 48  # regions looked at, best first
 _APART: Final = 0.1  # of their distance
 _REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M  # a fit nearer to an element is no focus
 REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a plane wave
-COARSE_RAD: Final = math.tau / 8.0 * (1.0 - 1e-9)  # from 3 bits down, places can be equal
+COARSE_RAD: Final = math.tau / 8.0 * (1.0 - 1e-9)  # phase step with ambiguous places (3 bits)
 _DISC_M: Final = 0.012  # above the highest element: a disc there touches none, however it lies
 _MANY: Final = 64  # elements whose errors average out in single precision
 _ALL: Final = (True, True, True)

@@ -21,7 +21,7 @@ from haptogram.errors import ConfigurationError
 # A direction in which moving the focus changes the phases 10 000 times less than in the best one.
 # Between a planar array and the furthest target the ratio is the aperture over the distance, 1e-3.
 _OBSERVABLE_RATIO: Final = 1e-4
-#: Of the least eigenvalue of the squared slopes in the largest: below it a direction is not seen.
+#: Least eigenvalue of the squared slopes, of the largest, at which a direction is observable.
 LEAST_SEEN_SHARE: Final = _OBSERVABLE_RATIO**2
 _MAX_ITERATIONS: Final = 32  # a fit that converges takes 4 to 8
 _MAX_STEP_M: Final = 0.020

@@ -34,7 +34,7 @@ _MAX_ROUNDS: Final = 10_000
 #: one pair in six of foci on a raster of 7 x 7 places, 20 mm apart.
 _DAMPING: Final = 0.75
 _LARGEST_WEIGHT: Final = 2.0**40  # a point that cannot be served gains weight in every round
-_LEVELS: Final = (1e-6, 1e6)  # of amplitudes: their squares are single precision's
+_LEVELS: Final = (1e-6, 1e6)  # range of amplitudes whose squares fit single precision
 
 
 def solve_foci(

@@ -27,7 +27,7 @@ from haptogram.acoustics.field.engines.stored import (
 
 _KERNELS: Final = "haptogram.acoustics.field.engines.kernels"
 _SOURCES: Final = Path(__file__).with_name("kernels")
-#: Where numba caches what lies in folders that it cannot write to, on a Mac.
+#: Folder of numba's cache on a Mac, for modules in folders that it cannot write to.
 _MAC_CACHE: Final = "~/Library/Caches/numba"
 _HARMLESS: Final = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
 _TOLD: Final = "compiling the field kernels, once on this machine: half a minute or more\n"

@@ -13,7 +13,7 @@ from haptogram.acoustics.field.engines.compiled import Kernels, load_kernels
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import CircularPiston
 
-_FURTHEST_M: Final = 1.25  # from a point to the nearest element
+_FURTHEST_M: Final = 1.25  # largest distance from a point to the nearest element
 _PARALLEL: Final = 1e-12
 _FEWEST: Final = 4
 

@@ -32,7 +32,7 @@ _SCALARS: Final[Mapping[str, tuple[Any, str, Callable[[Any], Any]]]] = {
     "bool": (ctypes.c_bool, "?", bool),
     "none": (None, "", bool),
 }
-#: What the loops need of numba's runtime: memory behind a header, whose first number counts the
+#: The part of numba's runtime that loops need: memory after a header, whose first number counts the
 #: references and whose fourth says where the data are. All else is for calls from Python, which are
 #: not made here.
 _RUNTIME: Final = """
@@ -64,7 +64,7 @@ _PROVIDED: Final = {
 }  # fmt: skip
 
 
-#: What code needs of numba, and of the mathematics of Intel that numba finds on some machines.
+#: Symbols of numba, and of Intel's mathematics that numba uses on some machines.
 _SYMBOL: Final = rb"\0((?:NRT|numba|__svml)_\w+)(?=\0)"
 
 

@@ -14,12 +14,12 @@ from haptogram.acoustics.reconstruct.patterns.explain import Explanation
 from haptogram.acoustics.reconstruct.patterns.fit import pattern_residual_rms
 from haptogram.acoustics.reconstruct.patterns.search import MAX_CHARGE
 
-_CERTAIN: Final = math.log(1e-4)  # of a chance that is taken for none
+_CERTAIN: Final = math.log(1e-4)  # log of the largest probability that counts as impossible
 _FOCUS: Final = 4  # unknowns: a place and the common phase; the speed of sound is half known
-_TWIN: Final = 2  # more: the plane that splits it
-_VORTEX: Final = 2  # more: the axis
+_TWIN: Final = 2  # more unknowns: the plane that splits it
+_VORTEX: Final = 2  # more unknowns: the axis
 _EACH_OF_SEVERAL: Final = 5  # a place, a level and a phase
-_TURNS: Final = 2.0  # by which the phase of an element changes over the range of an unknown
+_TURNS: Final = 2.0  # change of an element's phase over the range of an unknown
 _COARSE_RAD: Final = 2.0 * math.pi / 5.0 + 1e-9  # coarser steps make a vortex look like a focus
 _SPREAD: Final = 1.0  # over the square root of N, of the RMS residual of phases that are rounded
 

@@ -56,11 +56,11 @@ from haptogram.settings.arguments import check_whole
 MIN_ACTIVE: Final = 8  # twice the unknowns of a focus; chance decides about more
 _SILENT: Final = 1e-6
 _MOST_FITS: Final = 14
-_SUFFICES: Final = 0.95  # of the elements: no other start explains more than these
+_SUFFICES: Final = 0.95  # share of explained elements that ends the search
 _FINEST_STEPS: Final = 256  # finer codes are treated like these
 _PLANE_M: Final = 1e-4
-_LEAST_SIDE: Final = 0.3  # of the elements, on each side of a trap
-_TRAP_IS_BETTER: Final = 0.85  # of the RMS residual of a focus: a trap explains more
+_LEAST_SIDE: Final = 0.3  # least share of the elements on each side of a trap
+_TRAP_IS_BETTER: Final = 0.85  # largest RMS residual of a trap, relative to that of a focus
 
 
 class PatternClassifier:

@@ -24,11 +24,11 @@ _FIRST_COUNT: Final = 40  # elements whose wide beam forgives a start that is of
 _WIDENING: Final = 2.5
 _TRIM_ROUNDS: Final = 4
 _TWIN_ROUNDS: Final = 4
-_STANDING: Final = 0.25  # of a wavelength, between the heights that are tried
+_STANDING: Final = 0.25  # distance of the heights that are tried, in wavelengths
 _HEIGHTS: Final = range(-4, 5)
-_LEAST_SIDE: Final = 0.3  # of the elements, on each side of a twin trap
+_LEAST_SIDE: Final = 0.3  # least share of the elements on each side of a twin trap
 _LEAST_STEEPNESS: Final = 1e-9  # per metre, of the plane that tells one half from the other
-_SPLIT: Final = 0.97  # of the elements are on their side of the plane
+_SPLIT: Final = 0.97  # least share of the elements on the correct side of the plane
 _TURNS_RAD: Final = np.radians(np.arange(-24, 25))[np.argsort(np.abs(np.arange(-24, 25)))]
 
 

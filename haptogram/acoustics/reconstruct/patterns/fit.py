@@ -20,7 +20,7 @@ SPEED_SHARE: Final = 0.01
 _STEPS: Final = 24
 _SETTLED_M: Final = 1e-8
 _LONGEST_M: Final = 0.020
-_SEEN: Final = 1e-4  # of the largest singular value
+_SEEN: Final = 1e-4  # least singular value of an observable direction, relative to the largest
 _MAX_DAMPING: Final = 1e4
 
 

@@ -24,9 +24,9 @@ Waves: TypeAlias = Callable[[Floats], Complexes]
 _PROJECTIONS: Final = 40
 _STEPS: Final = 25
 _SETTLED_M: Final = 1e-7
-_LONGEST_M: Final = 2e-3  # of a step
-_LEAST_SEEN: Final = 1e-5  # of the largest singular value: below it a direction cannot be observed
-_TINY: Final = 1e-300  # of a sum of waves that cancel
+_LONGEST_M: Final = 2e-3  # longest step of the fit
+_LEAST_SEEN: Final = 1e-5  # least singular value of an observable direction, of the largest
+_TINY: Final = 1e-300  # least magnitude of a sum of waves that cancel
 _SEEN: Final = 1e-3  # share of a direction that is lost, and may still be in a coordinate
 
 

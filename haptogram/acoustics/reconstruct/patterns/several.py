@@ -22,14 +22,14 @@ from haptogram.acoustics.solvers.focus import focus_phases
 MOST_FOCI: Final = 8
 _ELEMENTS_A_FOCUS: Final = 36  # seven for each of its five unknowns
 _LOOKED_AT: Final = 24
-_APART: Final = 0.7  # of a wavelength: nearer ones are one focus
-_LEAST_SHARE: Final = 0.2  # of the strongest: fainter ones are side lobes
+_APART: Final = 0.7  # least distance of two foci, in wavelengths
+_LEAST_SHARE: Final = 0.2  # least amplitude, of the strongest focus: fainter ones are side lobes
 _CLIMBS: Final = 6
 _CLIMB_M: Final = 4e-3
-_SLACK_RAD: Final = 0.06  # of air that differs a little
-_ROUNDING: Final = 0.36  # of a step: rounding and cutting off leave 0.29
-_EXPLAINED: Final = 0.6  # of the energy: phases alone of any foci leave 0.22, of foci nearby less
-_A_FOCUS_EXPLAINS: Final = 0.08  # of the energy, the first few of them: chance gives 0.05
+_SLACK_RAD: Final = 0.06  # phase error of air that differs a little
+_ROUNDING: Final = 0.36  # RMS error of the phases in steps: rounding and cutting off leave 0.29
+_EXPLAINED: Final = 0.6  # least share of energy: phases of any foci leave 0.22, of near ones less
+_A_FOCUS_EXPLAINS: Final = 0.08  # least share of energy of the first few foci: chance gives 0.05
 
 
 class Loudest(Protocol):

@@ -32,7 +32,7 @@ F8 = NDArray[np.float64]
 #: Numbers that :func:`focused_frames_kernel` finds of each frame.
 PLACE, STD, BOUND, RESIDUAL, COHERENCE, PRESSURE, FORCE = 0, 3, 6, 9, 10, 11, 12
 MEASURES: Final = 13
-_FIT_STEPS: Final = 8  # from where single precision has led to
+_FIT_STEPS: Final = 8  # steps of the fit, which starts at the result of single precision
 _SETTLED_M: Final = 1e-10
 
 
