@@ -22,7 +22,7 @@ from haptogram_protocol.cobs import Stuffing, fastest_cobs
 
 _TIMES: Final = 400  # repetitions of a stage; the median counts
 _TICKS: Final = 100
-_LONGEST_NS: Final = 10**12  # that the ticks may take on a machine that misses most
+_LONGEST_NS: Final = 10**12  # limit of the ticks on a machine that misses most of them
 _SETTLE: Final = 20  # repetitions to warm up
 _CARRIER_NS: Final = 25_000  # a frame waits for the next period of a 40 kHz carrier at most
 

@@ -25,7 +25,7 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 from .tally import DAMAGE, UNEXPLAINED, SoakHit, SoakTally
 
 BAUD: Final = 6_000_000  # half of it is free, so that the line catches up after what held it up
-_MOST_BEHIND_NS: Final = 60_000_000  # no delay makes the line fall further behind
+_MOST_BEHIND_NS: Final = 60_000_000  # most that delays may make the line fall behind
 _MOST_FLIPS: Final = 3
 _BURST_BYTES: Final = round(FAULT_KINDS["line.burst"]["bytes"].default)
 _MOST_INSERTED: Final = 4

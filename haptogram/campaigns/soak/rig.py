@@ -23,7 +23,7 @@ from .tally import UNEXPLAINED, SoakTally
 _NEVER_NS: Final = 1 << 62
 NS_PER_MS: Final = 1_000_000
 _TIMEOUT_S: Final = 60.0  # the connection gives up long before
-_MOST_VIOLATIONS: Final = 50  # of a segment: then there is no sense in going on
+_MOST_VIOLATIONS: Final = 50  # violations after which a segment is stopped
 _DRIVES: Final = 61  # prime, so that it meets every phase of what repeats
 _AMPLITUDES_EVERY: Final = 8
 

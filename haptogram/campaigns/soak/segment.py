@@ -28,12 +28,12 @@ PERIOD_US: Final = 1000
 _LEAD_US: Final = 40_000
 _BURST_S: Final = (0.3, 6.0)
 _MOST_CALM_MS: Final = 3000
-_MARGIN_NS: Final = 25_000_000  # by which the first latch after a pause may miss its plan
-_PPM: Final = 50  # that the board declares for its clock
+_MARGIN_NS: Final = 25_000_000  # tolerance of the first latch after a pause
+_PPM: Final = 50  # clock tolerance that the board declares
 _STEP: Final = "clock.step"
 _STEP_US: Final = (5_000, 30_000)
 _LEAST_FOR_STEP_S: Final = 20.0
-_BLOCKS: Final = 5000  # of memory that may come and go
+_BLOCKS: Final = 5000  # tolerated change of the number of memory blocks
 
 #: Called with the virtual seconds that are done, of this segment and those before it.
 Progress: TypeAlias = Callable[[float], None]

@@ -10,7 +10,7 @@ from haptogram.settings.option import Settings, option, option_of
 from haptogram.settings.run.frames import LimitConfig
 
 _LEAST_INTERVAL_S: Final = 1.0
-_INTERVALS: Final = 400  # as many as a picture shows
+_INTERVALS: Final = 400  # intervals of the time series
 _MOST_RATE: Final = 0.2  # above it, what must come through at times would not
 
 

@@ -13,9 +13,9 @@ MOST_KEPT: Final = 20  # violations that are kept word for word, and excerpts; a
 
 UNEXPLAINED: Final = "unexplained"
 MEMORY_GREW: Final = "memory grew"
-DAMAGE: Final = ("crc", "cobs", "oversize", "short")  # what a run of bytes that is damage is
+DAMAGE: Final = ("crc", "cobs", "oversize", "short")  # counters of damaged runs of bytes
 
-STATES: Final = ("injected", "detected", "harmless")  # of a fault
+STATES: Final = ("injected", "detected", "harmless")  # outcomes of a fault
 
 #: Stream frames that were sent; damaged frames that either end found; stream frames that never came
 #: to the board; those that came after their time, and by how much at most; what must not happen.
@@ -24,7 +24,7 @@ _COUNTED: Final = ("frames", "damaged", "lost", "late", "latest_us", "violations
 #: Counts of each interval with at least one count, by number.
 SoakCourse: TypeAlias = dict[int, dict[str, int]]
 
-#: What must not happen, and the sentence that is true while it does not.
+#: Violations, each with the sentence that holds without it.
 VIOLATIONS: Final = {
     "damaged frame taken": "no damaged frame is taken for one that was sent",
     "undamaged frame dropped": "no undamaged frame is dropped",

@@ -13,7 +13,7 @@ from haptogram.settings.arguments import check_argument_kind, check_number, show
 from haptogram.settings.option import unknown_setting_text
 
 _KEYS: Final = ("values", "low", "high", "log", "text")
-_PLACE: Final = "{}"  # of the value in a text
+_PLACE: Final = "{}"  # placeholder of the value in a text
 _MOST: Final = 1e12
 
 

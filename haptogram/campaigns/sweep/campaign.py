@@ -20,7 +20,7 @@ from .plan import SweepPlan
 from .rows import Row, row_of_crash, row_of_point
 from .workers import Workers
 
-_TRIES: Final = 3  # of a point whose worker dies
+_TRIES: Final = 3  # attempts at a point whose worker dies
 _MOST_JOURNAL: Final = 1 << 34  # characters
 
 #: Runs the words of a command; returns exit status, result as JSON, and text on standard error.

@@ -24,7 +24,7 @@ _SUFFIXES: Final = (".csv", PARQUET)
 #: Verdicts of points by exit status; any other status is an error.
 _VERDICTS: Final = {0: "pass", 1: "fail", 3: "inconclusive"}
 ERROR: Final = "error"
-#: From what needs attention most to what needs none.
+#: Verdicts, the worst first.
 VERDICTS: Final = ("fail", ERROR, "inconclusive", "pass")
 _PAINT: Final = re.compile(r"\x1b\[[\d;]*m")
 

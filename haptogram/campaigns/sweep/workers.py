@@ -19,7 +19,7 @@ from haptogram.errors import ConfigurationError, missing_extra, plain_reason
 LOCAL: Final = "local"
 _TIMEOUT_S: Final = 10
 _QUIET: Final = "distributed.nanny.pre-spawn-environ.DASK_LOGGING__DISTRIBUTED"
-#: What must be the same at both ends: for what they say to each other, and for the same rows.
+#: Packages with the same version at both ends: for their messages, and for equal rows.
 _WIRE: Final[tuple[str, ...]] = ("distributed", "cloudpickle", "msgpack")
 _ROWS: Final[tuple[str, ...]] = ("haptogram", "numpy", "scipy", "numba", "pyserial")
 
