@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 # Boards that take time to start, such as InteractLab's, have done so before a client comes.
 _STARTED_NS: Final = 1_500_000_000
 _LAST_FRAMES_NS: Final = 50_000_000
-_PIECE_BYTES: Final = 64  # of a line without a rate; no two messages that radiate fit
+_PIECE_BYTES: Final = 64  # bytes at once of a line without a rate; no two messages that radiate fit
 _BETWEEN_PIECES_NS: Final = 300_000  # longer than the latches of AUTD3 are apart
 
 
