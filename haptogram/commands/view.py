@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from haptogram.report.viewer.server import ViewServer
     from haptogram.settings.parser import Parser
 
-_PERIOD_S: Final = 0.05  # between two looks at the back door: 20 pictures a second at most
+_PERIOD_S: Final = 0.05  # time between two reads of the back door: 20 pictures a second at most
 _AT_ONCE: Final = 1 << 16
 _NICENESS: Final = 10  # the 1 kHz loop comes first
-_PATIENCE_S: Final = 30.0  # of a board that is being started
+_PATIENCE_S: Final = 30.0  # wait for a board that is being started
 _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 _EXAMPLES: Final = """\
 examples:

@@ -25,9 +25,9 @@ from haptogram.settings.shape import ModulationConfig
 from ..shell.positions import position_text
 
 FELT_UP_TO_HZ: Final = 1000.0  # skin feels vibration up to about 1 kHz
-_LEAST_SHARE: Final = 0.01  # of the strongest line
+_LEAST_SHARE: Final = 0.01  # least strength of a spectral line, relative to the strongest
 _MOST_LINES: Final = 12
-_NOTEWORTHY: Final = 0.01  # of the power of the vibration
+_NOTEWORTHY: Final = 0.01  # least share of the vibration's power
 _ORDERS_NAMED: Final = 4
 
 

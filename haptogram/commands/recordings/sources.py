@@ -24,7 +24,7 @@ _CHUNK: Final = 65_536
 _LOOKED_AT: Final = 4096
 #: Bytes as two digits each, with a prefix or not, and what may stand between them.
 _BYTES: Final = re.compile(rb"(?:(?:0[xX]|\\x)?[0-9a-fA-F]{2}|[\s,:;]+)*+")
-_LONGEST_REST: Final = 3  # all but the last digit of a byte with its prefix
+_LONGEST_REST: Final = 3  # most characters of an unfinished byte: its prefix and first digit
 _LEFT_OUT: Final = re.compile(rb"0[xX]|\\x|[\s,:;]+")
 
 

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from haptogram.settings.arguments import Progress
     from haptogram.settings.run.captures import CaptureConfig
 
-_PATIENCE_S: Final = 120.0  # of a run that is over, for an analyser that still writes
-_QUIET_S: Final = 1.0  # in which a file that is complete does not change
+_PATIENCE_S: Final = 120.0  # wait after a run for an analyser that still writes
+_QUIET_S: Final = 1.0  # time without a change after which a file is complete
 _POLL_S: Final = 0.1
 
 

@@ -10,7 +10,7 @@ USAGE: Final = 2
 INCONCLUSIVE: Final = 3
 INTERRUPTED: Final = 130  # as every shell has it
 
-#: Of every command, in the help that lists them.
+#: Exit status of every command, in the help that lists them.
 EVERY_STATUS: Final = """\
 exit status, of every command:
   0    done; a command that judges found nothing wrong
@@ -20,7 +20,7 @@ exit status, of every command:
   130  interrupted (Ctrl-C, SIGTERM, SIGHUP) before there was a verdict; the virtual board ends
        with 0 then
 """
-#: Of ``haptogram verify``.
+#: Exit status of ``haptogram verify``.
 EXIT_STATUS: Final = """\
 exit status:
   0  pass: enough frames were verified and none was wrong

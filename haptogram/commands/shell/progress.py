@@ -10,8 +10,8 @@ from typing import Any, Final, TypeAlias
 
 #: Takes how much is done, of how much, and optionally a text behind it.
 ShowProgress: TypeAlias = Callable[..., None]
-_LINES: Final = 10  # of a campaign
-_MEASURED_S: Final = 5.0  # before the first one
+_LINES: Final = 10  # progress lines of a campaign
+_MEASURED_S: Final = 5.0  # time before the first line
 
 
 @contextlib.contextmanager

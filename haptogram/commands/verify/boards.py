@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from haptogram.evidence.dialect_run import DialectBoardsUnderTest
     from haptogram.settings.board import BoardConfig
 
-_LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen
+_LAST_MOMENTS_S: Final = 2.0  # wait for the last records of a board that has closed its port
 _PTYS: Final = "/dev/pts/"
 _NETWORK: Final = "socket://"
-_MOST_HZ: Final = 1000.0  # of boards of other dialects, unless the user asks for more,
-_WITHOUT_A_LINE_HZ: Final = 100.0  # and where an answer to each frame, and no line, limits them
+_MOST_HZ: Final = 1000.0  # highest default rate of boards of other dialects,
+_WITHOUT_A_LINE_HZ: Final = 100.0  # and of those without a line, limited by an answer to each frame
 
 #: Shows a back door in a browser, if that is wanted.
 Show: TypeAlias = "Callable[[Path], None]"

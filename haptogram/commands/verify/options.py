@@ -57,7 +57,7 @@ _DESCRIPTIONS: Final = {
 }
 
 
-#: What else an option of a run needs, beside one.
+#: Further requirements of an option of a run.
 _ACTING_ON_A_RUN: Final = {
     "resolution_mm": RESOLUTION,
     "radius_mm": RADIUS,

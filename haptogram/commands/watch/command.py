@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from haptogram.verification.watch import Watch, WatchedLatch, WatchResult
 
 _WriteLine: TypeAlias = Callable[[str], None]
-_REST_S: Final = 3.0  # behind an interrupt, to look at latches that have come
+_REST_S: Final = 3.0  # time after an interrupt to judge the latches that have arrived
 _FILES: Final = ("json", "junit", "html", "summary")
 _EXAMPLES: Final = """\
 examples:

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from haptogram.evidence.dialects.watched_board import WatchedBoard
     from haptogram.verification.watch import WatchedLatch
 
-_PERIOD_S: Final = 0.1  # between lines on a terminal
-_MOST_SAMPLES: Final = 4000  # of a modulation, for one line: a second
+_PERIOD_S: Final = 0.1  # time between lines on a terminal
+_MOST_SAMPLES: Final = 4000  # samples of a modulation in one line: a second
 
 
 class LatchLines:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from haptogram.evidence.backdoor_stream import BackdoorReader
 
 Record: TypeAlias = dict[str, Any]
-#: From a virtual board and the bytes of a client to the records of its back door.
+#: Plays the bytes of a client to a virtual board; returns the records of its back door.
 Replay: TypeAlias = Callable[[BoardConfig, bytes], list[Record]]
 
 _PERIOD_S: Final = 0.05
