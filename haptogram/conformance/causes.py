@@ -79,8 +79,8 @@ _RELIED_ON: Final = "HG-4.3/"  # capabilities and limits, which every case recko
 _ENOUGH: Final = 2  # cases of one clause that do not fail by chance together
 _LEAST_ALIKE: Final = 3
 _LEAST_SHARE: Final = 1 / 3
-_MOST_SHARE: Final = 1 / 2  # of failures whose common finding is the likeliest cause
-_LEAST_WORDS: Final = 3  # of a part of a finding that says anything
+_MOST_SHARE: Final = 1 / 2  # least share of the failures that a likely cause explains
+_LEAST_WORDS: Final = 3  # least words of a part of a finding that is compared
 _CONTEXT: Final = re.compile(
     r"; sent (?:before|between): .*?(?= \((?:meanwhile|in its)|$)|[,;] due (?:is|are) [^,;:(]*"
 )

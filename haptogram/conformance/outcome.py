@@ -23,9 +23,9 @@ EXTERNAL: Final = Evidence.EXTERNAL
 
 _SHOWN: Final = 4  # fields or elements of two values that are named
 _WHOLE: Final = 6  # values of a sequence that is shown in full
-_HALVES: Final = 2  # of a drive: phases, amplitudes
+_HALVES: Final = 2  # parts of a drive: phases, amplitudes
 _MISSING: Final = object()
-_FORMS: Final = ("", "#x", "#04x", "#06x", "#010x", "016x", "+d")  # in which messages show a number
+_FORMS: Final = ("", "#x", "#04x", "#06x", "#010x", "016x", "+d")  # formats of a number in messages
 
 
 @dataclass(slots=True)

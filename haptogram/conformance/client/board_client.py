@@ -55,9 +55,9 @@ PARTS_OF_FRAMES: Final = (
 _CARRIED_US: Final = 20_000
 _COMPUTED_US: Final = 100_000
 _FAULT_US: Final = 1_000_000  # how long a fault that a user brings about may last
-_LONGEST_TIMER_MS: Final = 10_000  # that a case waits for
+_LONGEST_TIMER_MS: Final = 10_000  # longest timer that a case waits for
 _DEEPEST: Final = 512  # queue that a case fills
-_STATUS_BYTES: Final = 148  # of a STATUS on the line
+_STATUS_BYTES: Final = 148  # size of a STATUS on the line
 
 
 class BoardClient:

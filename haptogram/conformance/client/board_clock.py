@@ -10,11 +10,11 @@ from ..outcome import HeldUpError, not_observed, require
 from .request_client import NO_TIME_US, RequestClient
 
 BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
-_TIMES_IN_CARRIER: Final = 3  # in µs
-_IN_TIME_US: Final = 20_000  # from the readiness of a frame to its t_apply, at most
+_TIMES_IN_CARRIER: Final = 3  # µs: shortest carrier period that has room for three times
+_IN_TIME_US: Final = 20_000  # longest time from the readiness of a frame to its t_apply
 _HALF_TURN_US: Final = 1 << 31  # of the 32 bits of a device time
-_PASSED_US: Final = 10_000_000  # between the choice of a t_apply and its arrival, at most
-_PING_US: Final = 200_000  # between two PINGs; HG-7.1/4: a lease is 500 ms at least
+_PASSED_US: Final = 10_000_000  # longest time between the choice of a t_apply and its arrival
+_PING_US: Final = 200_000  # time between two PINGs; HG-7.1/4: a lease is 500 ms at least
 _MOST_PINGS: Final = 50
 _SPARE_US: Final = 200  # error of the host's estimate of the device clock, in virtual time
 

@@ -17,8 +17,8 @@ from .playback import play_out
 from .stream_kinds import points_of_stream_kind
 
 FULL: Final = 255
-_PING_BYTES: Final = 60  # of a PING and its answer on the line
-_FRAME_BYTES: Final = 20  # of a frame on the line, beside its payload
+_PING_BYTES: Final = 60  # size of a PING and its answer on the line
+_FRAME_BYTES: Final = 20  # size of a frame on the line, without its payload
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,10 @@ from .uploads import upload_to_board
 PERIOD_US: Final = 1000
 UNATTENDED_MS: Final = 2000
 _UNATTENDED_PERIODS: Final = 2000
-_SEEN_PERIODS: Final = 5  # that a case waits at most behind the last latch
+_SEEN_PERIODS: Final = 5  # periods that a case waits after the last latch
 _FLOOD_FRAMES: Final = 400
-_BUFFERS_BYTES: Final = 1 << 17  # of drives in traces: more than a pty and a board hold
-_TRACE_BYTES: Final = 24  # of TRACE_DRIVE on the line, beside its drive
+_BUFFERS_BYTES: Final = 1 << 17  # buffered drives of traces: more than a pty and a board hold
+_TRACE_BYTES: Final = 24  # size of TRACE_DRIVE on the line, without its drive
 _FLOOD_RATE_HZ: Final = 10_000
 
 

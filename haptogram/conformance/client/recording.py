@@ -14,12 +14,12 @@ from haptogram_protocol.annotation.frames import Annotated, annotated_frame, ann
 from haptogram_protocol.annotation.words import annotated_message_text, annotated_type_name
 from haptogram_protocol.framing import DELIMITER
 
-_KEPT_TRANSFERS: Final = 200  # from the beginning of a case, and as many from its end
-_SHOWN_BYTES: Final = 96  # of one transfer
+_KEPT_TRANSFERS: Final = 200  # transfers kept from the beginning of a case, and from its end
+_SHOWN_BYTES: Final = 96  # bytes that are shown of one transfer
 _PER_LINE: Final = 32
 _ALWAYS_US: Final = 1 << 63
 _TOLD_BEFORE: Final = 4  # frames, of those before one
-_TOLD_NUMBERS: Final = 12  # of stream frames that are in no order
+_TOLD_NUMBERS: Final = 12  # listed numbers of stream frames that are in no order
 _TOLD_FIELDS: Final = 100  # characters of a message
 
 

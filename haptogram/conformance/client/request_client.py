@@ -20,13 +20,13 @@ from .wire import RawFrameClient, ReceivedByClient, decoded_frame, encoded_frame
 _M = TypeVar("_M", bound=m.Message)
 #: Five times the time in which a board answers (HG-4.11/3).
 PROCESSED_US: Final = 50_000
-#: Of a larger window or free room only so much is filled in one burst: it may be 4 GB.
+#: Largest burst, whatever the window or free memory: it may be 4 GB.
 LONGEST_BURST_BYTES: Final = 1 << 17
 #: Later than every device time.
 NO_TIME_US: Final = 1 << 62
 _ECHO_BITS: Final = 64
 _KNOCK_US: Final = 100_000  # how soon a board that boots is asked again
-_PING_BYTES: Final = 26  # on the line, at most
+_PING_BYTES: Final = 26  # largest size of a PING on the line
 _PAUSES_KEPT: Final = 256
 #: How far the number of such a PING is behind the newest: more than there are in any window.
 _PAUSE_BEHIND: Final = 0x1000

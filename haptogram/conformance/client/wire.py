@@ -26,14 +26,14 @@ from .recording import DialogueRecording, TransferDirection
 _LOOK_NS: Final = 5_000_000  # longest wait at a wall clock before the host looks at it again
 _RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 _HOUR_US: Final = 3_600_000_000
-_FLOOD_BYTES: Final = 2 << 20  # in one case: a board that sends more cannot be judged
+_FLOOD_BYTES: Final = 2 << 20  # limit for one case: a board that sends more cannot be judged
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
 _TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
 _STATUS: Final = (m.Status, m.StatusReply)
 CLIENT_COBS: Final = fastest_cobs()
 encoded_frame: Final = partial(encode_frame, stuff=CLIENT_COBS.encode)
-#: From sending a frame to its t_apply, at a wall clock; a retry has more.
+#: Time from sending a frame to its t_apply, at a wall clock; a retry has more.
 WALL_LEAD_US: Final = 60_000
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 

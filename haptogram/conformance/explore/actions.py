@@ -26,7 +26,7 @@ UPLOADED: Final = (STORED_PHASES, STORED_POINTS, REPLACED, 4, 5)
 ABSENT: Final = 60_000
 STORED_FRAMES: Final = 3
 POINT_BYTES: Final = 16
-MOST_POINTS: Final = 3  # in a frame that is uploaded
+MOST_POINTS: Final = 3  # most points in a frame of an upload
 #: Damages that only a host in virtual time does: first part of a frame, whose rest comes with the
 #: next one; no frame but a fault of the hardware; no frame, so that such a rest comes alone.
 PARTS: Final = 6
@@ -36,7 +36,7 @@ _SILENT: Final = (FAULT, REST)
 _SHARED: Final = 3  # every third frame shares a delimiter with the one before
 _PIECES: Final = 5  # every fifth slot's bytes come in pieces
 _FOREIGN: Final = 0x5555  # session of the request that ends a slot, beside the open one
-_FOREIGN_SEQ: Final = 0x2000  # and its number: no other request has one near it
+_FOREIGN_SEQ: Final = 0x2000  # number of its requests: no other request is near it
 _LONG_NOISE: Final = 70_000  # bytes: more than 16 bits count
 
 

@@ -14,13 +14,13 @@ from .makers.requests import RandomRequests
 from .scenes.inputs import SceneInputs
 from .scenes.scenes import RandomScenes
 
-#: Of the slots, with a scene: of a dialogue with timers, and of one without.
+#: Share of the slots with a scene: in a dialogue with timers, and in one without.
 _SCENE_SHARE: Final = {True: 0.75, False: 0.07}
-_GREETING_SHARE: Final = 0.4  # of the dialogues, with numbers that wrap
+_GREETING_SHARE: Final = 0.4  # share of the dialogues with numbers that wrap
 _PAIR_SHARE: Final = 0.12
 _UPLOAD_SHARE: Final = 0.12
 _CANDIDATES: Final = 3
-#: Of the frames that begin a slot, and of the others: they come some microseconds later.
+#: Share of frames that are delayed by some microseconds: of the first in a slot, of the others.
 _FIRST_APART: Final = 0.4
 _APART: Final = 0.06
 _DISARMING: Final = ("MUTE", "DISARM", "HELLO last", "HELLO earlier", "HELLO new", "HELLO near")

@@ -10,9 +10,9 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import HEADER_BYTES
 
-#: As a number: an operation on a flag takes microseconds.
+#: The flag as a number: an operation on a flag takes microseconds.
 IMMEDIATE: Final = int(m.Flag.IMMEDIATE)
-#: In place of the bits in which a session differs from the open one: none.
+#: Stands for no session, in place of the bits in which a session differs from the open one.
 NO_SESSION: Final = 0x10000
 
 

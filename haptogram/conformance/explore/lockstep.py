@@ -40,13 +40,13 @@ from .opening import SINCE_POWER_UP, DialogueOpening
 _AHEAD_US: Final = SLOT_US // 8  # a slot is planned so long before it begins
 _NEAR_US: Final = 200  # error of times that a host knows
 _NEAR_EXACT_US: Final = 10  # HG-6.9/2, where bytes take no time
-_SHARES: Final = {True: 6, False: 2}  # of a slot may pass while its frames are on the line
+_SHARES: Final = {True: 6, False: 2}  # parts of a slot, 1 / n, that its frames may take on the line
 _AROUND: Final = 24  # bytes of the line that a body may add: checksum, stuffing, delimiters
 _TAIL: Final = 6  # slots after the last frame: timers end
-_END_US: Final = 2000  # before the end of a slot the board has said everything
+_END_US: Final = 2000  # time before the end of a slot at which the board has sent everything
 _SETTLED_US: Final = 1000  # a latch and what is said of it
 _IDLE_US: Final = 400_000  # a model that does nothing for so long need not be waited for
-_LONGEST_US: Final = 2_000_000  # of a dialogue whose slots are cut short: no timer ends
+_LONGEST_US: Final = 2_000_000  # longest dialogue whose slots are cut short: no timer expires
 _MISSED_US: Final = 1_500_000  # how long a frame that is missing is waited for, at a wall clock
 
 

@@ -32,7 +32,7 @@ from .host import IMMEDIATE, DialogueHost
 from .stepped_process import LockstepProcess, bytes_of_step, steps_of_bytes
 
 _MODEL: Final = "sim_device.driven.stepped_board"
-_STORE_BYTES: Final = 1 << 20  # more than a dialogue stores
+_STORE_BYTES: Final = 1 << 20  # memory of the model: more than a dialogue stores
 #: Limits that the model takes from HELLO_REPLY.
 _LIMITS: Final = (
     "grid_nx",

@@ -33,7 +33,7 @@ _POINTS: Final = [m.FocalPoint(9000, y_um, 150_000, 50_000, 0) for y_um in (-400
 _PING_BYTES: Final = len(encode_frame(bytes(HEADER_BYTES + m.Ping.LAYOUT.size)))
 
 
-#: What a board says of itself after a power-up.
+#: Counters and state of a board after a power-up.
 SINCE_POWER_UP: Final = DialogueBase(m.Counters(*[0] * len(m.Counters.WIRE)))
 
 

@@ -13,7 +13,7 @@ from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput
 from ..client.board_client import BoardClient
 from .held_state import ANYTHING, Held
 
-#: What is due after an event, where it is not what was there before.
+#: Expected changes of the state after an event.
 Due: TypeAlias = Callable[[BoardClient, Held], dict[str, object]]
 StateAndReason: TypeAlias = tuple[OutputState, MuteReason]
 #: Requests that are inputs of the table of HG-6.2.

@@ -29,9 +29,9 @@ _GROWING: Final = (
 )
 _WRAP: Final = 1 << 32
 
-#: What a board holds, by names.
+#: State that a board holds, by names.
 Held = Mapping[str, object]
-#: In place of a value that is due: whatever the board holds.
+#: Expected value that matches anything.
 ANYTHING: Final = object()
 
 

@@ -28,7 +28,7 @@ _ERROR_CODES: Final = frozenset(int(code) for code in m.ErrorCode)
 #: Clauses that a piece which is no frame breaks, by its defect.
 _DAMAGED: Final = {"cobs": "HG-2.2/1", "crc": "HG-2.4/1", "short": "HG-3.1/1"}
 
-#: What is wrong in a frame, by the clause that it breaks; empty: the clause is met.
+#: Finding about a frame by clause; an empty text: the clause is met.
 Broken: TypeAlias = Iterator[tuple[str, str]]
 
 

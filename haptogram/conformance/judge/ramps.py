@@ -17,7 +17,7 @@ _MS: Final = 1000
 _TIMER_MS: Final = 1  # HG-12.1/1
 _STEP_MS: Final = 1  # HG-6.11/2
 _TOLD: Final = 10  # codes of a ramp
-_READINGS: Final = 40  # at most, in one ramp
+_READINGS: Final = 40  # most readings of one ramp
 
 
 @dataclass(frozen=True, slots=True)

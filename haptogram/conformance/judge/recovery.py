@@ -13,7 +13,7 @@ from ..client.recording import counter_steps, moved_counters_text
 from ..outcome import CaseEndedError
 from ..verdict import Recovery
 
-_LOOKS: Final = 1000  # at a frame that waits, of a board that computes others
+_LOOKS: Final = 1000  # most reads of the status while the board computes other frames
 _TARGET: Final = 1  # a sequence that many cases store
 MAX_FRAMES: Final = 3  # requests; the board has to answer one of them
 

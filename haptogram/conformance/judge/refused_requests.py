@@ -31,7 +31,7 @@ OUT_OF_BOUNDS: Final = tuple(
     if 0 <= value < 1 << 8 * m.Config.WIRE[name].size
 )
 _FLAG: Final = 0x20
-#: What the session of another host differs by.
+#: Bits in which the session of another host differs.
 _FOREIGN: Final = 0x0300
 _ALONE_MS: Final = 900
 _FAR_US: Final = 60_000_000  # a slow line takes a while until this start is sent

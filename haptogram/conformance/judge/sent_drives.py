@@ -21,7 +21,7 @@ _LONGEST_UPLOAD: Final = 1 << 20
 _FULL: Final = b"\xff"  # amplitude of a stored phase: HG-5.2/6
 _TELLING: Final = 4  # transducers that tell one drive from another
 DRIVE_OF: Final = "it is the drive of frame"
-#: What is stored, then target and kind of an upload.
+#: Key of the free memory: the stored sequences, target and kind of an upload.
 _RoomKey: TypeAlias = tuple[frozenset[tuple[int, tuple[int, int]]], int, int]
 _ROOM_AS_BEFORE: Final = "and the same sequences are stored: an upload that ended keeps some"
 _UPLOADS: Final = (m.UploadBegin.TYPE, m.UploadChunk.TYPE, m.UploadCommit.TYPE)

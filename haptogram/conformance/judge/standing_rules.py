@@ -30,7 +30,7 @@ from .sent_drives import DRIVE_OF, SentDrives
 
 _WRAP: Final = 1 << 32
 _LONG_US: Final = 1_000_000_000  # beyond this two times of 32 bits tell no difference
-_SPARE_US: Final = 5_000_000  # what waits on its way is that old
+_SPARE_US: Final = 5_000_000  # largest age of a message in transit
 #: Fields of HELLO_REPLY that a new session may find changed.
 _OF_SESSION: Final = ("nonce", "state", "sound_speed_mm_s", "config_crc")
 _REASONS: Final = {

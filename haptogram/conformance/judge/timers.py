@@ -20,9 +20,9 @@ EXACT_US: Final = 1000  # HG-12.1: timers are within 1 ms
 _MS: Final = 1000
 _AT_ONCE_US: Final = 50
 _PATIENCE_MS: Final = 1000
-_PERIOD_US: Final = 4_000_000  # of a playback that is left alone for long
+_PERIOD_US: Final = 4_000_000  # frame period of a playback without a host
 _SHORT_MS: Final = 1000
-_LONGEST_MS: Final = 1 << 21  # of a timer that is awaited, and at a wall clock
+_LONGEST_MS: Final = 1 << 21  # longest timer that is awaited, and at a wall clock
 _LONGEST_WALL_MS: Final = 70_000
 #: Sequence that is stored, for a playback that is left alone.
 TIMED: Final = 2

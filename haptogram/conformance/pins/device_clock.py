@@ -20,13 +20,13 @@ _BITS: Final = 32
 _OUTLIER_US: Final = 20.0  # off its neighbours: HG-6.9/2 allows 10
 _NEIGHBOURS: Final = 5
 _STRAIGHT_US: Final = 5.0  # residual up to which one line is enough
-_TICK_US: Final = 1.0  # of the device clock
-_MOST_PPM: Final = 200.0  # of two crystals
-_DRIFT_PPM_S: Final = 0.1  # by which the rate of a crystal that warms up changes in a second
-_LEAP_US: Final = 500.0  # more than a capture that is whole shows
+_TICK_US: Final = 1.0  # resolution of the device clock
+_MOST_PPM: Final = 200.0  # largest difference of two crystals
+_DRIFT_PPM_S: Final = 0.1  # change of the rate of a crystal that warms up
+_LEAP_US: Final = 500.0  # jump that shows missing samples of the capture
 _AROUND: Final = 3  # marks on both sides that show whether a leap lasts
 _KNOTS: Final = 32
-_FEWEST_KNOTS: Final = 3  # of a line with bends
+_FEWEST_KNOTS: Final = 3  # knots of a line with bends
 _MORE_BENT: Final = 2.0  # times as much as at the knots, a clock may be bent between them
 
 

@@ -35,7 +35,7 @@ _OF_OUTPUT: Final = (
     m.MessageType.PLAY,
     m.MessageType.STOP,
 )
-_BEFORE_WORD_MS: Final = 1.0  # a board may be silent before it says so: HG-12.1/1
+_BEFORE_WORD_MS: Final = 1.0  # time that a board may be silent before it reports it: HG-12.1/1
 
 
 @dataclass(frozen=True, eq=False, slots=True)

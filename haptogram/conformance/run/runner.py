@@ -30,8 +30,8 @@ CaseProgress: TypeAlias = Callable[[int, int, str], None]
 
 _DOUBTFUL: Final = (Behaviour.FAILED, Behaviour.INCONCLUSIVE)
 _TRIES: Final = 3
-_LEAST_BAUD: Final = 115_200  # of lines that every case reckons with
-_MEASURED_SHARE: Final = 0.95  # of the rate of a line that is found at least when it is measured
+_LEAST_BAUD: Final = 115_200  # slowest line that every case allows for
+_MEASURED_SHARE: Final = 0.95  # least measured rate of a line, relative to the true one
 _EARLY_US: Final = 1_800_000  # how long a case may wait for the wrap of the clock
 
 

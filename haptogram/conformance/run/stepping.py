@@ -15,7 +15,7 @@ from ..explore.stepped_process import LockstepProcess
 #: Rate that cases reckon with where bytes take no time: the longest frame takes less than 1 µs.
 NO_LINE_BAUD: Final = 50_000_000_000
 _START_NS: Final = 1_004_000  # a carrier boundary: 2^32 - 10 s is none
-_BEHIND_US: Final = 30  # that a main loop takes for a frame while an interrupt takes the bytes
+_BEHIND_US: Final = 30  # time of a main loop for a frame while an interrupt takes the bytes
 
 
 class SteppedAccessTransport:

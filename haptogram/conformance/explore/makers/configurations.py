@@ -27,7 +27,7 @@ _STATUS_MS: Final = round(12.85 * _SLOT_MS)
 #: A ramp that begins with a frame, as its hold is over already, ends at 0.45 of a slot.
 _RAMPS_MS: Final = (58, 178, 418, 2000)
 _CEILINGS: Final = (255, 200, 100, 60, 0)
-_LONGEST_RAMP_MS: Final = 418  # in a scene
+_LONGEST_RAMP_MS: Final = 418  # longest ramp in a scene
 
 
 class RandomConfigs(DialogueMaker):

@@ -15,7 +15,7 @@ from ..actions import SLOT_US, STORED_PHASES
 #: A message, and the bytes to put at an offset of its body.
 FieldValue: TypeAlias = tuple[m.Message, int, bytes]
 
-_NO_VALUE: Final = 9  # of no enumeration
+_NO_VALUE: Final = 9  # a value of no enumeration
 _MOST_U32: Final = 0xFFFFFFFF
 _LIMITS: Final = (
     *("transducers", "max_points", "max_chunk", "max_sequence_frames", "max_upload_bytes"),

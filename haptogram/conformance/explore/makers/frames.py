@@ -11,12 +11,12 @@ from ..actions import LATE_WINDOWS_US, SLOT_US, DialogueAction
 from ..host import NO_SESSION, DialogueHost
 from .conditions import DialogueMaker
 
-#: When a frame is due: slots ahead, the name of a time, or at once.
+#: Due time of a frame: slots ahead, the name of a time, or at once.
 At: TypeAlias = float | str | None
 
 #: High: must be understood, and is not; low: may be ignored.
 ODD_FLAGS: Final = (0x20, 0x40, 0x80, 0x01, 0x02, 0x04, 0x08, 0xFF & ~m.Flag.IMMEDIATE)
-#: Of a session that is not the open one: low byte the same, high byte the same.
+#: Differences of a wrong session: low byte the same, high byte the same, both differ.
 WRONG_SESSIONS: Final = (0x0100, 0x0001, 0x8000)
 #: Defects of a request, one for each check in the order of HG-3.8.
 DEFECTS: Final[dict[str, dict[str, int]]] = {

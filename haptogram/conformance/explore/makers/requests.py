@@ -26,7 +26,7 @@ from .uploads import RandomUploads
 _MOST_U16: Final = 0xFFFF
 _MOST_U32: Final = 0xFFFFFFFF
 _LONG_PERIOD_US: Final = 450
-_LONG_LOOPS: Final = 400  # of a sequence of three frames
+_LONG_LOOPS: Final = 400  # loops of a sequence of three frames
 
 
 class RandomRequests(RandomUploads):

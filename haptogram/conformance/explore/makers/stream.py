@@ -12,12 +12,12 @@ from .conditions import DialogueConditions
 from .frames import RandomFrames
 
 _FAR_US: Final = 4_000_000  # later than any dialogue ends
-_FRAMES: Final = 8  # in a slot, at most
+_FRAMES: Final = 8  # most frames in a slot
 _BURST: Final = 40  # frames sent in one slot, at most
-_LONG_BURST: Final = 300  # where bytes take no time: more than 8 bits count
-_EDGES_UM: Final = (0, 1, -1, 1_000_000, -1_000_000)  # of a point: accuracy is demanded within 1 m
-_EDGE_SHARE: Final = 0.3  # of the points
-_PART_SHARE: Final = 0.4  # of the frames are those before, but for a part
+_LONG_BURST: Final = 300  # frames that overflow 8 bits, where bytes take no time
+_EDGES_UM: Final = (0, 1, -1, 1_000_000, -1_000_000)  # up to 1 m, where accuracy is required
+_EDGE_SHARE: Final = 0.3  # share of the points with such a coordinate
+_PART_SHARE: Final = 0.4  # share of the frames that repeat the last one but for a part
 _EDGES_U16: Final = (0, 1, 0x4000, 0x7FFF, 0x8000, 0xFFFF)
 
 

@@ -24,8 +24,8 @@ _WAYS: Final = (
     *("overlap", "overlap", "again"),
 )
 _PIECES: Final = 6
-_MOST_CHUNKS: Final = 8  # where they can be longer
-_LONG_BYTES: Final = 70_000  # more than 16 bits count
+_MOST_CHUNKS: Final = 8  # most chunks of an upload
+_LONG_BYTES: Final = 70_000  # upload that overflows 16 bits
 _ROOM: Final = 8  # uploads of so many bytes fit into the store at least
 
 

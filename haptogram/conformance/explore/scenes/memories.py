@@ -12,9 +12,9 @@ from ..actions import SLOT_US, ActionSlots
 from .states import SceneMaker
 
 _NUMBERS: Final = 8
-_STEPS: Final = 12  # of three sessions
-_TOGETHER: Final = 0.3  # of the steps come with the one before
-_SEGMENTS: Final = 5  # of a ring
+_STEPS: Final = 12  # steps of three sessions
+_TOGETHER: Final = 0.3  # share of the steps in the slot of the one before
+_SEGMENTS: Final = 5  # segments of a ring
 _LATCHES: Final = (0, 1, 2, 3, 6)
 _READS: Final = 4
 #: Inputs that a session, or its memory of requests, may change or meet.

@@ -10,9 +10,9 @@ from .states import SceneMaker
 
 #: Microseconds behind a multiple of the carrier period of 25 us.
 _TIMES: Final = (-24, 0, 1, 10, 25, 26)
-#: Where bytes arrive to the microsecond, frames that are latched at once as well.
+#: The times, and late and immediate frames, where bytes arrive to the microsecond.
 _TIMES_EXACT: Final = (*_TIMES, "late", None)
-_TRIOS: Final = 3  # in a scene
+_TRIOS: Final = 3  # groups of three frames in a scene
 _WAITS: Final = (0, 0, 0, 1, 24, 25, 26)  # microseconds
 #: A pause within a frame, in microseconds and in slots: the longest is 3 s.
 _SHORT_PAUSES: Final = (1, 30, 1000)

@@ -19,32 +19,32 @@ from .states import SceneMaker
 
 _SILENT: Final = (3, 3, 6)  # slots, until timers have ended
 _FILLED: Final = (4, 5, 5, 7)  # slots in which timers run
-#: What begins then.
+#: States with a running output.
 _RUNNING: Final = (
     *("ARM", "ARM + a frame ahead", "ARM + frames of some slots", "ARM + PLAY in half a slot"),
     *("another configuration + ARM + a frame at once", "timers - 4 - + a frame at once"),
     *("another configuration + ARM + a frame ahead", "timers 3 4 - + a frame ahead"),
     "another configuration + ARM + PLAY in half a slot",
 )
-#: What comes in each of them: nothing, what renews no lease, or (empty) a request that does.
+#: Inputs of each slot: nothing, one that renews no lease, or (empty) a request that does.
 _FILLERS: Final = ("nothing", "nothing", "damage 1", "damage 2", "damage 5", "a foreign frame", "")
-_RENEWALS: Final = 4  # in a scene
-_DEFECTS: Final = 6  # in a scene
+_RENEWALS: Final = 4  # renewals in a scene
+_DEFECTS: Final = 6  # malformed requests in a scene
 _WATCHED: Final = 8  # slots, of a ramp that lasts for four
-_SET_AGAIN: Final = 0.3  # in such a slot
+_SET_AGAIN: Final = 0.3  # share of the slots that set the field again
 _OF_RAMPS: Final = ("amplitude_ceiling", "ramp_ms")  # what a ramp keeps: set in each of them
 _LIKELY: Final = 6  # times as often as other fields
-_STATUS_SLOTS: Final = 7  # until the next STATUS
-_LONG_SLOTS: Final = 14  # until hundreds of frames were played
-_CHUNKS: Final = 16  # in a slot
-_EARLY_SLOTS: Final = 6  # before the first HELLO
+_STATUS_SLOTS: Final = 7  # slots until the next STATUS
+_LONG_SLOTS: Final = 14  # slots until hundreds of frames were played
+_CHUNKS: Final = 16  # chunks in a slot
+_EARLY_SLOTS: Final = 6  # slots before the first HELLO
 _EARLY: Final = 3  # inputs in each of them
 _OPENS: Final = {f"HELLO {which}" for which in HELLOS} - {"HELLO 0", "HELLO next major"}
 _VALUE_SLOTS: Final = 3
-_VALUE_FRAMES: Final = {True: 24, False: 5}  # where bytes take no time, and where they do
-_BYTES: Final = 8000  # of a slot, at most
-_DISTURBED: Final = 0.5  # of the scenes with the same input in each slot
-_GOES_ON: Final = 0.5  # of the scenes show whether a stream goes on
+_VALUE_FRAMES: Final = {True: 24, False: 5}  # frames where bytes take no time, and where they do
+_BYTES: Final = 8000  # most bytes of a slot
+_DISTURBED: Final = 0.5  # share of the scenes with one different input
+_GOES_ON: Final = 0.5  # share of the scenes that test whether a stream goes on
 
 
 class RandomScenes(SceneMaker):
