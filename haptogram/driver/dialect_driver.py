@@ -48,11 +48,11 @@ from haptogram.settings.arguments import (
 from haptogram_protocol.dialects.codec import Dialect
 
 _NS_PER_S: Final = 1_000_000_000
-_START_NS: Final = 2_000_000  # from the last preparation to the first frame
-_SETTLING_NS: Final = 5_000_000  # from the last byte on the line until a board has latched
-_WITHOUT_A_LINE_BAUD: Final = 1_000_000  # of a port that takes no notice of it
+_START_NS: Final = 2_000_000  # time from the last preparation to the first frame
+_SETTLING_NS: Final = 5_000_000  # time from the last byte on the line until a board has latched
+_WITHOUT_A_LINE_BAUD: Final = 1_000_000  # rate of a port that ignores it
 _PROGRESS_HZ: Final = 20
-_EARLY: Final = 0.5  # of the silence after which a board forgets
+_EARLY: Final = 0.5  # silence, as a share of that after which a board loses its state
 
 
 @dataclass(frozen=True, slots=True)

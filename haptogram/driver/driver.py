@@ -36,8 +36,8 @@ from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.state import OutputState
 
-DEFAULT_PLAY_LEAD_US: Final = 100_000  # from PLAY to the first frame
-DEFAULT_UNATTENDED_MS: Final = 3000  # that a sequence plays on without the host
+DEFAULT_PLAY_LEAD_US: Final = 100_000  # time from PLAY to the first frame
+DEFAULT_UNATTENDED_MS: Final = 3000  # time that a sequence plays on without the host
 
 
 class Driver(ClosedByWith):

@@ -31,7 +31,7 @@ from haptogram_protocol.messages import DriveKind, MuteReply, Status, TraceMode,
 Sink: TypeAlias = Callable[[Intended | Observation], object]
 
 _MOST_WARNINGS: Final = 100
-_MUTE_TIMEOUT_NS: Final = NS_PER_S  # of close: the board's own timers mute it soon after
+_MUTE_TIMEOUT_NS: Final = NS_PER_S  # wait for MUTE at close: the board's own timers follow soon
 
 
 def choose_session_nonce(nonce: int | None, seed: int | None) -> int:

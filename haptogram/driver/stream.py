@@ -39,11 +39,11 @@ from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import HelloReply, Status, StatusReply
 
 _PROGRESS_HZ: Final = 20
-_SETTLING_NS: Final = 5_000_000  # between the last latch and the question how it went
-_START_NS: Final = 2_000_000  # from the last preparation to the first frame
+_SETTLING_NS: Final = 5_000_000  # time between the last latch and the request of the status
+_START_NS: Final = 2_000_000  # time from the last preparation to the first frame
 _AHEAD: Final = 256  # frames that are encoded before they are due
-_ENCODING_NS: Final = 40_000  # for one of them, on a busy machine
-_TOLERATED_JUMP_US: Final = 1000  # of the board's clock: every lead is longer
+_ENCODING_NS: Final = 40_000  # time to encode one of them on a busy machine
+_TOLERATED_JUMP_US: Final = 1000  # jump of the board's clock that every lead covers
 _WATCH_NS: Final = 100_000_000  # a wait is cut into pieces no longer than this, to keep the clock
 
 _Encoded: TypeAlias = tuple[Frame, int, int, bytes]  # with index and due time in us

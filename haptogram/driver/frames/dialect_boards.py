@@ -15,7 +15,7 @@ from haptogram.settings.arguments import check_whole, shown_argument
 from haptogram_protocol.dialects.codec import Dialect, Display
 from haptogram_protocol.errors import LocalProtocolError
 
-_HIGHEST_CHANNEL: Final = 0xFFFF  # of any line of boards
+_HIGHEST_CHANNEL: Final = 0xFFFF  # highest channel of any dialect
 
 
 def checked_display_channels(channels: Any) -> tuple[int, ...]:

@@ -26,7 +26,7 @@ from haptogram.settings.arguments import check_argument_kind, check_choice
 from haptogram_protocol.dialects.codec import Codes, Display
 
 _BATCH: Final = 512  # frames whose phases are computed at a time
-_REGISTER_BITS: Final = 8  # of the drives in records and verdicts
+_REGISTER_BITS: Final = 8  # phase bits of the drives in records and verdicts
 _TURN: Final = 1 << _REGISTER_BITS
 _SESSION: Final = 0  # these wires know none
 

@@ -26,7 +26,7 @@ from haptogram_protocol.messages import Error, ErrorCode, Message, UploadChunk
 
 NS_PER_S: Final = 1_000_000_000
 _SILENCE_NS: Final = 20_000_000  # the shortest lease of a board
-BURST_NS: Final = 1_800_000  # of line time that may be unsent: two frames of 276 B at 3 Mbaud
+BURST_NS: Final = 1_800_000  # line time that may be unsent: two frames of 276 B at 3 Mbaud
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 
 _UNASKED: Final = (EventReceived, FrameDropped)

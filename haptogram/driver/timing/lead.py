@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import Final
 
 _LONGEST_DEFAULT_US: Final = 100_000
-_QUEUE_SHARE: Final = Fraction(3, 4)  # of the board's queue: the rest takes up a burst
+_QUEUE_SHARE: Final = Fraction(3, 4)  # share of the board's queue: the rest takes up a burst
 _GUARD_US: Final = 200  # above the worst delay seen: two clocks and a carrier period
 _GUARD_SHARE: Final = 4  # and a part in so many of it
 _LATENESS_DECAY: Final = 0.9  # per report without a late frame

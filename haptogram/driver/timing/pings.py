@@ -13,7 +13,7 @@ from haptogram_protocol.messages import Ping, Pong
 # Not a whole fraction of any usual period, so that the pings meet every phase of the traffic.
 PING_PERIOD_NS: Final = 980_000_000
 _INITIAL_PINGS: Final = 8
-_DOUBTFUL_NS: Final = 100_000_000  # until the next one, if the last one contradicts the others
+_DOUBTFUL_NS: Final = 100_000_000  # time until the next PING if the last one contradicts the others
 _PONG_BYTES: Final = frame_bytes_on_line(Pong.LAYOUT.size)
 
 

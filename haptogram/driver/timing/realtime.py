@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from haptogram.errors import ConfigurationError
 
-_SPIN_SHARE: Final = 4  # of a period no more than one part in so many is spun away
+_SPIN_SHARE: Final = 4  # part of a period, 1 / n, that may be spent spinning
 
 
 def next_deadline_ns(*, deadline_ns: int, now_ns: int, period_ns: int) -> int:
@@ -150,7 +150,7 @@ class TickStamps(NamedTuple):
     line_free: int
 
 
-#: What a :class:`TickLog` keeps of every tick.
+#: Fields of a tick in :class:`TickLog`.
 STAMPS: Final = TickStamps._fields
 
 
