@@ -25,7 +25,7 @@ from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import Feature, HelloReply, StateChanged, TraceDrive, TraceMode
 from haptogram_protocol.state import OutputState
 
-_TRACE_SHARE: Final = 0.5  # of the line from the board, for full drives
+_TRACE_SHARE: Final = 0.5  # share of the line from the board for traces with drives
 _AFTER_LAST_NS: Final = 5_000_000
 _LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as it likes
 _DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 
-_UNDER_WAY_US: Final = 5_000  # until the first frame after a silence is at the board
+_UNDER_WAY_US: Final = 5_000  # time until the first frame after a silence is at the board
 _OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
 
 

@@ -20,10 +20,10 @@ _LEAST_PULSES: Final = 3
 #: An edge is seen up to one sample late, so the distance of two is wrong by less than one.
 _SAMPLES: Final = 2.5
 _SPREADS: Final = 7.5  # median distances from the usual one: five standard deviations
-_MOST_JITTER: Final = 0.05  # of a period, that is no drawing out
-_LEAST_JITTER: Final = 0.01  # of a period, by which a steady carrier may jitter
+_MOST_JITTER: Final = 0.05  # largest jitter, in periods, of a carrier that is not drawn out
+_LEAST_JITTER: Final = 0.01  # tolerated jitter of a steady carrier, in periods
 _UNSTEADY: Final = 4  # distances in a row that are off: a latch makes one
-_LONGER: Final = 0.15  # of a period that comes before its time: it is one that was not drawn out
+_LONGER: Final = 0.15  # share of a period by which the next one may come early
 _BLOCK: Final = 64  # pulses that make one point of a steady clock: their mean has no samples
 _MOST_DIVIDER: Final = 3  # largest divider of a carrier with missing pulses
 _NEAR: Final = 0.1  # share by which a carrier is that of the map

@@ -24,10 +24,10 @@ _Floats: TypeAlias = NDArray[np.float64]
 _SPIKE_SAMPLES: Final = 2.5
 _SPIKE_PERIODS: Final = 0.004
 _NEIGHBOUR: Final = 0.1  # periods by which a pulse of the same drive may be off its place
-_ESTIMATED: Final = 0.99  # of a rate: an estimate from edges may be so much off
+_ESTIMATED: Final = 0.99  # accuracy of a rate that is estimated from edges
 _FULL_DUTY: Final = 0.5
-_DRIVEN_PERIODS: Final = 2.0  # on end: a latch may join two pulses to one of a period
-_WIDER: Final = 0.1  # by which a duty may exceed half a period before a pin counts as inverted
+_DRIVEN_PERIODS: Final = 2.0  # periods on end: a latch may join two pulses to one of a period
+_WIDER: Final = 0.1  # excess of a duty over half a period from which a pin counts as inverted
 
 
 def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:

@@ -12,9 +12,9 @@ from .capture import Capture
 
 _Floats: TypeAlias = NDArray[np.float64]
 _AROUND: Final = 8  # pulses on both sides that must agree on the jump: one alone is a disturbance
-_FEWEST: Final = 3  # of these, near both ends of a capture
-_SAMPLES: Final = 2.5  # by which two edges and the fit of a period may be off
-_LEAST: Final = 0.01  # of a period, by which a clock that no sample is lost of may jitter
+_FEWEST: Final = 3  # least pulses on both sides of a jump
+_SAMPLES: Final = 2.5  # tolerance of two edges and the fit of a period
+_LEAST: Final = 0.01  # tolerated jitter of the clock, in periods
 _LONGEST: Final = 2.5  # periods without a pulse: a longer pause is that of a clock that stops
 
 

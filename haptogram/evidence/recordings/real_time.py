@@ -24,7 +24,7 @@ from .compare import RECORDED, REPLAYED, ReplayComparison
 from .reader import Recording
 from .replay import ReplayResult, recorded_facts
 
-_PATIENCE_NS: Final = 2_000_000_000  # for the first reply, and for the last ones
+_PATIENCE_NS: Final = 2_000_000_000  # wait for the first reply, and for the last ones
 _RETRY_NS: Final = 1_000_000
 _WRAP: Final = 1 << 32
 

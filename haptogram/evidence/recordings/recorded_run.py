@@ -18,7 +18,7 @@ from .channels import INTENDED, MODEL
 from .reader import Recording
 from .writer import RecordingWriter
 
-#: What fields that are missing, or of another type, raise.
+#: Errors that missing fields, or fields of another type, raise.
 _UNREADABLE: Final = (ConfigurationError, LookupError, TypeError, ValueError)
 _COUNT: Final = "intended_frames"  # how many follow array and air
 

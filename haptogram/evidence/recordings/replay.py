@@ -24,7 +24,7 @@ _TOPICS: Final = (TO_BOARD, TO_HOST, LINK, LATCH, PULSES, OUTPUT)
 _FRAMES: Final = (TO_BOARD, TO_HOST, LINK)
 _COMPARED: Final = ("output", "pulses")  # records of the back door, beside latches
 _STEP_NS: Final = 10_000_000
-_AFTER_LAST_NS: Final = 12_000_000_000  # as far ahead as a frame can lie in a queue
+_AFTER_LAST_NS: Final = 12_000_000_000  # time after the last entry: the horizon of a queue
 _WRAP: Final = 1 << 32
 
 

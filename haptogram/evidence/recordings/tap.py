@@ -9,7 +9,7 @@ from haptogram.driver.line.port import Transport
 
 from .writer import RecordingWriter
 
-_PAUSE_NS: Final = 1_000_000  # from the last byte of a board to the beginning of the next
+_PAUSE_NS: Final = 1_000_000  # time from the last byte of a board to the beginning of the next
 
 
 class RecordingTransport:
