@@ -26,7 +26,7 @@ _FOLDERS: Final = tuple(f"/sys/devices/{name}" for name in ("software", "breakpo
 _PRODUCT: Final = "Haptogram virtual board"
 _READY: Final = b"ready"
 _STOP_S: Final = 5.0
-_LAST_WORDS_S: Final = 0.2  # from the end of its pipe to that of the process
+_LAST_WORDS_S: Final = 0.2  # time from the end of its pipe to the end of the process
 # Runs in the namespace, with the standard library alone, and becomes the program.
 _SCRIPT: Final = """
 import os, pathlib, subprocess, sys

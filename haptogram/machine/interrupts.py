@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any, Final
 
-#: In the order in which those are heard that came together: a handler of Ctrl-C raises.
+#: Signals that end a program, in the order of their handling: the handler of Ctrl-C raises.
 _ENDINGS: Final = tuple(
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT") if hasattr(signal, name)
 )

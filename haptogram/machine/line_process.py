@@ -14,8 +14,8 @@ from typing import IO, Final
 
 from haptogram.errors import LinkLostError, plain_reason
 
-_CHUNK: Final = 1 << 16  # what a pipe holds
-_MOST_BYTES: Final = 1 << 28  # of one answer
+_CHUNK: Final = 1 << 16  # capacity of a pipe
+_MOST_BYTES: Final = 1 << 28  # largest answer
 _LAST_WORDS_S: Final = 1.0
 _LAST_WORDS: Final = 4096  # bytes of them
 

@@ -20,7 +20,7 @@ _PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
 _PR_GET_TIMERSLACK: Final = 30
 _MCL_CURRENT: Final = 1  # sys/mman.h
 _MCL_FUTURE: Final = 2
-_PRIORITY: Final = 50  # of SCHED_FIFO: above ordinary threads of the kernel, below its watchdogs
+_PRIORITY: Final = 50  # SCHED_FIFO: above ordinary threads of the kernel, below its watchdogs
 
 
 def processes_behind_terminal(path: str) -> list[Path]:

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 _Ready: TypeAlias = list[tuple[selectors.SelectorKey, int]]
 
 _SELECT_LIMIT: Final = 1024  # FD_SETSIZE: what select(2) can wait for lies below
-_POLL_STEP_S: Final = 1e-3  # in which poll(2) counts, rounded up
+_POLL_STEP_S: Final = 1e-3  # resolution of poll(2), which rounds up
 _NAP_S: Final = 1e-4
 
 
