@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 Indices: TypeAlias = NDArray[np.intp]
 
 _CANDIDATES_PER_POINT: Final = 8  # random points, of which an even subset is kept
-_LEAST_SPACING: Final = 0.75  # of the resolution; thinning at random then leaves one per square
-_NEIGHBOURS: Final = 8  # on an even surface all that matter to the shortest tree
+_LEAST_SPACING: Final = 0.75  # least distance, in resolutions; thinning then leaves one per square
+_NEIGHBOURS: Final = 8  # neighbours of a point: enough for the shortest tree on an even surface
 
 
 def read_mesh(path: Path) -> trimesh.Trimesh:

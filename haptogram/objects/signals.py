@@ -14,7 +14,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.objects.modulation import FocusFrames
 
-_ROUNDING: Final = 1e-12  # of the mean
+_ROUNDING: Final = 1e-12  # rounding noise, relative to the mean
 _FOCI_AT_A_TIME: Final = 2048  # their weights: 8 MB over 256 elements
 
 
