@@ -18,7 +18,7 @@ from haptogram.settings.arguments import did_you_mean
 _HOSHI: Final = "T. Hoshi et al., IEEE Trans. Haptics 3(3), 155-165 (2010), abstract"
 _PAPER: Final = "Haptogram (2014)"
 _PAPER_OBJECT: Final = Hemisphere(radius_m=0.050, center_m=(0.0, 0.0, 0.100))
-_PAPER_WAVELENGTH_M: Final = 2.0 * math.pi / 730.603  # of the wave number that it prints
+_PAPER_WAVELENGTH_M: Final = 2.0 * math.pi / 730.603  # wavelength by the wave number that it prints
 _BEHIND_SCREEN_M: Final = (0.0, 0.0, 0.220)  # 20 mm in front of a screen at 200 mm
 _FOUR_POINTS: Final = (
     (-0.025, -0.025, 0.2),
