@@ -35,7 +35,7 @@ Result = Mapping[str, Any]
 _STAGE_HEAD: Final = ("stage (µs)", *(f"p{level:g}" for level in LEVELS), "max", "n", "meaning")
 _MISS_HEAD: Final = ("later than", "measured", "frames", "causes", "control loop stalled too")
 
-_NOTABLE_SHARE: Final = 0.01  # of all frames
+_NOTABLE_SHARE: Final = 0.01  # share of all frames that is mentioned
 _PLACES: Final = {"at_port": "at the port", "at_board": "complete at the board"}
 
 

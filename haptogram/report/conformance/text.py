@@ -14,7 +14,7 @@ from .wording import case_finding, common_finding_line, evidence_text, suite_cou
 _LEFT_OUT: Final = "takes longer than this depth"  # begin of the reason of such cases
 _CAUSES: Final = 3  # failures with their bytes; the others may follow from these
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
-_FAILURES: Final = 12  # that are named in the line of all of them
+_FAILURES: Final = 12  # most failures that one line names
 _NAMED: Final = 3  # cases that are named where they have a reason in common
 _NEXT_FRAME: Final = "\n" + 17 * " "  # of a dialogue
 _LONG_HEX: Final = re.compile(r"\b([0-9a-f]{64})[0-9a-f]{9,}")

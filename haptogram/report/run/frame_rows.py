@@ -9,7 +9,7 @@ from typing import Any, Final
 from haptogram import verification
 
 _LARGEST: Final = 10
-_LISTED: Final = 100  # that a person reads
+_LISTED: Final = 100  # most rows of the table
 _NAMED: Final = 8  # frames that are like the one in a row
 _TONES: Final = {
     verification.FrameStatus.ON_TARGET: "good",

@@ -18,7 +18,7 @@ from .pictures import draw_sweep_map
 _SEED: Final = "seed"
 _MOST_WORST: Final = 20
 _MOST_REASON: Final = 60  # characters; the rows have all of it
-_MOST_LEVELS: Final = 20  # of one axis of a map, or of a table
+_MOST_LEVELS: Final = 20  # most levels of one axis of a map, or of a table
 
 
 def sweep_document(campaign: SweepCampaign) -> Document:

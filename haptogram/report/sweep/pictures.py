@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_INK: Final = "#111111"  # on a bright cell, in a dark page too
+_INK: Final = "#111111"  # text colour on a bright cell, in a dark page too
 _CHALK: Final = "#fefefe"
-_BRIGHT: Final = 0.6  # of the largest value, from which on a cell is bright
+_BRIGHT: Final = 0.6  # share of the largest value from which on a cell is bright
 _LABEL: Final = 24  # characters
 
 

@@ -21,7 +21,7 @@ LATCHED: Final = "latched"
 SENT: Final = "sent"
 STATUSES: Final = (*map(str, FrameStatus), LATCHED, SENT)
 TIMELY, LATE, EARLY = range(3)
-_MOST_TEXTS: Final = 500  # of one page; the JSON file has all
+_MOST_TEXTS: Final = 500  # most texts in one page; the JSON file has all
 
 Place: TypeAlias = Sequence[float | None] | None
 

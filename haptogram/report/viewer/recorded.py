@@ -25,8 +25,8 @@ from .frames import SENT, ViewerFrame, found_fields_of_viewer, judged_viewer_fra
 from .live import LiveViewerScene
 from .scene import ViewerScene
 
-_MOST_FRAMES: Final = 20_000  # of one page: 10 MB
-_MOST_SEARCHES: Final = 20  # in vain: of a drive without a focus each takes a tenth of a second
+_MOST_FRAMES: Final = 20_000  # most frames in one page: 10 MB
+_MOST_SEARCHES: Final = 20  # most failed searches: each takes a tenth of a second
 
 
 @dataclass(frozen=True, slots=True)

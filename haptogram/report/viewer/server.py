@@ -23,7 +23,7 @@ from haptogram.errors import ConfigurationError, plain_reason
 from .live import LiveViewerScene
 
 _DEFAULT_PORT: Final = 80  # which a browser leaves out of the Host header
-_PATIENCE_S: Final = 1.0  # of a page that waits for frames, before it is told that there are none
+_PATIENCE_S: Final = 1.0  # wait of a page for frames before it gets an empty answer
 _INLINE: Final = re.compile(r"<(script type=\"module\"|style)>(.*?)</(?:script|style)>", re.DOTALL)
 
 
