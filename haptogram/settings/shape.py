@@ -13,7 +13,7 @@ SHAPES: Final = ("hemisphere", "sphere", "circle", "line", "point")
 MESH_SUFFIXES: Final = (".stl", ".obj", ".ply")
 #: Units of the lengths in a mesh file, in metres: the file does not say which it has.
 UNITS_M: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
-MOST_MM: Final = 10_000.0  # of a coordinate
+MOST_MM: Final = 10_000.0  # largest coordinate
 MODULATIONS: Final = ("am", "lm", "stm")  # those of haptogram.objects.modulation, which takes numpy
 
 

@@ -28,7 +28,7 @@ from .kinds import FAULT_KINDS, fault_number_text, fault_words
 
 #: The largest seed of chance that a plan takes.
 MOST_FAULT_SEED: Final = 2**64 - 1
-#: As many faults as a plan takes.
+#: Most faults of a plan.
 MOST_FAULTS: Final = 1000
 _NS_PER_MS: Final = 1_000_000
 _BOTH: Final = "both"
