@@ -22,11 +22,11 @@ from .mixed_up import TURN, Codes, PhaseGrid, mixed_up_drives, shaped_drive_faul
 #: A drive that is wrong in no way that has a name here.
 UNNAMED: Final = "most phases are not those intended"
 
-_NAMED_ELEMENTS: Final = 8  # more than these are counted, not listed
+_NAMED_ELEMENTS: Final = 8  # most elements that are listed; more are counted
 _NAMED_COLUMNS: Final = 3
 _FEW: Final = 0.25  # share of the elements that can be wrong one by one
-_MOST_UNITS: Final = 4  # that are each off by a phase of their own
-_CHANCE_BITS: Final = 16  # what all have in common by chance once in 2 to the power of so many
+_MOST_UNITS: Final = 4  # most units that are each off by a phase of their own
+_CHANCE_BITS: Final = 16  # improbability of a common property, as a power of two
 _TWO: Final = 2
 
 

@@ -19,7 +19,7 @@ from .consequences.held import DueFrame
 from .frame.judge import lost_frame_verdict
 from .frame.verdict import FrameStatus, FrameVerdict
 
-#: In every reason of a run that failed for frames that the board lost.
+#: Text in every reason of a run that failed because the board lost frames.
 LOST_BY_BOARD: Final = "lost by the board"
 _NOT_SENT: Final = "the host was held up and did not send it"
 _SENT_LATE: Final = "the host was held up and sent it too late"

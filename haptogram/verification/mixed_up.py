@@ -19,7 +19,7 @@ Codes: TypeAlias = NDArray[np.int64]
 
 TURN: Final = 1 << MAX_PHASE_BITS
 _CHARGES: Final = (1, -1, 2, -2, 3, -3)
-_LEAST_ELEMENTS: Final = 12  # of fewer, a half or a turn around the middle may be chance
+_LEAST_ELEMENTS: Final = 12  # least elements: with fewer, a half or a turn may be chance
 _MIDDLE: Final = 1e-6  # m: an element there has no direction
 _CHANGES: Final = 2  # around the middle of a twin
 _UNEVEN: Final = 0.2  # share of the elements by which its halves may differ

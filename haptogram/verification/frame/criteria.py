@@ -23,7 +23,7 @@ from .peaks import ExpectedPeak
 from .target import FrameTarget
 from .tolerated import ToleratedHost
 
-#: What each criterion asks of one focus, and of each of several beside the ideal drive for them.
+#: Question of each criterion: for one focus, and for each of several beside their ideal drive.
 CRITERIA: Final = {
     "S1": (
         "every latched phase is within half a step of the one that focuses on the target",
@@ -45,7 +45,7 @@ CRITERIA: Final = {
     "S5": ("every latched amplitude is the intended one, within half a step", "every amplitude"),
 }
 
-_ROUNDING_RAD: Final = 1e-9  # of the arithmetic, on top of half a phase step
+_ROUNDING_RAD: Final = 1e-9  # rounding of the arithmetic, on top of half a phase step
 AMPLITUDE_STEP: Final = 1.0 / FULL_AMPLITUDE
 _MM: Final = 1e3
 

@@ -26,9 +26,9 @@ from .tolerated import ToleratedHost, scale_of_tolerance
 #: Codes of an amplitude below which a board that computes may round a phase as it likes: the waves
 #: of the foci all but cancel there, and the phase of next to nothing means nothing.
 _LEAST_AMPLITUDE_CODE: Final = 4
-_HALF: Final = 0.5 + 1e-6  # of an amplitude step
-_MARGIN: Final = 1.15  # between the tolerated drives, a change is not quite in proportion
-_FAINT: Final = 0.1  # of the loudest: the pressure of a fainter focus is compared with that
+_HALF: Final = 0.5 + 1e-6  # half an amplitude step, and rounding
+_MARGIN: Final = 1.15  # factor for changes between the tolerated drives, which are not quite linear
+_FAINT: Final = 0.1  # of the loudest focus: the pressure of a fainter one is compared with that
 #: The least that a solver makes of foci.  Random phases reach an efficiency of F / N, solvers 0.5
 #: and more; their weakest focus of many has a third of the mean, a missing one next to none.
 LEAST_EFFICIENCY: Final = 0.25

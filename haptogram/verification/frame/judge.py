@@ -42,8 +42,8 @@ from .verdict import WRONG, FrameStatus, FrameVerdict
 _REMEMBERED_BYTES: Final = 1 << 27
 _CACHES: Final = 3
 _AT_ONCE: Final = 512  # frames of a call of compiled code
-_BYTES: Final = 6000  # of an entry, besides those per element
-_BYTES_PER_ELEMENT: Final = 160  # of a target: phases, pressures, the responses of focus and peaks
+_BYTES: Final = 6000  # memory of an entry, without that per element
+_BYTES_PER_ELEMENT: Final = 160  # memory of a target: phases, pressures, responses
 _ANY: Final = FrameKey(0, 0, 0, 0)
 _ITS_OWN: Final = ("number", "key", "t_apply_us", "t_latch_us", "late", "early")
 _ON_THE_WIRE: Final = (

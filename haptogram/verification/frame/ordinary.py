@@ -33,7 +33,7 @@ _MM: Final = 1e3
 BY_CRC: Final = "by the CRC of the drive, which is that of the intended one"
 _HOLD: Final = ("S1", "S2", "S3", "S4", "S5")
 COMPILED: Final = "compiled"
-#: What each answer of the loops stands for.
+#: Meaning of each result of the loops.
 _REASONS: Final = (
     "",
     "a coordinate of the focus that does not show",

@@ -19,9 +19,9 @@ from haptogram.errors import ConfigurationError
 _STENCIL_M: Final = 2e-4
 _STEPS: Final = 60
 _HALVINGS: Final = 10
-_LONGEST_STEP_RAD: Final = 0.7  # in the metric of the focus: the main lobe reaches to about 2
+_LONGEST_STEP_RAD: Final = 0.7  # longest step: the main lobe reaches to about 2
 _SETTLED_M: Final = 2e-6
-#: What the search itself may miss a peak by: its last step, and the error of the differences.
+#: Error of the peak search: its last step, and the error of the differences.
 _SEARCH_M: Final = 5e-6
 #: How far the ideal peak may be from the target of one focus: further away it is another one.
 NEXT_TO_TARGET_RAD: Final = 0.5
@@ -31,11 +31,11 @@ WITHIN_LOBE_RAD: Final = 1.8
 LOST: Final = 0.4
 _ROUND: Final = 0.10  # rad: a peak that rounding moves further may do so out of proportion
 _FLAT: Final = 1.5  # times the bound of the first order: such a peak has no place of its own
-_LEAST_CURVED: Final = 1e-9  # of the largest curvature
-_MARGIN: Final = 1.1  # for the second order of the response to rounding
+_LEAST_CURVED: Final = 1e-9  # least curvature, relative to the largest
+_MARGIN: Final = 1.1  # factor for the second order of the response to rounding
 #: Least metric of a focus, over k^2, along a direction in which the phases determine its place.
 TURNED_RATIO: Final = 1e-6
-#: All of these, as the compiled loops take them.
+#: All of these, in the order of the compiled loops.
 PEAK_SETTINGS: Final[FloatArray] = np.array([
     _STENCIL_M, _LONGEST_STEP_RAD, _SETTLED_M, _STEPS, NEXT_TO_TARGET_RAD, LOST, _ROUND, _MARGIN,
     _SEARCH_M, TURNED_RATIO,

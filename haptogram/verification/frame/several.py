@@ -42,9 +42,9 @@ from .tolerated import ToleratedHost, ToleratedHosts, frame_scatter_rad, scale_o
 from .verdict import FrameStatus, FrameVerdict, Vector
 
 _MM: Final = 1e3
-_SECOND_ORDER: Final = 1.1  # of the bound of the first order
+_SECOND_ORDER: Final = 1.1  # factor on the first-order bound
 _EXACT: Final = 1.0 + 1e-4
-_FLAT: Final = 1.02  # of the distance to a peak that was found: it may be so flat
+_FLAT: Final = 1.02  # factor on the distance to a peak that was found: it may be so flat
 _MOST_SLACK: Final = 2.0  # of an amplitude, times the limit of the phases of a host that was found
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"

@@ -25,9 +25,9 @@ from .verdict import FrameStatus, FrameVerdict
 _MM: Final = 1e3
 _STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
 _ACROSS_AND_ALONG: Final = 2
-#: Between the rounding of 8 bits, which whoever reconstructs may take, and what it calls off.
+#: Limit between the rounding of 8 bits and an element that a reconstruction calls off.
 _FINEST_RAD: Final = 0.75 * acoustics.phase_step_rad(8)
-_ABOUT: Final = 1.5  # of the phase limit: what a focus that somebody fitted may leave
+_ABOUT: Final = 1.5  # phase limit of a focus that somebody fitted, relative to ours
 _NOT_SEARCHED: Final = (
     "where the drive focuses, if anywhere, was not searched for: many frames before have no focus"
 )

@@ -24,14 +24,14 @@ from .peaks import LOST, TURNED_RATIO, ExpectedPeak, FramePeakAxes, expected_fra
 Bools = NDArray[np.bool_]
 
 _MM: Final = 1e3
-_NEAR: Final = 0.01  # of the distance: rounding moves a focus so far in proportion
-_SECOND_ORDER: Final = 1.04  # of the bound of the first order
-#: When a coordinate is observed, and how exactly, as the compiled loops take it.
+_NEAR: Final = 0.01  # of the distance: a larger bound needs the second order
+_SECOND_ORDER: Final = 1.04  # factor on the first-order bound
+#: Limits of observable coordinates and their bounds, in the order of the compiled loops.
 OBSERVED: Final[FloatArray] = np.array([focus_fit.LEAST_SEEN_SHARE, _NEAR, _SECOND_ORDER, LOST])
 _SAME_LINE: Final = 1e-6
 _AT_CENTRE_M: Final = 1e-6
-_AIRS: Final = 41  # between the slowest and the fastest that is tolerated
-_WIDTH_RAD: Final = 2.0 * 0.831  # of a focus at -3 dB, in radians of phase
+_AIRS: Final = 41  # speeds tried between the slowest and the fastest tolerated air
+_WIDTH_RAD: Final = 2.0 * 0.831  # -3 dB width of a focus, in radians of phase
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,19 +27,19 @@ from ..tolerance import Tolerance, Uncertainty
 from .target import Bools, FrameTarget
 
 _STEPS: Final = 12
-_SETTLED: Final = 1e-4  # of the tolerance
-_SLOPE: Final = 0.02  # of the tolerance, to either side
-_ROUNDS: Final = 3  # of the exact solution, each linearised anew
-_SHORTER: Final = (1.0, 0.3, 0.1, 0.03)  # of the step of such a solution
+_SETTLED: Final = 1e-4  # step, relative to the tolerance, at which the solution has converged
+_SLOPE: Final = 0.02  # step of the finite differences, relative to the tolerance
+_ROUNDS: Final = 3  # rounds of the exact solution, each linearised again
+_SHORTER: Final = (1.0, 0.3, 0.1, 0.03)  # factors tried on the step of such a solution
 _HOPELESS: Final = 1.5  # times the limit: an RMS error that no place within rounding explains
 _EXACT: Final = 1.0 + 1e-4
-_SECOND_ORDER: Final = 1.5  # of the bound of the first order
-_LOUD: Final = 0.5  # of the mean: where the waves of several foci do not all but cancel
+_SECOND_ORDER: Final = 1.5  # factor on the first-order bound
+_LOUD: Final = 0.5  # of the mean amplitude: below it the waves of several foci nearly cancel
 _FEW: Final = 0.25  # share of the elements that can be wrong one by one
 #: Standard uncertainties by which one element of some hundreds may be off.
 _COVERAGE: Final = 5.0
 _PAIR: Final = 2
-_DIRECTIONS: Final = 128  # on the ball of the tolerated miss: their planes are within 2 % of it
+_DIRECTIONS: Final = 128  # directions of a tolerated miss: 2 % short of a ball at most
 _ANYWHERE: Final = Tolerance(miss_mm=10.0, temperature_c=20.0)
 
 

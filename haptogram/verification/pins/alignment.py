@@ -18,9 +18,9 @@ from .held.drives import held_pin_drives
 from .held.matching import matched_drives
 from .run_drives import PinRunDrives
 
-_NEAR_PERIODS: Final = 2.5  # of the line through the latches: those of one clock
+_NEAR_PERIODS: Final = 2.5  # distance from the line through the latches of one clock
 _FEWEST: Final = 8  # frames that tell the rate
-_WINDOW: Final = 0.5  # of a frame, in which the changes of one latch lie
+_WINDOW: Final = 0.5  # part of a frame that holds the changes of one latch
 
 
 @dataclass(frozen=True, slots=True)

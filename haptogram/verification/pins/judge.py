@@ -50,20 +50,20 @@ from .silence import EndOfSound, end_of_sound_on_pins
 _HALF: Final = 0.5
 _EDGE: Final = 2  # frames at the end of the capture, beside which samples may be missing
 _NAMED: Final = 4
-_BREAK_SAMPLES: Final = 2.5  # by which two edges may be off
-_JITTERS: Final = 6.0  # of one pulse beside the next at the median: beyond them, it is no jitter
+_BREAK_SAMPLES: Final = 2.5  # tolerance of two edges, in samples
+_JITTERS: Final = 6.0  # of the median jitter of one pulse: beyond that it is no jitter
 _WITH_THE_CLOCK: Final = "capture the clock of the carrier, and longer than the run, to know"
 _BY_DRIVE: Final = (
     "the frames carry no times: each is found by its drive, and a delay does not show"
 )
 _NEARLY_ALL: Final = 0.9
-_NEAR_RAD: Final = 2.0 * phase_step_rad(8)  # a board may be off by, which shows this run
-_FITTING_SHARE: Final = 0.25  # of the pins that show this run in nearly all frames: no chance
+_NEAR_RAD: Final = 2.0 * phase_step_rad(8)  # extra phase error that still shows this run
+_FITTING_SHARE: Final = 0.25  # least share of pins that show this run in nearly all frames
 _FEWEST_FITTING: Final = 3
-_FEWEST_DRIVES: Final = 3  # that are off by the same: no chance
+_FEWEST_DRIVES: Final = 3  # least different drives with the same error: no chance
 _FEWEST_AGREEING: Final = 2  # drives, beyond those that agree by chance
-_LEAST_PERIODS_OF_CARRIER: Final = 40.0  # that tell its frequency where samples are missing
-_SAMPLES_OF_8_BITS: Final = 512.0  # of a period: one is half a step
+_LEAST_PERIODS_OF_CARRIER: Final = 40.0  # periods that show its frequency where samples are missing
+_SAMPLES_OF_8_BITS: Final = 512.0  # samples of a period: one is half a step
 
 
 def verify_captured_pins(

@@ -24,8 +24,8 @@ _LEAST_DISTANCE: Final = 0.06
 _LATCH: Final = 1.25  # periods: a pulse that begins so long before a frame is none of it
 _UNCLEAR: Final = 0.1  # share of pulses on the wrong side of a step
 _FAINT: Final = 4.0  # samples of a pulse: a shorter one may not be seen
-_FIRST_PERIODS: Final = 3.0  # of a capture that begins with the run
-_PRIOR_PERIODS: Final = 8.0  # before the run
+_FIRST_PERIODS: Final = 3.0  # periods of a capture that begins with the run
+_PRIOR_PERIODS: Final = 8.0  # periods before the run
 _SETTLED: Final = 2.0  # periods after which a frame is judged that began before the capture
 _LEAD: Final = 4.0  # periods by which the search begins and ends earlier
 

@@ -23,7 +23,7 @@ Bools: TypeAlias = NDArray[np.bool_]
 
 #: Periods that a frame lasts at least: a latch and what surrounds it take three, a phase two.
 LEAST_PERIODS: Final = 5.0
-_ROUNDING: Final = 1e-6  # of times that are whole microseconds
+_ROUNDING: Final = 1e-6  # rounding of times in whole microseconds
 _CODES: Final = 256
 _HALF: Final = 0.5
 _EVERY: Final = slice(None)

@@ -22,17 +22,17 @@ from .run_drives import Bools, PinRunDrives
 
 #: Share of the captured drives that are right in a capture of this run.
 FIT_SHARE: Final = 0.5
-#: From the first to the last pin of a latch: a period, and what a cut pulse may seem to be off.
+#: Longest time from the first to the last pin of a latch: a period, and the error of a cut pulse.
 TORN_PERIODS: Final = 1.25
 #: A frame is late from here on: one for the boundary that is awaited, one for its pulse in it.
 LATE_PERIODS: Final = 2.0
 _HALF: Final = 0.5
 _SILENT: Final = 2.5  # periods without a pulse
-_LAST_PERIODS: Final = 7.0  # of a frame: a latch so late shows nothing that can be judged
-_LATCH_PERIODS: Final = 1.5  # in which all pins latch: one, and a pulse that the latch cut
+_LAST_PERIODS: Final = 7.0  # end of a frame, in which a latch shows nothing that can be judged
+_LATCH_PERIODS: Final = 1.5  # time in which all pins latch: a period, and a pulse that was cut
 _EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
 _ROUNDING_RAD: Final = 1e-4
-_MOST_JITTER_RAD: Final = math.pi / 256.0  # of a mean: half a step of 8 bits
+_MOST_JITTER_RAD: Final = math.pi / 256.0  # largest jitter of a mean: half a step of 8 bits
 _LATCH_SLACK: Final = 2.0  # periods by which a latch may seem to be early
 
 

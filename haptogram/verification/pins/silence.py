@@ -17,7 +17,7 @@ from .shown_frames import FramesShownByPins
 
 _SILENT_PERIODS: Final = 2.5  # without a pulse
 _FADED: Final = 0.9  # of its amplitude: a pin that has less before its end is on a ramp
-_MUTE_SAMPLES: Final = 2.0  # of two edges, or of an edge and the last bit of MUTE
+_MUTE_SAMPLES: Final = 2.0  # tolerance of two edges, or of an edge and the last bit of MUTE
 _FAINT: Final = 4.0  # samples of a pulse: a shorter one may be taken for a disturbance
 _FAINT_PERIODS: Final = 0.008
 _LAST_PULSES: Final = 3  # pulses; the last one may have been cut

@@ -25,12 +25,12 @@ _SOUNDING: Final = 1e-6
 _FEW: Final = 0.2  # share of the elements that can be off by mistake; more are a part of the array
 _NEIGHBOURS: Final = 4
 _SCATTERED: Final = 0.65  # share of the neighbours of silent elements that sound
-_MOST_SETS: Final = 1000  # of silent elements that are told apart
+_MOST_SETS: Final = 1000  # most sets of silent elements that are compared
 _SAME_M: Final = 1e-6
-_CHANCE: Final = 1e-4  # that so many wrong elements are all half a turn off
-_LEAST_LATCHES: Final = 2  # of different drives that show an element reversed
-_FB_BYTES: Final = 1  # that fall through before the amplitudes
-_FB_LARGEST: Final = 16 / 32  # of a turn: an amplitude of SimpleFPGA, taken for a phase
+_CHANCE: Final = 1e-4  # probability that so many wrong elements are all half a turn off
+_LEAST_LATCHES: Final = 2  # least different drives that show an element reversed
+_FB_BYTES: Final = 1  # bytes FB before the amplitudes
+_FB_LARGEST: Final = 16 / 32  # turns: the largest amplitude of SimpleFPGA, taken for a phase
 
 
 class DefectFinder:

@@ -18,7 +18,7 @@ from .defect import Defect, Diagnosis
 from .mistake_fit import MistakeFit
 from .mistakes import Aim
 
-_ROUNDING: Final = 0.32  # of a step, the root mean square: rounding and cutting off leave 0.29
+_ROUNDING: Final = 0.32  # RMS error in steps: rounding and cutting off leave 0.29
 _NAMED: Final = 8  # elements; more are counted
 _MOST_FRAMES: Final = 1000
 

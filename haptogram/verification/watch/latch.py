@@ -16,11 +16,11 @@ from haptogram.records.frame import Evidence
 POWER_UP: Final = "power-up"
 MODULATED: Final = "modulation"
 UPLOAD: Final = "upload"
-#: What boards count of latches whose pins pulse in every second period.
+#: Counter of latches whose pins pulse in every second period.
 HALVED: Final = "pins_at_half_carrier"
-#: What boards latch without a client.
+#: Causes of latches without a client.
 OWN_CAUSES: Final = frozenset({POWER_UP, "off-frame", MODULATED, UPLOAD})
-#: What codecs count of a frame that is not whole: bytes of it were lost, or changed.
+#: Counters of codecs for incomplete frames: bytes were lost or changed.
 TORN_KINDS: Final = frozenset(
     {
         "frames_short",

@@ -20,14 +20,14 @@ _MOST_SPEED: Final = 0.045
 _SPEEDS: Final = np.linspace(-0.04, 0.04, 9)
 _MOST_SHIFT_M: Final = 0.03
 _PROBES: Final = 3  # frames that say whether a hypothesis is worth a fit
-_AGREE: Final = 0.6  # of the phases, for a fit to begin with
+_AGREE: Final = 0.6  # least agreement of the phases for a fit to begin
 _ROUNDS: Final = 6
 _FRAMES: Final = 0.8  # share of the frames that a mistake must explain
 _ELEMENTS: Final = 0.8  # and of the elements of each
 _WORST: Final = 2.4  # times the misfit of all: that of one frame
-_SEEN: Final = 1e-5  # of the largest singular value of the slopes
-_CERTAIN: Final = math.log(1e-7)  # of chance: one in 10 000, for a thousand hypotheses
-UNKNOWNS: Final = 4  # of a frame that has a focus of its own: a place, and the speed of sound
+_SEEN: Final = 1e-5  # least singular value of the slopes, relative to the largest
+_CERTAIN: Final = math.log(1e-7)  # log of the chance: 1 in 10 000, for 1000 hypotheses
+UNKNOWNS: Final = 4  # unknowns of a frame with a focus of its own: a place, and the speed of sound
 
 
 @dataclass(frozen=True, eq=False, slots=True)

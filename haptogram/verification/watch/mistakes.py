@@ -24,7 +24,7 @@ from .rearrangements import Part, Rearrangement
 
 LEAST_TARGETS: Final = 3
 _EXPLAINS: Final = 2.5  # standard deviations of rounding, in the root mean square
-_MARGIN: Final = 2.5  # between the explanation and the next best one
+_MARGIN: Final = 2.5  # ratio between the best explanation and the next
 _LEAST_RIVAL: Final = 4.0  # standard deviations that the next best one must be off
 _IS_NOISE: Final = 1.3  # standard deviations: nothing but rounding is left
 _BETTER: Final = 6.0  # standard deviations by which it is more likely than the next best one

@@ -19,7 +19,7 @@ from .latch import SeenLatch
 
 _REMEMBERED: Final = 4  # right latches whose drive may come again
 _MOST_MISSING: Final = 3  # frames that may be missing at once
-_NEAR_M: Final = 0.01  # from a focus to the target of the frame that it may be
+_NEAR_M: Final = 0.01  # distance from a focus to the target of its frame
 _MOST: Final = 10_000
 
 

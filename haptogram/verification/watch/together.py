@@ -23,9 +23,9 @@ from ..groups import groups_of_elements
 from .defect import Defect, Diagnosis
 from .latch import HALVED, UPLOAD, SeenLatch
 
-_ROUNDING: Final = 0.32  # of a step, the root mean square: rounding and cutting off leave 0.29
-_LEAST_LAG: Final = 0.75  # of a step, of a group: codes that are cut off are off by less
-_SPREAD: Final = 0.6  # of a step, within a group: rounding, and the fit of the place
+_ROUNDING: Final = 0.32  # RMS error in steps: rounding and cutting off leave 0.29
+_LEAST_LAG: Final = 0.75  # least lag of a group, in steps: codes that are cut off are off by less
+_SPREAD: Final = 0.6  # spread within a group, in steps: rounding, and the fit of the place
 _SOUNDING: Final = 1e-6
 _LEAST: Final = 0.95  # of the amplitude, while bytes arrive: less is a loss
 _MOST: Final = 1000  # latches whose phases are looked at

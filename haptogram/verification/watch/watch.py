@@ -35,7 +35,7 @@ _TIMED: Final = 4096
 _MOST_AIMS: Final = 64  # targets that a mistake must explain
 _SOUNDING: Final = 1e-6
 _MOST_NOTES: Final = 4
-_LEAST_ELEMENTS: Final = 12  # that prove a focus, with 16 steps
+_LEAST_ELEMENTS: Final = 12  # least elements that prove a focus, with 16 steps
 _SILENT_KINDS: Final = ("off", "uniform")
 
 

@@ -15,12 +15,12 @@ import numpy as np
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.records.pins import PinRecord
 
-_WINDOW_S: Final = 0.5e-3  # as long as a transducer rings
+_WINDOW_S: Final = 0.5e-3  # ringing time of a transducer
 _MOST_PINS: Final = 64
-_QUIET: Final = 0.02  # of the usual level: silence
-_FULL: Final = 0.95  # of the windows, whose level is that of the undisturbed carrier
+_QUIET: Final = 0.02  # of the usual level: less is silence
+_FULL: Final = 0.95  # quantile of the windows that shows the undisturbed carrier
 _LEAST_DB: Final = 0.5
-_BUSY: Final = 0.5  # of a window, in which bytes arrive
+_BUSY: Final = 0.5  # part of a window in which bytes arrive
 
 
 @dataclass(frozen=True, eq=False, slots=True)

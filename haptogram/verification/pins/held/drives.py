@@ -24,15 +24,15 @@ from ..run_drives import fundamentals_of_run_drives
 _Ints: TypeAlias = NDArray[np.int64]
 
 _SAMPLES: Final = 1.5  # an edge is seen up to one late, so two are apart by less than one more
-_MOST: Final = 0.8  # of the pulses, between which no latch is
+_MOST: Final = 0.8  # share of the pulses between which no latch is
 _SPREADS: Final = 4.0  # of what those are off by at most: five standard deviations
 _MOST_JITTER: Final = 0.02  # periods: a change by one of 32 steps is none
 _SILENT: Final = 1.6  # periods without a pulse
 _LEAST: Final = 2.0  # periods for which a drive is held
 _LATCH_PIN: Final = -1
-_MOST_CHANGES: Final = 2  # of a pin in a latch: it falls silent and sounds again
+_MOST_CHANGES: Final = 2  # most changes of a pin in a latch: it falls silent and sounds again
 _SAME: Final = 1.5  # samples by which the mean of a drive may differ from itself
-_LEAST_STEP: Final = 0.01  # of full drive
+_LEAST_STEP: Final = 0.01  # least change of a drive, of full drive
 
 
 @dataclass(frozen=True, slots=True)

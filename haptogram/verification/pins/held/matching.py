@@ -15,7 +15,7 @@ from .drives import HeldDrives
 
 _Ints: TypeAlias = NDArray[np.int64]
 
-_LEAST_MATCH: Final = 0.5  # of a correlation: below, a drive is that of no frame
+_LEAST_MATCH: Final = 0.5  # least correlation of a drive with a frame
 _TURNS: Final = 4  # phases that are tried
 _MOST_PAIRS: Final = 50_000_000
 
