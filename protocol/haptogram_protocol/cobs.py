@@ -25,7 +25,7 @@ _FEW: Final = 32  # pieces that are done one by one sooner than all at once
 _CODES: Final = [bytes([length + 1]) for length in range(BLOCK + 1)]  # by the length of the piece
 _NON_ZERO: Final = bytes([0]) + bytes([0xFF]) * 255  # translates a byte to a mask of its bits
 _ONES: Final = int.from_bytes(b"\x01" * BLOCK, "little")
-_EMPTY_PIECES: Final = b"\x01" * 8  # that are decoded sooner at once than one by one
+_EMPTY_PIECES: Final = b"\x01" * 8  # that many are decoded faster at once than one by one
 _runs_of_empty_pieces = re.compile(rb"\x01{8,}").finditer
 
 

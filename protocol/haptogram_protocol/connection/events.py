@@ -20,7 +20,7 @@ class NeedData(enum.Enum):
     NEED_DATA = enum.auto()
 
 
-#: No event waits; more bytes, or a deadline, bring the next one.
+#: No event is pending; more bytes, or a deadline, bring the next one.
 NEED_DATA: Final = NeedData.NEED_DATA
 
 

@@ -35,7 +35,7 @@ class Reply:
         return None
 
 
-#: For each channel of a line the step of the period at which its pulse begins; None: off.
+#: Step of the period at which the pulse of each channel begins; None: off.
 Codes: TypeAlias = Sequence[int | None]
 
 

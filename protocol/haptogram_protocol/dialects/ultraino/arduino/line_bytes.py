@@ -9,7 +9,7 @@ SWAP: Final = b"\x00"
 COMMAND: Final = b"\x10"
 DURATION_BYTES: Final = bytes([0x30, 0x70, 0xB0, 0xF0])
 BYTES_OF_DURATION: Final = 4
-#: For each number of hops to go the pattern of half slot bytes.
+#: Pattern of half slot bytes, by the number of remaining hops.
 PARTS: Final = {
     hops: rb"[" + b"".join(re.escape(bytes([high << 4 | hops])) for high in range(16)) + rb"]+"
     for hops in range(1, 16)
