@@ -11,7 +11,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 from .board import events
 
 _LOG: Final = logging.getLogger(__name__)
-#: What a host brings about by its frames, as often as it likes.
+#: Notices that a host can cause with its frames, without limit.
 _FREQUENT: Final = (
     events.SessionOpened,
     events.StateChange,

@@ -28,7 +28,7 @@ HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the boa
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
 _LINE_CHUNK: Final = MAX_ENCODED_BYTES + 2  # handed to the line at a time: the longest frame
 _LINES: Final = {"down": "to_board", "up": "to_host"}
-MAX_CREDIT_NS: Final = 100_000_000  # of line time, for a process that stalled
+MAX_CREDIT_NS: Final = 100_000_000  # most line time that a stalled process may catch up
 
 
 class SimulationRecorder(Protocol):

@@ -20,10 +20,10 @@ from .line.sampling import is_baud_understood
 from .log import BoardCountLog
 from .simulation import Simulation
 
-_SHORT_NS: Final = 60_000  # what a sleep takes at least; the next carrier boundary is nearer
-_HAND_OVER_NS: Final = 20_000_000  # from one batch of records for the worker to the next
-_LONGEST_NS: Final = 3_600_000_000_000  # of one sleep: select(2) takes no more than some centuries
-_LAST_BYTES_NS: Final = 5_000_000  # from one look for the last bytes of a client to the next
+_SHORT_NS: Final = 60_000  # shortest sleep; the next carrier boundary is nearer
+_HAND_OVER_NS: Final = 20_000_000  # time from one batch of records for the worker to the next
+_LONGEST_NS: Final = 3_600_000_000_000  # longest sleep: select(2) takes no more than some centuries
+_LAST_BYTES_NS: Final = 5_000_000  # time from one look for the last bytes of a client to the next
 _CHUNK: Final = 4_096
 _ENDINGS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

@@ -18,10 +18,10 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 
 from ..board.events import CarrierState
 
-#: Of a period: delays up to it leave half of the fundamental in the 0.5 ms that transducers ring.
+#: Delay, of a period, that leaves half of the fundamental in the 0.5 ms that transducers ring.
 _DRAWN_OUT: Final = 0.72
-_LONGEST: Final = 0.55  # by which a byte draws a period out: 614 cycles for 396
-_SHARE: Final = 0.29  # of the periods, in which one of the bytes of 115 200 baud arrives
+_LONGEST: Final = 0.55  # longest prolongation of a period by a byte: 614 cycles for 396
+_SHARE: Final = 0.29  # share of the periods in which a byte of 115 200 baud arrives
 
 Samples: TypeAlias = NDArray[np.int64]
 Edges: TypeAlias = tuple[Samples, Samples, NDArray[np.bool_]]

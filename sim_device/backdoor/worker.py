@@ -27,10 +27,10 @@ from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, WorkerJob, packed_wo
 _LOG: Final = logging.getLogger(__name__)
 
 QUEUE_LATCHES: Final = 16_384  # records that may wait for the worker: 16 s at 1 kHz
-START_TIMEOUT_S: Final = 600.0  # it may compile, on a machine with much else to do
-STOP_TIMEOUT_S: Final = 8.0  # of a worker that has not begun: it may be compiling
+START_TIMEOUT_S: Final = 600.0  # the worker may compile, on a busy machine
+STOP_TIMEOUT_S: Final = 8.0  # wait for a worker that has not begun: it may be compiling
 DRAIN_TIMEOUT_S: Final = 120.0
-SKIP_FIELDS_AFTER_S: Final = 20.0  # from then on the last records come without their field
+SKIP_FIELDS_AFTER_S: Final = 20.0  # time after which the last records have no field
 
 BATCH: Final = 64  # records that are handed over at a time, unless time is up before
 

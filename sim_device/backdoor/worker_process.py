@@ -19,10 +19,10 @@ from .records import backdoor_record_line
 from .sinks import RecordSink, open_backdoor_sink
 from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, unpacked_worker_batches
 
-LINGER_S: Final = 5.0  # for readers of the back door to take the last records
+LINGER_S: Final = 5.0  # time for readers of the back door to take the last records
 _READ_BYTES: Final = 65_536
 _NICENESS: Final = 10  # a 40th of a core beside eight busy processes; 19 would be a 270th
-_LOOK_MS: Final = 20  # between two looks for the reader of a pipe
+_LOOK_MS: Final = 20  # time between two looks for the reader of a pipe
 _IDLE_S: Final = 0.05  # how long a client of the back door may wait for its first line
 
 

@@ -187,7 +187,7 @@ def _begin_upload(board: Board, begin: m.UploadBegin) -> m.UploadBeginReply:
     return m.UploadBeginReply(board.settings.max_chunk, board.settings.upload_window)
 
 
-#: By the type of the request, which the table sees to, so that the type checker need not.
+#: Answers by the type of the request, which the type checker cannot check.
 ANSWERS: Final[Mapping[type[m.Message], Callable[[Board, Any], m.Message]]] = {
     m.Arm: _arm,
     m.Disarm: _disarm,

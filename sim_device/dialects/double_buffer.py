@@ -18,7 +18,7 @@ from ..board.events import Modulation, PulseLatch
 from .unit import LatchingUnit
 
 POWER_UP: Final = "power-up"
-_OUTPUTS: Final = 8  # of a shift register
+_OUTPUTS: Final = 8  # outputs of a shift register
 _LAST_OUTPUT: Final = 3  # the channel, modulo 8, whose bit is shifted last
 
 

@@ -17,7 +17,7 @@ from ..board.events import CarrierState, Notice, PulseLatch
 from .client_remarks import ClientRemarks, UnshownToClient
 from .unit import HearsBytesUnit, HoldsBackUnit, RunsAheadUnit, Unit
 
-PAUSE_US: Final = 30_000  # between bytes: what comes then may be another frame
+PAUSE_US: Final = 30_000  # silence after which another frame may begin
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 

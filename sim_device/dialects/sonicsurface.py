@@ -28,7 +28,7 @@ from .emulation import Emulation
 
 MODULATION_AT_POWER_UP: Final = 10
 _EMITTERS: Final = wire.CHANNELS
-_TICKS_HZ: Final = 640_000  # of the tactile firmware: one emitter is switched every (step + 1)
+_TICKS_HZ: Final = 640_000  # tactile firmware: one emitter is switched every (step + 1)
 
 _IN_TIME, _LATE = "in-time", "late"
 _PRIMARY: Final = Registers(wire.RULES, steps=32, width=16)

@@ -22,7 +22,7 @@ from .line import Values
 from .phasors import FaultyPhasors
 
 BANK: Final = 64  # transducers that one driver chip feeds, one after the other
-_CODES: Final = 256  # of a phase, as faults are written
+_CODES: Final = 256  # phase codes of a turn, as faults are written
 
 
 @dataclass(slots=True)

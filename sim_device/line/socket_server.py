@@ -23,7 +23,7 @@ _NO_CLIENT: Final = (
     *(errno.ENETDOWN, errno.ENETUNREACH, errno.EHOSTDOWN, errno.EHOSTUNREACH),
 )
 _SHORTAGE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-_PATIENCE_NS: Final = 200_000_000  # until descriptors may be there again
+_PATIENCE_NS: Final = 200_000_000  # time until descriptors may be available again
 
 
 class SocketDoorman:

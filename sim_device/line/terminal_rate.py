@@ -15,7 +15,7 @@ from haptogram.machine.posix import posix_module
 
 from .pty_link import INSTEAD_OF_PTY
 
-UNTOUCHED_BAUD: Final = 38_400  # of a new pseudo-terminal
+UNTOUCHED_BAUD: Final = 38_400  # default rate of a new pseudo-terminal
 _TCGETS2: Final = 0x802C542A  # asm-generic/ioctls.h: as the names of termios have no odd rates
 _TERMIOS2: Final = struct.Struct("4IB19x2I")  # flags, line, characters, rates in and out
 

@@ -19,7 +19,7 @@ from haptogram.settings.line import LineSettings
 
 from .sampling import BITS_PER_BYTE, sample_uart_characters
 
-USB_PACKET_BYTES: Final = 62  # of 64; two tell the state of the modem lines
+USB_PACKET_BYTES: Final = 62  # payload of a 64 byte packet; two bytes hold the modem status
 _NS_PER_S: Final = 1_000_000_000
 _NS_PER_US: Final = 1_000
 _MILLION: Final = 1_000_000

@@ -29,7 +29,7 @@ _BITS: Final = 18
 _UNIT_M: Final = 0.025e-3
 _OFF_GRID: Final = math.hypot(0.4, 0.4)  # of 0.025 mm: where 10.16 mm are no whole number of them
 _CARRIER_HZ: Final = 40e3
-_TABLE: Final = 255.0  # of the table of sines, from the lowest to the highest
+_TABLE: Final = 255.0  # range of the table of sines
 
 _ELEMENTS: Final = np.array(
     [

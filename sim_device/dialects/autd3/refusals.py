@@ -15,7 +15,7 @@ from haptogram_protocol.dialects.autd3.operations import ErrorCode, Silencer, Tr
 
 ENDLESS: Final = 0xFFFF
 SEGMENTS: Final = 2
-MARGIN_NS: Final = 10_000_000  # by which a time to swap must be ahead
+MARGIN_NS: Final = 10_000_000  # least time by which a swap must be ahead
 _WAITING: Final = (TransitionMode.SYNC_INDEX, TransitionMode.SYSTEM_TIME, TransitionMode.GPIO)
 _PROMPT: Final = (TransitionMode.IMMEDIATE, TransitionMode.EXT)
 

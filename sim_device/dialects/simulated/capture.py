@@ -11,9 +11,9 @@ from haptogram.errors import unwritable_file
 from .process import PERIOD, SAME, SimulatedHello, count_of_same
 
 _LINES: Final = ("carrier", "to_board", "to_host")
-_BITS: Final = 10  # of a byte
+_BITS: Final = 10  # bits of a byte on the line
 _OFF_NS: Final = 1_000_000  # gap in the capture for a reset of the board
-_FIRST_CODE: Final = 33  # of the identifiers, which are 94 signs
+_FIRST_CODE: Final = 33  # first of the 94 signs of identifiers
 _SIGNS: Final = 94
 
 

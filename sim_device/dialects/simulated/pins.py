@@ -14,11 +14,11 @@ from haptogram.acoustics.model.pulses import PulseDrive
 
 from .process import PERIOD, SAME, count_of_same
 
-STEPS: Final = 4096  # of a period: 6 ns of 25 µs
+STEPS: Final = 4096  # steps of a period: 6 ns of 25 µs
 _UNSTEADY: Final = 8  # periods over which pins that do not repeat are averaged
-_ALIKE: Final = 0.5 / 64  # of the amplitude; a step of 1/32 period is 0.2
+_ALIKE: Final = 0.5 / 64  # largest difference of equal drives; a step of 1/32 period is 0.2
 _SILENT: Final = 1e-3
-_CODES: Final = 256  # of a phase in a drive
+_CODES: Final = 256  # phase codes of a drive
 _HEX: Final = b"0123456789abcdefABCDEF"
 _COMMON: Final = 0.8
 

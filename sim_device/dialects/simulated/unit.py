@@ -20,8 +20,8 @@ from .process import SentByte, SimulatorProcess
 
 POWER_UP: Final = "power-up"
 PINS: Final = "pins"
-_POLL_US: Final = 5_000  # at the wall clock: what the board does by itself is seen so much later
-_PERIODS_AHEAD: Final = 4  # of the power-up, after which its drive is known
+_POLL_US: Final = 5_000  # period of polls at the wall clock: delay of the board's own messages
+_PERIODS_AHEAD: Final = 4  # periods after the power-up until the drive is known
 _NS_PER_US: Final = 1_000
 _LOG: Final = logging.getLogger(__name__)
 

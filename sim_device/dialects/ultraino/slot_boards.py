@@ -20,8 +20,8 @@ from ..unit import LatchingUnit
 from .playlist import PERIOD_US, ArduinoPlaylist
 
 POWER_UP: Final = "power-up"
-CYCLES: Final = 396  # of the processor, in a period of MEGA64
-_CYCLES_OF_A_PORT: Final = 30 / 9  # from the first of ten ports to the last
+CYCLES: Final = 396  # processor cycles in a period of MEGA64
+_CYCLES_OF_A_PORT: Final = 30 / 9  # processor cycles from one of the ten ports to the next
 
 
 @dataclass(frozen=True)
