@@ -146,7 +146,7 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
     check_array_memory("a field", (*drives.shape[:-1], len(points)), 16)
     check_field_points(model, points)
     result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
-    for chunk in memory_chunks(len(points), _field_points_at_a_time(model)):
+    for chunk in memory_chunks(len(points), _point_batch_size(model)):
         result[..., chunk] = drives @ _field_propagators(model, points[chunk]).T
     return result
 
@@ -164,7 +164,7 @@ def _field_gain(
     return directivity.gain(along / distance, model.wavenumber)
 
 
-def _field_points_at_a_time(model: AcousticModel) -> int:
+def _point_batch_size(model: AcousticModel) -> int:
     return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 
@@ -276,6 +276,6 @@ def _field_distances(
     for part in memory_chunks(len(points), _POINTS_PER_CHUNK):
         outside = np.maximum(low - points[part], points[part] - high) >= reach_m
         about = part.start + np.flatnonzero(~outside.any(axis=1))
-        for chunk in memory_chunks(len(about), _field_points_at_a_time(model)):
+        for chunk in memory_chunks(len(about), _point_batch_size(model)):
             offsets = points[about[chunk]][:, None, :] - model.array.positions_m
             yield about[chunk], np.sqrt(np.einsum("mni,mni->mn", offsets, offsets))

@@ -39,10 +39,10 @@ def array_axes(
         if axes is not None:
             return axes + 0.0
     upright = _axes_turned_least(face)
-    for direction in (upright[0], *_first_steps_of_array(offsets)):
+    for direction in (upright[0], *_first_neighbour_vectors(offsets)):
         axes = plane_axes(face, direction)
         if axes is not None and grid_rows_and_columns(axes, offsets, _ROUNDED_M) is not None:
-            return _nearest_turn_of_axes(axes, upright)
+            return _quarter_turned_axes(axes, upright)
     return upright
 
 
@@ -97,7 +97,7 @@ def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the normal of the plane that contains the elements; else their mean normal."""
     facing = mean_array_normal(normals)
     if facing is None:
-        facing = _axis_of_cancelled_normals(normals)
+        facing = _fallback_axis(normals)
     squares, directions = np.linalg.eigh(offsets.T @ offsets)
     across = directions[:, squares < len(offsets) * _ROUNDED_M**2]
     if np.abs(offsets @ facing).max() < _ROUNDED_M:
@@ -107,7 +107,7 @@ def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     return normal / length if length > _STEEP else facing
 
 
-def _axis_of_cancelled_normals(normals: FloatArray) -> FloatArray:
+def _fallback_axis(normals: FloatArray) -> FloatArray:
     """Return an axis for normals that sum to zero, pointing upwards."""
     squares, directions = np.linalg.eigh(normals.T @ normals)
     if squares[2] > _ONE_LINE * squares[1]:
@@ -141,13 +141,13 @@ def _axes_turned_least(face: FloatArray) -> FloatArray:
     return np.eye(3) if axes is None else axes + 0.0
 
 
-def _first_steps_of_array(offsets: FloatArray) -> list[FloatArray]:
+def _first_neighbour_vectors(offsets: FloatArray) -> list[FloatArray]:
     """Return the vector from the first element to its nearest neighbour, if any."""
     steps = offsets[1:] - offsets[0]
     return [steps[np.linalg.norm(steps, axis=1).argmin()]] if len(steps) else []
 
 
-def _nearest_turn_of_axes(axes: FloatArray, upright: FloatArray) -> FloatArray:
+def _quarter_turned_axes(axes: FloatArray, upright: FloatArray) -> FloatArray:
     """Return *axes*, turned by quarters around the last one so that the first is near *upright*."""
     ways = np.array([axes[0], axes[1], -axes[0], -axes[1]])
     first = ways[int((ways @ upright[0]).argmax())]

@@ -112,7 +112,7 @@ def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
     centres, halves = _coarse_search_cells(model)
     places, finished = positions @ axes.T, []
     while len(centres):
-        spread = model.wavenumber * _ray_spread_of_cells(centres, places) * halves
+        spread = model.wavenumber * _ray_spread(centres, places) * halves
         split = np.linalg.norm(spread, axis=1) > _CELL_SPREAD_RAD
         finished.append(centres[~split])
         centres, halves = _halve_search_cells(
@@ -170,7 +170,7 @@ def _search_intervals(low: float, high: float) -> tuple[FloatArray, float]:
     return centres, half
 
 
-def _ray_spread_of_cells(centres: FloatArray, positions: FloatArray) -> FloatArray:
+def _ray_spread(centres: FloatArray, positions: FloatArray) -> FloatArray:
     """Return the standard deviation over the elements of the unit vectors to each cell."""
     spread = np.empty_like(centres)
     for first in range(0, len(centres), _CELLS_PER_CHUNK):

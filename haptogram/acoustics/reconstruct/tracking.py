@@ -97,9 +97,7 @@ class FocusTracker:
         if kernels is None:
             raise ConfigurationError("numba is not installed: pip install numba")
         distance = np.linalg.norm(model.array.positions_m - model.array.centre_m, axis=1)
-        self._order, lags_rad = _elements_heard_by_tracker(
-            model, np.argsort(distance, kind="stable")
-        )
+        self._order, lags_rad = _tracked_elements(model, np.argsort(distance, kind="stable"))
         if len(self._order) < 4:
             raise ConfigurationError(f"{len(self._order)} elements, a fit needs at least 4")
         self._kernels: Kernels = kernels
@@ -110,7 +108,7 @@ class FocusTracker:
         self._frame = layout.frame
         self._places = as_single_precision(layout.elements[self._order, :3].T)
         self._lags = as_single_precision(lags_rad / (2.0 * np.pi))
-        self._counts = _widening_counts_of_tracker(len(self._order))
+        self._counts = _widening_counts(len(self._order))
         self._shape = (model.array.count,)
         self._ahead: Point = tuple(model.array.axes[2].tolist())
         self._bottom_m = float(model.array.centre_m @ model.array.axes[2])
@@ -238,7 +236,7 @@ class FocusTracker:
             )
 
 
-def _elements_heard_by_tracker(
+def _tracked_elements(
     model: AcousticModel, order: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], FloatArray]:
     """Return the radiating elements of *order*, with their phase lags in radians."""
@@ -248,7 +246,7 @@ def _elements_heard_by_tracker(
     return order, model.calibration.phase_rad[order]
 
 
-def _widening_counts_of_tracker(count: int) -> list[int]:
+def _widening_counts(count: int) -> list[int]:
     """Return the increasing numbers of elements used by successive fits."""
     counts = [min(_FIRST_COUNT, count)]
     while counts[-1] < count:

@@ -59,7 +59,7 @@ def check_focus_target(model: AcousticModel, target_m: ArrayLike) -> None:
     """
     target = as_coordinates("target_m", target_m)
     offset = model.array.local_m(target)
-    names = _coordinate_names_of_focus(model)
+    names = _coordinate_names(model)
     low_m, high_m = focus_target_heights_m(model.array)
     _check_focus_limit(names[2], offset[2], low_m=low_m)
     nearest = float(np.linalg.norm(model.array.positions_m - target, axis=1).min())
@@ -88,7 +88,7 @@ def check_focus_targets(model: AcousticModel, targets_m: FloatArray) -> None:
         check_focus_target(model, target)
 
 
-def _coordinate_names_of_focus(model: AcousticModel) -> list[str]:
+def _coordinate_names(model: AcousticModel) -> list[str]:
     """Return the names of the position limits; for a rotated array with its axes."""
     names = ["offset |x|", "offset |y|", "height z"]
     if model.array.is_upright:

@@ -230,7 +230,7 @@ class _FocusPhaseProblem:
         """Return (J^T J)^-1 on the observable subspace, and a mask of observable coordinates."""
         values, vectors, kept = _focus_fit_spectrum(slopes)
         # A coordinate is lost if the directions that were dropped contain any of it.
-        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _fitted_coordinates_told_apart(
+        observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _separable_coordinates(
             self._positions
         )
         return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T, observable
@@ -269,12 +269,12 @@ def _focus_fit_spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, Boo
     return values, vectors, kept
 
 
-def _fitted_coordinates_told_apart(positions: FloatArray) -> BoolArray:
+def _separable_coordinates(positions: FloatArray) -> BoolArray:
     """Return a mask of the coordinates that a linear array can separate.
 
     Elements on one line see a whole circle around it alike, even where the slope along z is not 0.
     """
-    if _are_fitted_points_off_line(
+    if _are_points_off_line(
         *positions[[0, len(positions) // 2, -1]].tolist()
     ):  # most arrays, at a glance
         return np.ones(3, dtype=np.bool_)
@@ -288,7 +288,7 @@ def _fitted_coordinates_told_apart(positions: FloatArray) -> BoolArray:
     return along
 
 
-def _are_fitted_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool:
+def _are_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool:
     """Return True if three points, (3,) each, lie well off a common line."""
     u, v = [q - p for p, q in zip(a, b, strict=True)], [q - p for p, q in zip(a, c, strict=True)]
     uu, vv, uv = math.hypot(*u) ** 2, math.hypot(*v) ** 2, sum(map(operator.mul, u, v))

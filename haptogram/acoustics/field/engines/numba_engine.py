@@ -180,7 +180,7 @@ class NumbaEngine:
             for part in memory_chunks(len(points), _CALL_POINTS):
                 self._one_drive(drives, points[part], careful, result[part])
             return result
-        matrix = _real_form_of_drives(drives)
+        matrix = _real_drive_matrices(drives)
         count = len(drives)
         for part in memory_chunks(len(points), _WAVE_POINTS):
             waves = self._waves(points[part])
@@ -273,7 +273,7 @@ def _effective_drive_count(drives: ComplexArray) -> float:
     return float((level.sum(axis=1) ** 2 / power).min(initial=math.inf))
 
 
-def _real_form_of_drives(drives: ComplexArray) -> SingleArray:
+def _real_drive_matrices(drives: ComplexArray) -> SingleArray:
     """Return (2F, 2N) real matrices equivalent to multiplication by the complex *drives*."""
     real, imaginary = drives.real, drives.imag
     return as_single_precision(np.block([[real, -imaginary], [imaginary, real]]))

@@ -170,7 +170,7 @@ class PatternClassifier:
         if explained is None:
             explained = self._found(phases, active, drive, places)
         if explained is not None:
-            explained = self._best_of_standing(explained, phases, active)
+            explained = self._best_standing_fit(explained, phases, active)
             return self._as_pattern(explained, drive, active, phases)
         search = self._search_for(active)
         return find_foci_pattern(self._model, drive, active, search.loudest, self._step_rad)
@@ -202,7 +202,7 @@ class PatternClassifier:
         far = self._sides[1][active]
         return np.where(far, math.pi, 0.0) if _LEAST_SIDE < far.mean() < 1 - _LEAST_SIDE else None
 
-    def _best_of_standing(
+    def _best_standing_fit(
         self, found: Explanation, phases: PatternPhases, active: BoolArray
     ) -> Explanation:
         """Return the best fit among neighbouring foci and traps of a standing wave.

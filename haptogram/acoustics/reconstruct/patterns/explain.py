@@ -106,7 +106,7 @@ def explain_turning_pattern(
     used = np.ones(len(phases.phases_rad), dtype=np.bool_)
     point = refit(phases, first)
     for _ in range(_TRIM_ROUNDS):
-        residual, added = _pattern_residual_of_all(phases, point, used, charge)
+        residual, added = _pattern_residuals(phases, point, used, charge)
         if (
             pattern_residual_rms(residual[used]) <= limit_rad
             and abs(point.speed_share) <= _MOST_SPEED
@@ -211,7 +211,7 @@ def _pattern_by_more_elements(
     return position
 
 
-def _pattern_residual_of_all(
+def _pattern_residuals(
     phases: PatternPhases, point: PatternPointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the residual of every element, and the phase of the pattern relative to a focus."""

@@ -93,7 +93,7 @@ def fit_foci(
     places, phasors = targets_m.copy(), np.exp(1j * np.angle(drive[active]))
     positions, count = model.array.positions_m[active], len(targets_m)
     parts = waves(places)[:, active]
-    weights = _first_weights_of_foci_fit(parts, drive[active]) if known is None else known
+    weights = _initial_foci_weights(parts, drive[active]) if known is None else known
     weights = weights / (phasors.conj() @ (weights @ parts) / len(phasors))
     for _ in range(_STEPS):
         turned = waves(places)[:, active] * phasors.conj()
@@ -114,7 +114,7 @@ def fit_foci(
     return None
 
 
-def _first_weights_of_foci_fit(waves: Complexes, drive: Complexes) -> Complexes:
+def _initial_foci_weights(waves: Complexes, drive: Complexes) -> Complexes:
     """Return the (F,) weights whose sum of waves has the phases of *drive*, by projections."""
     inverse = np.linalg.pinv(waves.T, rcond=1e-9)
     phasors, level = np.exp(1j * np.angle(drive)), np.abs(drive)

@@ -55,7 +55,7 @@ def find_foci_pattern(
     places = np.empty((0, 3))
     rest = phasors
     for _ in range(most):
-        place = _next_focus_of_pattern(model, rest, places, loudest)
+        place = _next_pattern_focus(model, rest, places, loudest)
         if place is None:
             return None
         places = np.concatenate([places, place[None]])
@@ -70,7 +70,7 @@ def find_foci_pattern(
     return None
 
 
-def _next_focus_of_pattern(
+def _next_pattern_focus(
     model: AcousticModel, rest: ComplexArray, places: FloatArray, loudest: Loudest
 ) -> FloatArray | None:
     apart = _APART * model.wavelength_m
