@@ -164,11 +164,11 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
     """
     columns = list(dict.fromkeys(name for row in rows for name in row))
     is_table = path.suffix == PARQUET and not is_standard_output(path)
-    encoded = _parquet_of_rows if is_table else _csv_of_rows
+    encoded = _parquet_bytes if is_table else _csv_bytes
     write_file_atomically(path, encoded(columns, rows))
 
 
-def _csv_of_rows(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
+def _csv_bytes(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -176,7 +176,7 @@ def _csv_of_rows(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
     return text.getvalue().encode("utf-8", errors="replace")
 
 
-def _parquet_of_rows(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
+def _parquet_bytes(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
     import pyarrow
     from pyarrow import parquet
 
