@@ -95,7 +95,7 @@ def result_of_command(words: Sequence[str]) -> tuple[int, bytes, str]:
 
 def _run_command(words: Sequence[str], heard: list[int]) -> int:
     """Run a command and return its exit status; record received signals in *heard*."""
-    parser = _parser_of_commands(words)
+    parser = _command_parser(words)
     try:
         arguments = parser.parse_args(words)
         arguments.command_line = shlex.join([parser.prog, *words])
@@ -148,7 +148,7 @@ def _command_ended_by_signals(heard: list[int]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _parser_of_commands(words: Sequence[str]) -> Parser:
+def _command_parser(words: Sequence[str]) -> Parser:
     """Return the parser of all commands; only the command that *words* name has its options."""
     parser = Parser(
         prog="haptogram",
@@ -163,18 +163,18 @@ def _parser_of_commands(words: Sequence[str]) -> Parser:
     for name, (_, summary) in COMMANDS.items():
         command = commands.add_parser(name, help=summary)
         if name == named:
-            _add_options_of_command(name, command)
+            _add_command_options(name, command)
     return parser
 
 
 def command_parser(name: str) -> Parser:
     """Return the parser of one command, with all its options."""
     parser = Parser(prog=f"haptogram {name}")
-    _add_options_of_command(name, parser)
+    _add_command_options(name, parser)
     return parser
 
 
-def _add_options_of_command(name: str, parser: Parser) -> None:
+def _add_command_options(name: str, parser: Parser) -> None:
     """Let the module of a command describe it, given what only this module knows of boards."""
     parts = {
         "verify": (boards,),
