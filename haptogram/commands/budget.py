@@ -97,9 +97,9 @@ def _run_own_budget(config: BudgetConfig) -> int:
         for name, message in bench_frame_formats(config.transducers).items()
     ]
     asked = next(b for b in budgets if b.name == "phases")
-    print(_budget_of_one_frame(asked, wake_ns, config))
+    print(_frame_budget_text(asked, wake_ns, config))
     print(_budget_table(budgets, wake_ns))
-    print(_budget_of_answers(config.baud))
+    print(_answer_budget(config.baud))
     return 0 if asked.highest_hz >= config.rate_hz else 1
 
 
@@ -132,7 +132,7 @@ def _run_dialect_budget(arguments: argparse.Namespace) -> int:
     return 0 if highest_line_rate_hz(size, bauds[0]) >= config.rate_hz else 1
 
 
-def _budget_of_one_frame(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
+def _frame_budget_text(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
     from haptogram.report.formats.console import console_table
 
     period_us = 1e6 / config.rate_hz
@@ -178,7 +178,7 @@ def _budget_table(budgets: list[FrameBudget], wake_ns: int) -> str:
     return "\n".join([*table, "times in µs; highest rate: stages overlap, the slowest decides"])
 
 
-def _budget_of_answers(baudrate: int) -> str:
+def _answer_budget(baudrate: int) -> str:
     """Return the cost of a USB adapter's latency timer, on the way from the board alone."""
     from haptogram.driver.line.budget import frame_bytes_on_line, line_round_trip_ns
     from haptogram.report.formats.console import console_table

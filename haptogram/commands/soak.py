@@ -95,7 +95,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     outputs = CommandOutputs(arguments, "json", "junit", "html", "summary", "resume", "record")
     if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
-    campaign = _soak_campaign_of_arguments(arguments)
+    campaign = _make_soak_campaign(arguments)
     interrupted = False
     with outputs.recording(campaign.setup.as_dict()) as writer:
         try:
@@ -114,7 +114,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     if campaign.done:
         outputs.print(document_text(document))
     if interrupted:
-        print(_how_to_resume_soak_command(arguments, campaign), file=sys.stderr)
+        print(_resume_hint(arguments, campaign), file=sys.stderr)
     written = outputs.write(document, json=campaign.save)
     if not outputs.is_recorded(writer) or not written:
         return USAGE
@@ -123,7 +123,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     return INTERRUPTED if interrupted else PASS
 
 
-def _soak_campaign_of_arguments(arguments: argparse.Namespace) -> SoakCampaign:
+def _make_soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
     from haptogram.campaigns.soak.campaign import SoakCampaign
 
     setup = SoakSetup.of(**given_options(arguments, options_of(SoakSetup)))
@@ -132,7 +132,7 @@ def _soak_campaign_of_arguments(arguments: argparse.Namespace) -> SoakCampaign:
     return SoakCampaign.load(arguments.resume, setup)
 
 
-def _how_to_resume_soak_command(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
+def _resume_hint(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
     if not campaign.done:
         minutes = campaign.setup.segment_s / 60
         return (

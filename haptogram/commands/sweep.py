@@ -100,32 +100,32 @@ def run_sweep(arguments: argparse.Namespace, parser_of: ParserOf, run_words: Run
     if "--rows" in outputs.paths:
         check_rows_file(outputs.paths["--rows"])
     plan = SweepPlan.read(arguments.file, parser_of)
-    campaign = SweepCampaign.load(plan, _journal_of_rows(arguments.rows))
+    campaign = SweepCampaign.load(plan, _journal_path(arguments.rows))
     try:
         with _sweep_progress(campaign, quiet=arguments.quiet) as show:
-            campaign.run(run_words, _workers_of_sweep(arguments), show)
+            campaign.run(run_words, _open_sweep_workers(arguments), show)
     except KeyboardInterrupt:
-        print(_how_to_resume_sweep(campaign), file=sys.stderr)
+        print(_sweep_resume_hint(campaign), file=sys.stderr)
     document = sweep_document(campaign)
     if campaign.rows:
         outputs.print(document_text(document))
     if not campaign.is_complete:
-        return _status_of_sweep(campaign)
+        return _sweep_exit_status(campaign)
     if not outputs.write(document, rows=lambda path: write_rows(path, campaign.rows_in_order)):
         return USAGE
     if campaign.journal is not None:
         campaign.journal.unlink()
-    return _status_of_sweep(campaign)
+    return _sweep_exit_status(campaign)
 
 
-def _journal_of_rows(path: Path | None) -> Path | None:
+def _journal_path(path: Path | None) -> Path | None:
     """Return the file of the rows so far; there is none beside a pipe."""
     if path is None or kind_of_file(path) is not Kind.FILE:
         return None
     return path.with_name(f"{path.name}.part")
 
 
-def _workers_of_sweep(arguments: argparse.Namespace) -> OpenWorkers:
+def _open_sweep_workers(arguments: argparse.Namespace) -> OpenWorkers:
     from haptogram.campaigns.sweep.workers import dask_workers, process_workers
 
     if arguments.scheduler is None:
@@ -133,14 +133,14 @@ def _workers_of_sweep(arguments: argparse.Namespace) -> OpenWorkers:
     return functools.partial(dask_workers, arguments.scheduler, arguments.jobs)
 
 
-def _how_to_resume_sweep(campaign: SweepCampaign) -> str:
+def _sweep_resume_hint(campaign: SweepCampaign) -> str:
     done = f"haptogram sweep: interrupted after {len(campaign.rows)} of {len(campaign.plan)} points"
     if campaign.journal is None:
         return f"{done}; with --rows FILE a sweep can be gone on with"
     return f"{done}; the same command goes on from {campaign.journal}"
 
 
-def _status_of_sweep(campaign: SweepCampaign) -> int:
+def _sweep_exit_status(campaign: SweepCampaign) -> int:
     verdicts = {row["verdict"] for row in campaign.rows.values()}
     if "fail" in verdicts:
         return FAIL

@@ -83,7 +83,7 @@ class FieldScene:
         if arguments.drive:
             drive = read_field_drive_file(arguments.drive, model.array.count, arguments.phase_bits)
             weights = drive.weights()
-            look = place or _peak_of_field_scene(model, weights)
+            look = place or _scene_peak(model, weights)
             return cls(
                 model, weights[None], np.empty((0, 3)), look, frame_s, place, drive.phase_bits
             )
@@ -164,7 +164,7 @@ def _field_shape_config(arguments: argparse.Namespace) -> ShapeConfig:
     return ShapeConfig.of(**given_options(arguments, options_of(ShapeConfig)))
 
 
-def _peak_of_field_scene(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
+def _scene_peak(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
     """Return the loudest point of a coarse grid over the array, along its own axes."""
     reach = float(model.array.half_extent_m[:2].max())
     side = np.linspace(-reach, reach, 25)
@@ -209,7 +209,7 @@ def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> 
             f"--ear-mm is within the array, {distance_m * 1e3:.1f} mm from its centre; "
             f"it can be from {MIN_TARGET_DISTANCE_M * 1e3:g} mm on"
         )
-    weights, what = _sequence_of_scene(arguments, scene)
+    weights, what = _scene_sequence(arguments, scene)
     exposure = exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
     at = f"({position_text(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre"
     yield f"at an ear at {at}; {what}:"
@@ -220,9 +220,7 @@ def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> 
     yield from textwrap.wrap(GUIDELINE, 98, initial_indent="    ", subsequent_indent="    ")
 
 
-def _sequence_of_scene(
-    arguments: argparse.Namespace, scene: FieldScene
-) -> tuple[ComplexArray, str]:
+def _scene_sequence(arguments: argparse.Namespace, scene: FieldScene) -> tuple[ComplexArray, str]:
     """Return the drives that are repeated, and what they are."""
     if scene.is_sequence or not len(scene.targets_m):
         count = len(scene.weights)

@@ -160,10 +160,10 @@ def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
     yield f"{what} ({place}) mm: {found.pressure_rms_pa:.0f} Pa RMS there"
     if isinstance(found, SingleFocus):
         yield from textwrap.wrap(found.ambiguity_text, 98, subsequent_indent="  ")
-        yield from _finite_amplitude_of_scene(scene, found.position_m)
+        yield from _describe_finite_amplitude(scene, found.position_m)
 
 
-def _finite_amplitude_of_scene(scene: FieldScene, focus_m: ArrayLike) -> Iterator[str]:
+def _describe_finite_amplitude(scene: FieldScene, focus_m: ArrayLike) -> Iterator[str]:
     text = finite_amplitude_text(NumpyEngine(scene.model), scene.weights[0], focus_m)
     yield from () if text is None else textwrap.wrap(text, 98, subsequent_indent="  ")
 
@@ -174,9 +174,9 @@ def _describe_field_focus(engine: NumpyEngine, scene: FieldScene) -> Iterator[st
     yield f"target ({position_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
     yield _describe_field_peak(engine, weights, target)
     spot = measure_spot(engine, weights, target)
-    across = " x ".join(_size_of_field(width_m) for width_m in spot.width_6db_m)
-    yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_size_of_field(sum(spot.depth_3db_m))} mm"
-    yield from _finite_amplitude_of_scene(scene, target)
+    across = " x ".join(_extent_text(width_m) for width_m in spot.width_6db_m)
+    yield f"spot at -6 dB: {across} mm; depth at -3 dB: {_extent_text(sum(spot.depth_3db_m))} mm"
+    yield from _describe_finite_amplitude(scene, target)
     force = force_on_disc_n(engine, weights, target)
     yield (
         "force on a reflecting disc of 20 mm diameter, parallel to the array's face: "
@@ -207,5 +207,5 @@ def _describe_field_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatA
     return f"maximum ({position_text(peak)}) mm: {shift_m * 1e3:.2f} mm from the target ({why})"
 
 
-def _size_of_field(size_m: float) -> str:
+def _extent_text(size_m: float) -> str:
     return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"

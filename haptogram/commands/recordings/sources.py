@@ -81,7 +81,7 @@ def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
     with _opened_byte_source(path) as file:
         begin = _read_byte_source(file, path, _LOOKED_AT)
         if kind == "auto":
-            kind = _kind_of_source(begin)
+            kind = _detected_format(begin)
         if kind == "recording":
             yield _recording_as_source(path)
             return
@@ -93,7 +93,7 @@ def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
         yield Source(chunks, first[:_LOOKED_AT])
 
 
-def _kind_of_source(begin: bytes) -> str:
+def _detected_format(begin: bytes) -> str:
     if begin.startswith(MAGIC):
         return "recording"
     found = _BYTES.match(begin)
