@@ -146,6 +146,7 @@ def record_differences(got: object, due: object, due_word: str = "due is") -> st
 
 
 def _different_parts(name: str, got: object, due: object, due_word: str) -> Iterator[str]:
+    """Yield the differences of two values as text, part by part."""
     if got == due:
         return
     if isinstance(got, bytes) and isinstance(due, bytes):

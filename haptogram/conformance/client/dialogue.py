@@ -37,22 +37,22 @@ def _run_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
     board.hello()
     since = board.link.mark()
     board.hello(board.link.session)
-    _ask_in_client_dialogue(board)
+    _send_read_requests(board)
     board.link.ask(m.Arm())
     for feature, mode in TRACE_MODES:
         if board.has(feature | m.Feature.CONFIG):
             board.configure(trace_mode=mode, status_period_ms=board.quick_status_ms)
-            _stream_in_client_dialogue(board)
+            _stream_frames(board)
     if board.has(m.Feature.SEQUENCE_PHASES):
-        _play_in_client_dialogue(board)
-    _be_refused_in_client_dialogue(board)
-    _time_out_in_client_dialogue(board)
+        _play_sequence(board)
+    _send_refused_requests(board)
+    _let_hold_expire(board)
     board.link.ask(m.Disarm())
     board.link.ask(m.Mute())
     return board.wire.received[since:]
 
 
-def _ask_in_client_dialogue(board: BoardClient) -> None:
+def _send_read_requests(board: BoardClient) -> None:
     """Send requests that change nothing."""
     board.link.ask(m.Ping(0x0102030405060708))
     board.link.ask(m.GetStatus())
@@ -60,7 +60,7 @@ def _ask_in_client_dialogue(board: BoardClient) -> None:
     board.link.ask(m.GetGeometry(0, 0xFFFF))
 
 
-def _stream_in_client_dialogue(board: BoardClient) -> None:
+def _stream_frames(board: BoardClient) -> None:
     # No zero in the registers, nor in the amplitudes: the longest runs that COBS has to cut.
     latch_now(board, board.flat_phases(0x88))
     latch_now(board, board.phases(board.random_registers()))
@@ -71,7 +71,7 @@ def _stream_in_client_dialogue(board: BoardClient) -> None:
     board.wire.idle(1200 * board.quick_status_ms)  # for a STATUS
 
 
-def _play_in_client_dialogue(board: BoardClient) -> None:
+def _play_sequence(board: BoardClient) -> None:
     frames = phases_that_fit(board, _FRAMES)
     data = b"".join(board.random_registers() for _ in range(frames))
     upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, data)
@@ -82,14 +82,14 @@ def _play_in_client_dialogue(board: BoardClient) -> None:
     board.link.ask(m.Stop())
 
 
-def _be_refused_in_client_dialogue(board: BoardClient) -> None:
+def _send_refused_requests(board: BoardClient) -> None:
     """Send requests that the board refuses."""
     board.link.ask_raw(_UNKNOWN_REQUEST)
     board.link.ask_raw(m.GetGeometry.TYPE, b"\x00")
     board.link.ask(m.Ping(1), session=board.link.session ^ 0x5555)
 
 
-def _time_out_in_client_dialogue(board: BoardClient) -> None:
+def _let_hold_expire(board: BoardClient) -> None:
     """Let the hold expire so that the board sends STATE_CHANGED."""
     if not board.has(m.Feature.CONFIG):
         return

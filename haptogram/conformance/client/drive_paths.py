@@ -42,42 +42,42 @@ def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
     """Yield every path of every kind of drive that the board takes; the last goes on playing."""
     board.link.ask(m.Stop())
     for kind in stream_kinds(board):
-        yield DrivePath(f"{kind.name}, at once", partial(_drive_path_at_once, board, kind))
-        yield DrivePath(f"{kind.name}, at its time", partial(_drive_path_in_time, board, kind))
+        yield DrivePath(f"{kind.name}, at once", partial(_stream_at_once, board, kind))
+        yield DrivePath(f"{kind.name}, at its time", partial(_stream_in_time, board, kind))
     if board.has(m.Feature.SEQUENCE_PHASES):
-        yield DrivePath("PHASES, played", partial(_drive_path_of_played_phases, board))
+        yield DrivePath("PHASES, played", partial(_play_phases, board))
     if board.has(m.Feature.SEQUENCE_POINTS):
         for number in sorted({1, board.most_points}):
             name = f"POINTS ({number}), played"
-            yield DrivePath(name, partial(_drive_path_of_played_points, board, number))
+            yield DrivePath(name, partial(_play_points, board, number))
     if board.has(m.Feature.SEQUENCE_PHASES):
-        yield DrivePath("PHASES, while they play", partial(_drive_path_while_phases_play, board))
+        yield DrivePath("PHASES, while they play", partial(_loop_phases, board))
         board.link.ask(m.Stop())
 
 
-def _drive_path_at_once(board: BoardClient, kind: StreamKind) -> m.Message:
+def _stream_at_once(board: BoardClient, kind: StreamKind) -> m.Message:
     """Latch an IMMEDIATE frame; return its message."""
     message = kind.make()
     latch_now(board, message)
     return message
 
 
-def _drive_path_in_time(board: BoardClient, kind: StreamKind) -> m.Message:
+def _stream_in_time(board: BoardClient, kind: StreamKind) -> m.Message:
     """Latch a scheduled frame; return its message."""
     message = kind.make()
     latch_in_time(board, message)
     return message
 
 
-def _drive_path_of_played_phases(board: BoardClient) -> m.Message:
+def _play_phases(board: BoardClient) -> m.Message:
     """Play uploaded phases to their end; return the last frame as a message."""
     frames = [board.random.randbytes(board.identity.transducers) for _ in range(_FRAMES)]
     upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, b"".join(frames))
-    _play_points_on_drive_path(board)
+    _play_to_end(board)
     return m.Phases(frames[-1])
 
 
-def _drive_path_while_phases_play(board: BoardClient) -> m.Message:
+def _loop_phases(board: BoardClient) -> m.Message:
     """Return the message of a frame of phases that is played in a loop."""
     frame = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, frame)
@@ -86,7 +86,7 @@ def _drive_path_while_phases_play(board: BoardClient) -> m.Message:
     return m.Phases(frame)
 
 
-def _drive_path_of_played_points(board: BoardClient, number: int) -> m.Message:
+def _play_points(board: BoardClient, number: int) -> m.Message:
     """Play uploaded points to their end; return the last frame as a message."""
     frames = [
         m.Points(tuple(random_point_to_send(board, number) for _ in range(number)))
@@ -94,11 +94,11 @@ def _drive_path_of_played_points(board: BoardClient, number: int) -> m.Message:
     ]
     data = b"".join(frame.serialize() for frame in frames)
     upload_to_board(board, m.UploadKind.POINTS, _SEQUENCE, data, number)
-    _play_points_on_drive_path(board, number)
+    _play_to_end(board, number)
     return frames[-1]
 
 
-def _play_points_on_drive_path(board: BoardClient, points: int = 0) -> None:
+def _play_to_end(board: BoardClient, points: int = 0) -> None:
     play_out(board, _SEQUENCE, _FRAMES, period_us=period_to_play(board, points))
 
 

@@ -229,7 +229,7 @@ class RequestClient:
         for place in reversed(range(len(self._unanswered))):
             wire, since, sent_us = self._unanswered[place]
             is_old = self.wire.now_us() - sent_us >= self.processed_us
-            if is_old or self._is_answered(_number_of_request(wire), since):
+            if is_old or self._is_answered(_ordered_request_seq(wire), since):
                 self._unanswered = self._unanswered[place + 1 :]
                 self._unanswered_bytes = sum(len(wire) for wire, _, _ in self._unanswered)
                 return
@@ -258,7 +258,7 @@ class RequestClient:
         """
         since = self.mark()
         self.send(*wires)
-        headers = [header for wire in wires if (header := _header_of_frame(wire)) is not None]
+        headers = [header for wire in wires if (header := _frame_header(wire)) is not None]
         requests = [header for header in headers if header.type in m.REQUEST_RANGE]
         return [self.answer_to(header.type, header.seq, since) for header in requests]
 
@@ -469,7 +469,7 @@ class RequestClient:
         return found.header, found.message
 
 
-def _header_of_frame(wire: bytes) -> m.Header | None:
+def _frame_header(wire: bytes) -> m.Header | None:
     """Return the header of a frame between delimiters; None if *wire* is none."""
     try:
         return m.Header.of_body(decoded_frame(wire.strip(DELIMITER)))
@@ -477,9 +477,9 @@ def _header_of_frame(wire: bytes) -> m.Header | None:
         return None
 
 
-def _number_of_request(wire: bytes) -> int | None:
+def _ordered_request_seq(wire: bytes) -> int | None:
     """Return the number of a request that is answered in order, None otherwise (a MUTE)."""
-    header = _header_of_frame(wire)
+    header = _frame_header(wire)
     if header is None or header.type not in m.REQUEST_RANGE or header.type == m.Mute.TYPE:
         return None
     return header.seq

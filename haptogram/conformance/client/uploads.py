@@ -155,13 +155,11 @@ def upload_request(
     board: BoardClient, kind: m.UploadKind, target: int, size: int, points: int = 0, *, crc: int = 0
 ) -> m.UploadBegin:
     """Return an UPLOAD_BEGIN of *size* bytes; NOT-OBSERVED if the board takes fewer in one."""
-    _require_limits_of_upload(board, kind, size, points)
+    _require_upload_limits(board, kind, size, points)
     return m.UploadBegin(kind, points, target, size, crc)
 
 
-def _require_limits_of_upload(
-    board: BoardClient, kind: m.UploadKind, size: int, points: int
-) -> None:
+def _require_upload_limits(board: BoardClient, kind: m.UploadKind, size: int, points: int) -> None:
     """End the case as NOT-OBSERVED if the limits of HELLO_REPLY are below this upload."""
     most = board.identity.max_upload_bytes
     if size > most:

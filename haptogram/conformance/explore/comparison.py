@@ -69,7 +69,7 @@ class DialogueMemory:
         sent = {}
         for mine, due in zip(ours, theirs, strict=False):
             if self._sent.get(due.body, mine.body) != mine.body:
-                name = _named_in_dialogue(mine.message)
+                name = _message_text(mine.message)
                 return f"HG-4.9/1: {name}: not the bytes of its first sending"
             sent[due.body] = mine.body
         self._sent |= sent
@@ -116,7 +116,7 @@ def superfluous_in_dialogue(frames: Sequence[FrameInDialogue]) -> str:
     if not frames:
         return ""
     message = frames[0].message
-    name = _named_in_dialogue(message)
+    name = _message_text(message)
     return f"{clause_of_due_message(message)}: {name} comes, and nothing is due"
 
 
@@ -156,25 +156,23 @@ class DialogueComparison:
                     return text
             if len(one) < len(other):
                 message = other[len(one)].message
-                return f"{clause_of_due_message(message)}: no {_named_in_dialogue(message)} comes"
+                return f"{clause_of_due_message(message)}: no {_message_text(message)} comes"
         return self._order() if self.near_us < _TIMER_US else ""
 
     def _unexpected_event(self, mine: FrameInDialogue, left: Sequence[FrameInDialogue]) -> str:
         """Return a text if an event arrives in place of the expected frame."""
-        due, name = left[0], _named_in_dialogue(mine.message)
-        if mine.header.type not in m.EVENT_RANGE or _kind_in_dialogue(mine) == _kind_in_dialogue(
-            due
-        ):
+        due, name = left[0], _message_text(mine.message)
+        if mine.header.type not in m.EVENT_RANGE or _frame_kind(mine) == _frame_kind(due):
             return ""
         apart_us = self.near_us + _TIMER_US
-        of_kind = [one for one in left if _kind_in_dialogue(one) == _kind_in_dialogue(mine)]
+        of_kind = [one for one in left if _frame_kind(one) == _frame_kind(mine)]
         times_us = [m.signed_difference(f.header.time_us, mine.header.time_us, 32) for f in of_kind]
         is_behind = m.signed_difference(mine.header.time_us, due.header.time_us, 32) > apart_us
         if is_behind or any(abs(t_us) <= apart_us for t_us in times_us):
             return ""  # the one that is due is missing
         return (
             f"{clause_of_due_message(mine.message)}: {name} for t {mine.header.time_us} comes and "
-            f"is not due; next is {_named_in_dialogue(due.message)} for t {due.header.time_us}"
+            f"is not due; next is {_message_text(due.message)} for t {due.header.time_us}"
         )
 
     def _order(self) -> str:
@@ -182,7 +180,7 @@ class DialogueComparison:
         paired = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
         for event, ours, theirs in paired:
             if ours < theirs and isinstance(event.message, m.StateChanged | m.PlaybackEnded):
-                name = _named_in_dialogue(event.message)
+                name = _message_text(event.message)
                 return f"HG-4.11/5: {name} leaves before the response to the request that led to it"
         return ""
 
@@ -195,7 +193,7 @@ class DialogueComparison:
         """Return the difference between a received frame and the model's."""
         header, message, due_header = mine.header, mine.message, due.header
         if type(message) is not type(due.message):
-            wanted, got = _named_in_dialogue(due.message), _named_in_dialogue(message)
+            wanted, got = _message_text(due.message), _message_text(message)
             return f"{clause_of_due_message(due.message)}: due is {wanted}, there comes {got}"
         names = (
             ("session", "flags") if header.type in m.EVENT_RANGE else ("session", "flags", "seq")
@@ -203,20 +201,20 @@ class DialogueComparison:
         for name in names:
             if getattr(header, name) != getattr(due_header, name):
                 return (
-                    f"{clause_of_header_field(due.message, name)}: {_named_in_dialogue(message)}: "
+                    f"{clause_of_header_field(due.message, name)}: {_message_text(message)}: "
                     f"{name} of the header is {getattr(header, name):#x}, "
                     f"due is {getattr(due_header, name):#x}"
                 )
         apart_us = self.near_us
         if isinstance(message, m.Trace | m.TracePlayback | m.TraceDrive):
-            apart_us = self._apart_us(_key_in_dialogue(due.message))
+            apart_us = self._apart_us(_message_key(due.message))
         elif header.type in m.EVENT_RANGE:
             apart_us += _TIMER_US
-        if not _is_near_in_dialogue(header.time_us, due_header.time_us, apart_us):
+        if not _is_within(header.time_us, due_header.time_us, apart_us):
             clause = clause_of_header_field(due.message, "time_us")
             late_us = m.signed_difference(header.time_us, due_header.time_us, 32)
             times = f"time_us of the header is {header.time_us}, {late_us:+d} µs from what is due"
-            return f"{clause}: {_named_in_dialogue(message)}: {times}"
+            return f"{clause}: {_message_text(message)}: {times}"
         return self._message(message, due.message)
 
     def _apart_us(self, key: m.LatchKey | None) -> int:
@@ -229,15 +227,15 @@ class DialogueComparison:
         if isinstance(due, m.Error) and due.code == m.ErrorCode.TOO_LARGE:
             own = frozenset({"detail"})  # a limit
         names = [*message.WIRE, *([message.TAIL.name] if message.TAIL else [])]
-        key = _key_in_dialogue(due)
+        key = _message_key(due)
         for name in names:
             if name in own:
                 continue
             got, wanted = getattr(message, name), getattr(due, name)
-            if name == "detail" and _is_absent_sequence_in_dialogue(due):
+            if name == "detail" and _is_absent_sequence(due):
                 wanted += self.ours.base.stored - self.theirs.base.stored
             if text := self._field(name, got, wanted, key, due):
-                return f"{self._clause(due, name, text)}: {_named_in_dialogue(message)}: {text}"
+                return f"{self._clause(due, name, text)}: {_message_text(message)}: {text}"
         return ""
 
     def _clause(self, due: m.Message, name: str, text: str) -> str:
@@ -275,7 +273,7 @@ class DialogueComparison:
             apart_us = self._apart_us(key)
         elif not name.endswith(_TIMES):
             apart_us = -1
-        same = got == wanted if apart_us < 0 else _is_near_in_dialogue(got, wanted, apart_us)
+        same = got == wanted if apart_us < 0 else _is_within(got, wanted, apart_us)
         return "" if same else f"{name} is {got}, due is {wanted}"
 
     def _records(self, got: Sequence[m.TraceRecord], wanted: Sequence[m.TraceRecord]) -> str:
@@ -311,7 +309,7 @@ class DialogueComparison:
         return ""
 
 
-def _key_in_dialogue(message: m.Message) -> m.LatchKey | None:
+def _message_key(message: m.Message) -> m.LatchKey | None:
     """Return the latch key that a message refers to, if any."""
     if isinstance(message, m.Trace):
         return m.LatchKey(0, 0, message.index)
@@ -320,11 +318,12 @@ def _key_in_dialogue(message: m.Message) -> m.LatchKey | None:
     return None
 
 
-def _kind_in_dialogue(frame: FrameInDialogue) -> tuple[type[m.Message], m.LatchKey | None]:
-    return type(frame.message), _key_in_dialogue(frame.message)
+def _frame_kind(frame: FrameInDialogue) -> tuple[type[m.Message], m.LatchKey | None]:
+    """Return the type of a frame's message, and its latch key."""
+    return type(frame.message), _message_key(frame.message)
 
 
-def _is_absent_sequence_in_dialogue(due: m.Message) -> bool:
+def _is_absent_sequence(due: m.Message) -> bool:
     """Return True if the detail of a refusal is the number of stored sequences (HG-7.6/1)."""
     is_absent = isinstance(due, m.Error) and due.code == m.ErrorCode.NOT_FOUND
     return is_absent and getattr(due, "request", 0) == m.Play.TYPE
@@ -354,11 +353,11 @@ def _dialogue_element_difference(got: Sequence[m.Element], due: Sequence[m.Eleme
     return ""
 
 
-def _is_near_in_dialogue(got: int, due: int, tolerance_us: int) -> bool:
+def _is_within(got: int, due: int, tolerance_us: int) -> bool:
     return abs(m.signed_difference(got & 0xFFFFFFFF, due & 0xFFFFFFFF, 32)) <= tolerance_us
 
 
-def _named_in_dialogue(message: m.Message) -> str:
+def _message_text(message: m.Message) -> str:
     text = message.TYPE.name
     if isinstance(message, m.Error):
         code = message.code

@@ -57,11 +57,11 @@ class DialogueHost:
 
     def is_computed(self, key: m.LatchKey) -> bool:
         """Return True if the board may have computed the drive."""
-        return _drive_named_in_dialogue(key) in self.computed
+        return _read_drive_address(key) in self.computed
 
     def is_exact(self, key: m.LatchKey) -> bool:
         """Return True if the time of the latch does not depend on an arrival."""
-        return bool(key.sequence or key.index) and _drive_named_in_dialogue(key) not in self.inexact
+        return bool(key.sequence or key.index) and _read_drive_address(key) not in self.inexact
 
     def ramp_codes(self, apart_us: int) -> int:
         """Return by how many codes an amplitude may differ that is read so far apart."""
@@ -169,6 +169,6 @@ class DialogueHost:
             self.session, self.stream_next = nonce, m.FIRST_STREAM_SEQ
 
 
-def _drive_named_in_dialogue(key: m.LatchKey) -> tuple[int, int]:
+def _read_drive_address(key: m.LatchKey) -> tuple[int, int]:
     """Return the sequence and number with which READ_DRIVE asks for the drive of a latch."""
     return key.sequence, 0 if key.sequence else key.index & 0xFFFF

@@ -75,7 +75,7 @@ class Played:
     def lines(self) -> list[str]:
         """The dialogue as text: each frame with its time, in words and as bytes."""
         return [
-            f"{t_us:>8} µs  {name} = {_annotated_in_dialogue(wire)}: {wire.hex()}"
+            f"{t_us:>8} µs  {name} = {_annotated_text(wire)}: {wire.hex()}"
             for t_us, name, wire in self.sent
         ]
 
@@ -211,7 +211,7 @@ class Lockstep:
                 (shown_us + wait_us, action.name, wire)
                 for (action, wire), wait_us in zip(batch, arrived_us, strict=True)
             ]
-            arrivals = _arrivals_of_slot(batch, b"" if host.unsent else end_of_slot(host))
+            arrivals = _slot_arrivals(batch, b"" if host.unsent else end_of_slot(host))
             silent = self._silent_slots(slot, slots, by_slot) if timed else 0
             found = self._slot(host, arrivals, base, may_cut=not timed, silent=silent)
             if found and not self.is_exact and self._has_dropped_traces(host, base[0]):
@@ -340,7 +340,7 @@ class Lockstep:
             models.receive_near(at_us, frame, _NEAR_US)
 
     def _send(self, wires: Iterable[bytes]) -> None:
-        """Send the frames of a slot, which the board has time for."""
+        """Send the frames of a slot; the board has time to read them."""
         for piece in pieces_of_slot(b"".join(wires)):
             self._board.wire.send(piece)
 
@@ -371,13 +371,13 @@ class Lockstep:
     def _await_frames(self, due: list[FrameInDialogue], end_us: int) -> None:
         """Wait for the expected frames; in virtual time at most one slot."""
         wire = self._board.wire
-        number = _number_of_lockstep_frames(frame.message for frame in due) - len(self._early)
-        answers = _number_of_answers(due) - _number_of_answers(self._early)
+        number = _count_frames(frame.message for frame in due) - len(self._early)
+        answers = _count_answers(due) - _count_answers(self._early)
 
         def are_there() -> bool:
             pieces = wire.received[self._since :]
-            came = _number_of_lockstep_frames(piece.message for piece in pieces)
-            return came >= number and _number_of_answers(pieces) >= answers
+            came = _count_frames(piece.message for piece in pieces)
+            return came >= number and _count_answers(pieces) >= answers
 
         left_us = max(0, end_us - self._board.clock.device_estimate_us())
         left_us += wire.line_us(sum(len(frame.body) + _AROUND for frame in due))
@@ -430,11 +430,11 @@ class Lockstep:
         return comparison.difference() or altered
 
 
-def _annotated_in_dialogue(wire: bytes) -> str:
+def _annotated_text(wire: bytes) -> str:
     return "; ".join(annotated_frame_text(piece) for piece in wire.split(DELIMITER) if piece)
 
 
-def _arrivals_of_slot(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:
+def _slot_arrivals(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:
     """Group the frames of a slot that arrive together; *end* is last."""
     found: list[_Arrival] = []
     for action, wire in batch:
@@ -447,11 +447,11 @@ def _arrivals_of_slot(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes)
     return found
 
 
-def _number_of_answers(frames: Iterable[FrameInDialogue | ReceivedByClient]) -> int:
+def _count_answers(frames: Iterable[FrameInDialogue | ReceivedByClient]) -> int:
     return sum(
         frame.header is not None and frame.header.type in m.RESPONSE_RANGE for frame in frames
     )
 
 
-def _number_of_lockstep_frames(messages: Iterable[m.Message | None]) -> int:
+def _count_frames(messages: Iterable[m.Message | None]) -> int:
     return sum(message is None or not is_optional_in_dialogue(message) for message in messages)

@@ -62,7 +62,7 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
         held["the trace ring"] = ring
         _check_held_ring(status, config, drives, ring)
     if board.identity.features & UPLOADS:
-        held["the upload"] = _held_state_of_upload(board)
+        held["the upload"] = _upload_progress(board)
     last = board.identity.transducers - 1
     held["the geometry"] = board.link.call(m.GetGeometry(last, 2), m.GeometryReply)
     events = [*board.link.events(m.StateChanged, since), *board.link.events(m.PlaybackEnded, since)]
@@ -72,7 +72,7 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
     return held
 
 
-def _held_state_of_upload(board: BoardClient) -> object:
+def _upload_progress(board: BoardClient) -> object:
     """Return the progress of the upload by a chunk without bytes, or the refusal's code."""
     answer = board.link.ask(m.UploadChunk(0, b"")).message
     return ("refused", answer.code) if isinstance(answer, m.Error) else answer

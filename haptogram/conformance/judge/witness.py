@@ -73,7 +73,7 @@ def expect_witnessed_drive(
         )
         if found != due
     ]
-    named = ", ".join(_drive_faults_of_witness(board, shown, registers, amplitudes))
+    named = ", ".join(_named_drive_faults(board, shown, registers, amplitudes))
     fail(
         f"{named or 'another drive'}: {len(wrong)} transducers differ "
         f"((phase, amplitude) of {'; '.join(wrong[:_SHOWN])})"
@@ -91,7 +91,7 @@ def judge_nothing_read_back(board: BoardClient, kind: m.DriveKind, text: str) ->
         check_equal(found, (m.LatchKey(0, 0, 0), 0), f"{name} shows key and time {found}")
 
 
-def _drive_faults_of_witness(
+def _named_drive_faults(
     board: BoardClient, shown: latching.ClientDrive, registers: bytes, amplitudes: bytes
 ) -> tuple[str, ...]:
     """Return the named faults of a drive, judged with the array geometry."""

@@ -68,10 +68,10 @@ class PinDialogueClock:
         nominal_us = 1e6 / carrier_hz
         drift = _DRIFT_PPM_S / carrier_hz**2
         most = _MOST_PPM * 1e-6 * nominal_us
-        arrivals, base, late = _late_marks_of_pin_clock(marks, nominal_us)
+        arrivals, base, late = _mark_lateness(marks, nominal_us)
         span = float(np.ptp(arrivals))
-        rate = _robust_rate_of_pin_clock(arrivals, late)
-        near = _pin_clock_without_outliers(late - rate * arrivals)
+        rate = _robust_rate(arrivals, late)
+        near = _without_outliers(late - rate * arrivals)
         arrivals, late = arrivals[near], late[near]
         if len(arrivals) > 2 and np.ptp(arrivals) > 1.0:
             rate = float(np.polyfit(arrivals, late, 1)[0])
@@ -81,10 +81,10 @@ class PinDialogueClock:
             rate, rest, rate_within = 0.0, late, most
         middle = (float(rest.min()) + float(rest.max())) / 2.0
         within_us = float(np.abs(rest - middle).max())
-        knots, off_us = _bent_line_of_pin_clock(arrivals, rest - middle)
+        knots, off_us = _fit_bent_line(arrivals, rest - middle)
         bends = np.full(len(knots) - 1, drift)
         if within_us > _STRAIGHT_US and len(knots) >= _FEWEST_KNOTS:
-            bends = np.maximum(_MORE_BENT * _bends_of_pin_clock(knots, off_us), drift)
+            bends = np.maximum(_MORE_BENT * _rate_changes(knots, off_us), drift)
             within_us = float(np.abs(rest - middle - np.interp(arrivals, knots, off_us)).max())
         else:
             off_us = np.zeros(len(knots))
@@ -142,7 +142,7 @@ def last_mark_before_lost_samples(
     Two crystals drift apart slowly: a lasting leap of the one is time that the capture lacks.
     """
     nominal_us = 1e6 / carrier_hz
-    arrivals, _, late = _late_marks_of_pin_clock(marks, nominal_us)
+    arrivals, _, late = _mark_lateness(marks, nominal_us)
     for place in range(len(arrivals) - 1):
         first, end = max(0, place + 1 - _AROUND), min(len(arrivals), place + 1 + _AROUND)
         drift_us = _MOST_PPM * 1e-6 * nominal_us * float(arrivals[end - 1] - arrivals[first])
@@ -152,7 +152,7 @@ def last_mark_before_lost_samples(
     return None
 
 
-def _late_marks_of_pin_clock(
+def _mark_lateness(
     marks: Sequence[tuple[float, int]], nominal_us: float
 ) -> tuple[FloatArray, int, FloatArray]:
     """Return arrivals, the first device time, and by how much the others are later than due."""
@@ -164,7 +164,7 @@ def _late_marks_of_pin_clock(
     return arrivals, base, np.array([t - base for t in times]) - nominal_us * arrivals
 
 
-def _robust_rate_of_pin_clock(arrivals: FloatArray, late: FloatArray) -> float:
+def _robust_rate(arrivals: FloatArray, late: FloatArray) -> float:
     """Return the median of the slopes between marks that are half of all apart."""
     half = len(arrivals) // 2
     if not half:
@@ -174,7 +174,7 @@ def _robust_rate_of_pin_clock(arrivals: FloatArray, late: FloatArray) -> float:
     return float(np.median(rises[far] / spans[far])) if far.any() else 0.0
 
 
-def _pin_clock_without_outliers(rest: FloatArray) -> np.ndarray:
+def _without_outliers(rest: FloatArray) -> np.ndarray:
     """Return the (M,) marks that are near the median of their neighbours."""
     if len(rest) < _NEIGHBOURS:
         return np.ones(len(rest), np.bool_)
@@ -185,9 +185,7 @@ def _pin_clock_without_outliers(rest: FloatArray) -> np.ndarray:
     return near
 
 
-def _bent_line_of_pin_clock(
-    arrivals: FloatArray, off_us: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _fit_bent_line(arrivals: FloatArray, off_us: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the knots of a piecewise linear clock fit."""
     step = np.ptp(arrivals) / _KNOTS
     bins = np.floor((arrivals - arrivals[0]) / max(step, 1.0))
@@ -198,7 +196,7 @@ def _bent_line_of_pin_clock(
     return np.add.reduceat(arrivals, starts) / sizes, np.add.reduceat(off_us, starts) / sizes
 
 
-def _bends_of_pin_clock(knots: FloatArray, off_us: FloatArray) -> FloatArray:
+def _rate_changes(knots: FloatArray, off_us: FloatArray) -> FloatArray:
     """Return the larger change of the rate at the two ends of each gap between knots."""
     rates = np.diff(off_us) / np.diff(knots)
     inner = 2.0 * np.abs(np.diff(rates)) / (knots[2:] - knots[:-2])

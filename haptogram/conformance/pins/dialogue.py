@@ -46,12 +46,8 @@ class PinDialogue:
         self.record = record
         lines = {"to_board": record.to_board, "to_host": record.to_host}
         self.missing = next((name for name, line in lines.items() if line is None), "")
-        self.to_board, self.unread_to_board = _read_line_of_pin_dialogue(
-            record, "to_board", record.to_board
-        )
-        self.to_host, self.unread_to_host = _read_line_of_pin_dialogue(
-            record, "to_host", record.to_host
-        )
+        self.to_board, self.unread_to_board = _read_line(record, "to_board", record.to_board)
+        self.to_host, self.unread_to_host = _read_line(record, "to_host", record.to_host)
 
     def requests(self, *kinds: m.MessageType) -> list[LineFrame]:
         """Return the requests of these *kinds* that the host sent."""
@@ -101,7 +97,7 @@ class PinDialogue:
 
     def next_arm(self, t: float) -> float:
         """Return when the board may sound again from *t* on: by ARM; else the end."""
-        armed = _next_time_in_pin_dialogue(self._armings, t, self.record.end)
+        armed = _next_time(self._armings, t, self.record.end)
         if self.missing == "to_board":
             armed = self.answered_before(armed)
         return max(t, armed)
@@ -112,7 +108,7 @@ class PinDialogue:
         No clause bounds the time that a board takes to carry it out: HG-4.11/3 is a SHOULD.
         """
         if self.missing == "to_board":
-            armed = _next_time_in_pin_dialogue(self._armings, t, self.record.end)
+            armed = _next_time(self._armings, t, self.record.end)
             return armed < self.record.end and self.answered_before(armed) <= t
         return any(begin <= t < end for begin, end in self._arms_under_way)
 
@@ -142,7 +138,7 @@ class PinDialogue:
 
     def next_source(self, t: float) -> float:
         """Return the first arrival of a frame that may bring sound from *t* on, else the end."""
-        return _next_time_in_pin_dialogue(self.sources, t, self.record.end)
+        return _next_time(self.sources, t, self.record.end)
 
     def next_unread(self, t: float) -> float:
         """Return when the first piece from *t* on begins that the host sent and that is no frame.
@@ -151,8 +147,8 @@ class PinDialogue:
         captured, a piece of that may be the answer.
         """
         if self.missing != "to_board":
-            return _next_time_in_pin_dialogue(self.unread_to_board, t, self.record.end)
-        piece = _next_time_in_pin_dialogue(self.unread_to_host, t, self.record.end)
+            return _next_time(self.unread_to_board, t, self.record.end)
+        piece = _next_time(self.unread_to_host, t, self.record.end)
         return max(t, self.answered_before(piece)) if piece < self.record.end else piece
 
     def is_due(self, begin: float, end: float) -> bool:
@@ -284,7 +280,7 @@ class PinDialogue:
         return clock.periods(frame.header.time_us if t_us is None else t_us, frame.begin)
 
 
-def _read_line_of_pin_dialogue(
+def _read_line(
     record: PinRecord, name: str, line: LineBytes | None
 ) -> tuple[list[LineFrame], list[float]]:
     """Return the frames of a line, and when pieces of it begin that are none.
@@ -305,6 +301,6 @@ def _read_line_of_pin_dialogue(
     return read.frames, read.unread
 
 
-def _next_time_in_pin_dialogue(times: Sequence[float], t: float, otherwise: float) -> float:
+def _next_time(times: Sequence[float], t: float, otherwise: float) -> float:
     place = bisect.bisect_left(times, t)
     return times[place] if place < len(times) else otherwise

@@ -77,8 +77,8 @@ def judge_clauses_by_pins(
     for record in records:
         dialogue = _dialogue_before_lost_samples(record)
         record = dialogue.record
-        _check_elements_of_clauses(dialogue)
-        _note_clauses_without_a_line(dialogue, findings)
+        _check_elements(dialogue)
+        _note_missing_line(dialogue, findings)
         judge_silence_clauses(dialogue, findings)
         judge_latch_clauses(dialogue, findings)
         judge_ramp_clauses(dialogue, findings)
@@ -122,7 +122,7 @@ def _dialogue_before_lost_samples(record: PinRecord) -> PinDialogue:
     return PinDialogue(record.between(0.0, end, why))
 
 
-def _note_clauses_without_a_line(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
+def _note_missing_line(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
     """Note the clauses that a capture of one line cannot show."""
     if not dialogue.missing:
         return
@@ -137,7 +137,7 @@ def _note_clauses_without_a_line(dialogue: PinDialogue, findings: PinClauseFindi
             findings.partial[clause] = f"; without {dialogue.missing} {shown[clause]} alone"
 
 
-def _check_elements_of_clauses(dialogue: PinDialogue) -> None:
+def _check_elements(dialogue: PinDialogue) -> None:
     count = next((reply.transducers for _, reply in dialogue.said(m.HelloReply)), None)
     for element, pin in dialogue.record.pins.items():
         if count is not None and element >= count:

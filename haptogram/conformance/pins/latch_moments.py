@@ -93,7 +93,7 @@ class LatchMomentClauseJudge:
         A clock that is known worse than a period shows no board to be in time.
         """
         length = duration_by_pins(self.pulses.record, abs(late))
-        text = f"the pins change {length} {_side_of_clause(late)} {than}"
+        text = f"the pins change {length} {_side_text(late)} {than}"
         known = duration_by_pins(self.pulses.record, within)
         if abs(late) > _MISSED + within:
             findings.add(clause, text)
@@ -108,6 +108,6 @@ class LatchMomentClauseJudge:
             )
 
 
-def _side_of_clause(periods: float) -> str:
+def _side_text(periods: float) -> str:
     """Return "later" or "earlier" for a signed time."""
     return "later" if periods > 0.0 else "earlier"

@@ -100,7 +100,7 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ReportedLatch]:
     asked = DrivesOfPinDialogue(dialogue)
     configs = ConfigurationsByPins(dialogue, asked)
     per_ms = dialogue.record.carrier_hz * 1e-3
-    changes = sorted(_output_ends_of_pin_dialogue(dialogue), key=lambda change: change[1])
+    changes = sorted(_unlatched_change_intervals(dialogue), key=lambda change: change[1])
     ends = [last for _, last in changes]
     firsts = np.minimum.accumulate([first for first, _ in changes][::-1])[::-1]
     reports = [*_traced_latches(dialogue, configs), *_latches_read_back(dialogue, configs)]
@@ -117,7 +117,7 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ReportedLatch]:
             alone_ms = known.host_timeout_ms if play is None else play.unattended_ms
             limit = min(limit, found.frame.arrival + alone_ms * per_ms)
             shown = _shown_drive(found, asked, configs, at)
-            due = _latch_due_in_pin_dialogue(dialogue, found, frame)
+            due = _due_time(dialogue, found, frame)
         due_clause = "HG-5.8/1" if found is None or found.playing is None else "HG-7.6/4"
         boot = next(c.begin for c in dialogue.clocks if c.begin <= frame.begin < c.end)
         yield ReportedLatch(at, limit, due, due_clause, shown, boot, dialogue.within(at))
@@ -131,7 +131,7 @@ def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Ite
         if is_report and (at := dialogue.capture_time(frame)) is not None:
             events.append((at, frame))
     events.sort(key=lambda event: event[0])
-    lost = _lost_events_of_pin_dialogue(dialogue)
+    lost = _lost_event_times(dialogue)
     per_ms = dialogue.record.carrier_hz * 1e-3
     for place, (at, frame) in enumerate(events):
         known = configs.at(at)
@@ -163,9 +163,7 @@ def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> 
     yield from found.values()
 
 
-def _latch_due_in_pin_dialogue(
-    dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame
-) -> float | None:
+def _due_time(dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame) -> float | None:
     """Return when the frame of a latch is due; None: at once, or late."""
     is_late = frame.header.flags & m.Flag.LATE or isinstance(frame.message, m.DriveReply)
     if found.due_us is None or is_late:
@@ -201,7 +199,7 @@ def _shown_drive(
     return ShownDrive(codes, free, steps, found.clause, found.path, tuple(clauses))
 
 
-def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
+def _lost_event_times(dialogue: PinDialogue) -> list[float]:
     """Return the capture times before which an event frame is missing or damaged."""
     events = [frame for frame in dialogue.to_host if frame.header.type in m.EVENT_RANGE]
     missing = [
@@ -213,7 +211,7 @@ def _lost_events_of_pin_dialogue(dialogue: PinDialogue) -> list[float]:
     return [*missing, *dialogue.unread_to_host]
 
 
-def _output_ends_of_pin_dialogue(dialogue: PinDialogue) -> list[tuple[float, float]]:
+def _unlatched_change_intervals(dialogue: PinDialogue) -> list[tuple[float, float]]:
     """Return the intervals in which the output may change without a latch."""
     found = [frame.arrival for frame in dialogue.requests(*_OF_OUTPUT)]
     found += dialogue.unread_to_board  # it may have been one of them

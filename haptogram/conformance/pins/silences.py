@@ -140,12 +140,12 @@ def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDu
     for frame, cause in causes:
         ready = frame.arrival
         if frame.header.type != m.MessageType.MUTE:  # which overtakes the frames before
-            ready = _frames_computed_in_pin_dialogue(dialogue, ready)
+            ready = _last_computing_time(dialogue, ready)
         begin = ready + _PERIOD
         yield _silence_until_arm(dialogue, frame.arrival, begin, "HG-6.6/1", cause)
 
 
-def _frames_computed_in_pin_dialogue(dialogue: PinDialogue, until: float) -> float:
+def _last_computing_time(dialogue: PinDialogue, until: float) -> float:
     """Return the latest time at which received frames are computed (HG-5.7)."""
     point_us = 0
     ready = until

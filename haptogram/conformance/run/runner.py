@@ -135,9 +135,7 @@ class SuiteRunner:
             is_interrupted = True
         for place, case in enumerate(cases):
             if place not in results:
-                results[place] = _suite_result_of_case_not_run(
-                    case, self._clauses[case.clause], cut_short
-                )
+                results[place] = _not_run_result(case, self._clauses[case.clause], cut_short)
         connection = self._connection
         why = cut_short or connection.lost
         ordered = tuple(results[place] for place in range(len(cases)))
@@ -236,7 +234,7 @@ class SuiteRunner:
                 break
             if tried[-1].behaviour not in _DOUBTFUL or tried[-1].held_up_us <= HELD_UP_US:
                 break
-        return _suite_result_of_attempts(tried)
+        return _combined_attempts(tried)
 
     def _try(self, case: Case) -> _Outcome:
         """Run a case once; skip it if it is deeper than the selected depth."""
@@ -277,7 +275,7 @@ class SuiteRunner:
         except LinkLostError as error:
             return self._lost(_Outcome(Behaviour.INCONCLUSIVE, str(error)), board)
         except Exception as error:
-            return self._afterwards(case, board, _why_case_of_suite_broke_off(error))
+            return self._afterwards(case, board, _broken_case_outcome(error))
         board.wire.begin_case()
         try:
             outcome = self._judge(case, board)
@@ -308,7 +306,7 @@ class SuiteRunner:
         except LinkError:
             raise
         except Exception as error:  # a defect of the case is no verdict on the board
-            return _why_case_of_suite_broke_off(error)
+            return _broken_case_outcome(error)
         return _Outcome(Behaviour.OK)
 
     def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
@@ -366,7 +364,7 @@ class SuiteRunner:
 
     def _afterwards(self, case: Case, board: BoardClient, outcome: _Outcome) -> _Outcome:
         """Recover the board after a case, and add the transcript to its outcome."""
-        if _is_behaviour_shown_in_suite(outcome.behaviour):
+        if _is_shown(outcome.behaviour):
             transcript = board.wire.recording.transcript()
             outcome = dataclasses.replace(outcome, transcript=transcript)
         if outcome.behaviour is Behaviour.UNIMPLEMENTED:
@@ -380,10 +378,10 @@ class SuiteRunner:
             return self._lost(dataclasses.replace(outcome, detail=detail), board)
         except Exception as error:
             # It has a verdict of its own, or an error.
-            if _is_behaviour_shown_in_suite(outcome.behaviour):
+            if _is_shown(outcome.behaviour):
                 return outcome
             transcript = board.wire.recording.transcript()
-            return dataclasses.replace(_why_case_of_suite_broke_off(error), transcript=transcript)
+            return dataclasses.replace(_broken_case_outcome(error), transcript=transcript)
         if recovery.frames is None and not self._connection.lost:
             self._connection.lost = "the board does not answer any more"
             self._connection.revive()
@@ -413,7 +411,7 @@ class SuiteRunner:
         return dataclasses.replace(outcome, recovery=Recovery(None, text), transcript=transcript)
 
 
-def _suite_result_of_attempts(tried: Sequence[_Outcome]) -> _Outcome:
+def _combined_attempts(tried: Sequence[_Outcome]) -> _Outcome:
     """Return the last outcome; INCONCLUSIVE if it passed after an earlier attempt FAILED.
 
     Such a failure may be of the host, which was held up, or of a board that fails now and then.
@@ -441,7 +439,7 @@ def left_out_of_suite(depth: Depth) -> str:
     return f"takes longer than this depth allows: {how} holds it"
 
 
-def _why_case_of_suite_broke_off(error: Exception) -> _Outcome:
+def _broken_case_outcome(error: Exception) -> _Outcome:
     """Return the outcome of an error in the case itself, which is no verdict on the board."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(place.filename).name}:{place.lineno}, in {place.name}"
@@ -451,11 +449,11 @@ def _why_case_of_suite_broke_off(error: Exception) -> _Outcome:
     return _Outcome(Behaviour.INCONCLUSIVE, detail, traceback=trace)
 
 
-def _is_behaviour_shown_in_suite(behaviour: Behaviour) -> bool:
+def _is_shown(behaviour: Behaviour) -> bool:
     return behaviour in (Behaviour.FAILED, Behaviour.NON_STRICT, Behaviour.INCONCLUSIVE)
 
 
-def _suite_result_of_case_not_run(case: Case, clause: Clause, why: str) -> CaseResult:
+def _not_run_result(case: Case, clause: Clause, why: str) -> CaseResult:
     evidence = case.evidence if case.body else Evidence.WIRE
     return CaseResult(
         case.id, case.clause, clause.text, case.summary, Behaviour.INCONCLUSIVE, evidence, why

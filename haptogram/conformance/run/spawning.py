@@ -169,10 +169,10 @@ class SpawnAccess:
         """End the process and everything that it started."""
         process, self._process = self._process, None
         if process is not None:
-            _end_process_group_of_access(process)
+            _end_process_group(process)
 
 
-def _end_process_group_of_access(process: subprocess.Popen[bytes]) -> None:
+def _end_process_group(process: subprocess.Popen[bytes]) -> None:
     for number in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(process.pid, number)

@@ -123,12 +123,12 @@ class SceneInputs:
 
     def knows(self, row: str) -> bool:
         """Return True if all in a row has a name."""
-        names = {name for slot in _names_of_row(row) for name in slot}
+        names = {name for slot in _row_names(row) for name in slot}
         return all(name in self._made or name.startswith(_TIMERS) for name in names)
 
     def slots(self, row: str) -> ActionSlots:
         """Return the frames of a row: names of a slot (+), slot by slot (|)."""
-        return [[one for name in names for one in self.named(name)] for names in _names_of_row(row)]
+        return [[one for name in names for one in self.named(name)] for names in _row_names(row)]
 
     def frame(self, at: At, **odd: int) -> DialogueAction:
         """Return a stream frame of any kind; see :meth:`~..makers.frames.RandomFrames.frame`."""
@@ -321,7 +321,7 @@ def _alone(make: Callable[[], DialogueAction]) -> list[DialogueAction]:
     return [make()]
 
 
-def _names_of_row(row: str) -> list[list[str]]:
+def _row_names(row: str) -> list[list[str]]:
     """Split the description of a scene into the action names of each slot."""
     slots = (slot.split("+") for slot in row.split("|"))
     return [[name.strip() for name in names if name.strip()] for names in slots]
