@@ -60,13 +60,13 @@ def array_of_geometry(elements: Sequence[Element]) -> TransducerArray:
 def assumed_model_of_identity(
     link: Link, identity: HelloReply, model: AcousticModel | None, medium: Medium | None
 ) -> tuple[AcousticModel, list[str]]:
-    """Return the model that the host assumes, and the warnings of :func:`_check_model_of_identity`.
+    """Return the model that the host assumes, and the warnings of :func:`_check_model`.
 
     Without *model* it is that of the board's own array in *medium*.
     """
     if model is None:
         model = model_of_identity(read_identified_array(link, identity), identity, medium)
-    return model, _check_model_of_identity(model, identity)
+    return model, _check_model(model, identity)
 
 
 def model_of_identity(
@@ -78,7 +78,7 @@ def model_of_identity(
     return AcousticModel(array, air, transducer)
 
 
-def _check_model_of_identity(model: AcousticModel, identity: HelloReply) -> list[str]:
+def _check_model(model: AcousticModel, identity: HelloReply) -> list[str]:
     """Return the differences of model and board with which both can still work together.
 
     Raises
