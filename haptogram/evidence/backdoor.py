@@ -67,7 +67,7 @@ def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
             TransducerArray(positions, normals, shape and tuple(shape), board["pitch_m"]),
             Medium(**board["medium"]),
             Transducer(
-                _directivity_of_evidence(source["directivity"]),
+                _parse_directivity(source["directivity"]),
                 source["source_strength_pa_m"],
                 source["frequency_hz"],
             ),
@@ -81,7 +81,7 @@ def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
     return model.calibrated(Calibration(gain, phase_rad, places))
 
 
-def _directivity_of_evidence(written: str) -> CircularPiston | PointSource:
+def _parse_directivity(written: str) -> CircularPiston | PointSource:
     """Return the directivity that a record names by its repr."""
     if written == repr(PointSource()):
         return PointSource()
@@ -200,7 +200,7 @@ def observations_on_clock_of(
     The board counts the wraps of its 32-bit clock from its start, the host from when it came: the
     two are whole wraps apart, the same number for as long as the session lasts.
     """
-    shift_us = _shift_of_observations_us(intended, ((o.key, o.t_latch_us) for o in observations))
+    shift_us = _wrap_shift_us(intended, ((o.key, o.t_latch_us) for o in observations))
     if not shift_us:
         return list(observations)
     return [dataclasses.replace(o, t_latch_us=o.t_latch_us + shift_us) for o in observations]
@@ -211,7 +211,7 @@ def observed_silences_on_clock_of(
 ) -> list[int]:
     """Return :func:`_observed_silences_of` *records*, counted as the times of *intended* are."""
     latches = (record for record in records if record["kind"] == "latch")
-    shift_us = _shift_of_observations_us(
+    shift_us = _wrap_shift_us(
         intended, ((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches)
     )
     return [t_us + shift_us for t_us in _observed_silences_of(records)]
@@ -228,7 +228,7 @@ def observed_losses_on_clock_of(
     drops = [record for record in output if record["event"] == "dropped"]
     states = [r for r in output if r["event"] == "state" and r["state"] != _ARMED]
     latches = [record for record in records if record["kind"] == "latch"]  # numbered, of our wire
-    shift_us = _shift_of_observations_us(
+    shift_us = _wrap_shift_us(
         intended,
         itertools.chain(
             ((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches),
@@ -252,9 +252,7 @@ def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
     return FrameKey.of_stream(record["session"], record["index"])
 
 
-def _shift_of_observations_us(
-    intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]
-) -> int:
+def _wrap_shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:
     """Return the whole wraps between two counts, from the first frame that was due and latched."""
     due_us = {frame.key: frame.t_apply_us for frame in intended if frame.t_apply_us is not None}
     for key, t_us in latched:

@@ -138,8 +138,7 @@ class ProcessBoardUnderTest(BoardUnderTest):
         """Wait, if the board is still there."""
         if self._board.how_it_ended() is None:
             time.sleep(
-                max(0, _last_latch_of_run_ns(driver, time.monotonic_ns()) - time.monotonic_ns())
-                / 1e9
+                max(0, _last_latch_due_ns(driver, time.monotonic_ns()) - time.monotonic_ns()) / 1e9
             )
 
     def give_up(self) -> bool:
@@ -210,7 +209,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
 
     def wait_for_queue(self, driver: Driver) -> None:
         """Let virtual time pass."""
-        self._wait_until_ns(_last_latch_of_run_ns(driver, self._port.now_ns()))
+        self._wait_until_ns(_last_latch_due_ns(driver, self._port.now_ns()))
 
     def give_up(self) -> bool:
         """Close its port: that ends it."""
@@ -235,7 +234,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
         return self._brief()
 
 
-def _last_latch_of_run_ns(driver: Driver, now_ns: int) -> int:
+def _last_latch_due_ns(driver: Driver, now_ns: int) -> int:
     """Return the due time of the last frame on the host's clock, not much later than *now_ns*."""
     due_us = driver.intended[-1].t_apply_us if driver.intended else None
     due_ns = now_ns if due_us is None else driver.clock.to_host_ns(due_us) + _AFTER_LAST_NS

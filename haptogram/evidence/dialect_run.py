@@ -105,7 +105,7 @@ def measure_run_of_dialect(
         if elements is not None:
             note_calibration_of_run(found, elements, driver.model)
         check_frame_tolerance(found.model, shown.points_m, tolerance_of(config.tolerance))
-        with _cut_of_dialect_run(found, driver, total):
+        with _end_on_failure(found, driver, total):
             frames = driver.frames(
                 run_frames.targets_of_run(config, shown),
                 solver=cast("Method", config.solver_of_host),
@@ -125,7 +125,7 @@ def measure_run_of_dialect(
 
 
 @contextlib.contextmanager
-def _cut_of_dialect_run(found: RunRecord, driver: DialectDriver, total: int) -> Iterator[None]:
+def _end_on_failure(found: RunRecord, driver: DialectDriver, total: int) -> Iterator[None]:
     """Convert an interrupt, a broken link or a refusal into the end of the run."""
     try:
         yield

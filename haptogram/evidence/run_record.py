@@ -169,7 +169,7 @@ def measure_run(
         verification.check_frame_tolerance(
             found.model, shown.points_m, verification.tolerance_of(config.tolerance)
         )
-        with _cut_of_run(found, driver, board, total, faulty=faulty):
+        with _end_on_failure(found, driver, board, total, faulty=faulty):
             before = driver.status().counters
             board.prepare(driver)
             with _interrupted_run(found, driver, total):
@@ -177,13 +177,13 @@ def measure_run(
                 driver.arm()  # now: the lease would run out while a solver is at work
                 found.report = _display_run(config, driver, frames, progress)
             board.finish(driver)  # after an interrupt as well: the board is there
-            growth, lease_us = _growth_of_run(driver, before), _lease_of_run_us(driver, config)
+            growth, lease_us = _counter_growth(driver, before), _effective_lease_us(driver, config)
             found.troubles = _unexpected_run_counters(
                 driver, growth, _OWN_MUTE if found.interrupted else ()
             )
     finally:
         close_driver_of_run(driver, found)
-    found.warnings += _state_changes_of_run(driver, found.report)
+    found.warnings += _board_state_changes(driver, found.report)
     found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
     if found.cut is not None:
         found.observations = _drop_after_interruption(found)
@@ -193,7 +193,7 @@ def measure_run(
     losses = board.losses(driver)
     found.losses = dataclasses.replace(
         losses,
-        neglects_us=_neglects_of_run_us(driver, losses.timeouts_us, lease_us),
+        neglects_us=_pause_timeouts_us(driver, losses.timeouts_us, lease_us),
         counters=found.troubles.get("board", {}),
         latched=growth.get("latched"),
     )
@@ -252,14 +252,14 @@ def _interrupted_run(found: RunRecord, driver: Driver, total: int) -> Iterator[N
         yield
     except KeyboardInterrupt:
         found.interrupted = True
-        sent, muted_us = driver.intended.total, _earliest_mute_of_run_us(driver)
+        sent, muted_us = driver.intended.total, _earliest_mute_us(driver)
         found.cut = verification.Cut(
             f"interrupted after {sent} of {total} frames", muted_us, total - sent
         )
         driver.mute()
 
 
-def _earliest_mute_of_run_us(driver: Driver) -> int:
+def _earliest_mute_us(driver: Driver) -> int:
     """Return the device time before which no frame can have been cancelled by a MUTE sent now.
 
     A frame latches at the first carrier boundary at or after its time, and the clock is estimated.
@@ -269,7 +269,7 @@ def _earliest_mute_of_run_us(driver: Driver) -> int:
 
 
 @contextlib.contextmanager
-def _cut_of_run(
+def _end_on_failure(
     found: RunRecord, driver: Driver, board: BoardUnderTest, total: int, *, faulty: bool
 ) -> Iterator[None]:
     """Convert a broken link or an interrupt into the end of the run.
@@ -287,7 +287,7 @@ def _cut_of_run(
         board.wait_for_queue(driver)
 
 
-def _growth_of_run(driver: Driver, before: Counters) -> dict[str, int]:
+def _counter_growth(driver: Driver, before: Counters) -> dict[str, int]:
     """Return by how much every counter of the board grew."""
     after = driver.status().counters
     return {
@@ -295,14 +295,14 @@ def _growth_of_run(driver: Driver, before: Counters) -> dict[str, int]:
     }
 
 
-def _lease_of_run_us(driver: Driver, config: VerifyConfig) -> int:
+def _effective_lease_us(driver: Driver, config: VerifyConfig) -> int:
     """Return how long the board continues without host traffic, less the clock error."""
     is_played = config.drive.mode == "sequence"
     lease_ms = DEFAULT_UNATTENDED_MS if is_played else driver.config().host_timeout_ms
     return 1000 * lease_ms - math.ceil(driver.clock.uncertainty_us)
 
 
-def _neglects_of_run_us(
+def _pause_timeouts_us(
     driver: Driver, timeouts_us: Iterable[int], lease_us: float
 ) -> tuple[int, ...]:
     """Return the timeouts that a pause of the host explains."""
@@ -358,7 +358,7 @@ def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
     )
 
 
-def _state_changes_of_run(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:
+def _board_state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:
     """Return texts on state changes that the board made on its own.
 
     Those before the first frame are left out: while many frames are prepared the lease may expire,

@@ -170,7 +170,7 @@ class VirtualBoard(ClosedByWith):
         self, config: BoardConfig, elements: Calibration | None, *, reconstruct: bool = True
     ) -> None:
         if config.dialect is None:  # before a process is started, so that it can be refused
-            self.model = _model_of_virtual_board(config, elements)
+            self.model = _board_model(config, elements)
         self._has_faults = bool(config.plan.faults)
         self._folder = WorkingFolder("haptogram-board-")
         self.backdoor = self._folder.path / "backdoor.jsonl"
@@ -254,7 +254,7 @@ class VirtualBoard(ClosedByWith):
         str or None
             Why a frame may have been latched that it does not show; None: it shows all.
         """
-        _check_session_of_virtual_board(intended)
+        _check_one_session(intended)
         if not intended:
             return None
         if are_records_of_another_dialect(self._records.read()):
@@ -320,7 +320,7 @@ class VirtualBoard(ClosedByWith):
         ConfigurationError
             An argument that cannot be.
         """
-        _check_session_of_virtual_board(intended)
+        _check_one_session(intended)
         # Late, because it is much: whoever only wants a board does not pay for it.
         from haptogram.verification import check_run_judgement, verify_run
 
@@ -402,7 +402,7 @@ class VirtualBoard(ClosedByWith):
         super().__exit__(kind, error, traceback)
 
 
-def _check_session_of_virtual_board(intended: Sequence[Intended]) -> None:
+def _check_one_session(intended: Sequence[Intended]) -> None:
     """Refuse an empty list of frames, or frames of several sessions."""
     check_intended(intended)
     sessions = sorted({entry.key.session for entry in intended})
@@ -413,7 +413,7 @@ def _check_session_of_virtual_board(intended: Sequence[Intended]) -> None:
         )
 
 
-def _model_of_virtual_board(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
+def _board_model(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
     model = AcousticModel(
         TransducerArray.parse(config.array, pitch_m=config.pitch_mm / 1000),
         Medium.air(config.temperature_c),

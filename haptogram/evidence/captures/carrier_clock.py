@@ -127,7 +127,7 @@ class CarrierClock:
         self.is_steady = not _has_run_of(far, _UNSTEADY)
         self._ticks, self._counts = np.array([rises[0]]), np.zeros(1)
         if is_clock and self.is_steady:
-            self._ticks, self._counts = _blocks_of_captured_edges(rises, period, sample)
+            self._ticks, self._counts = _edge_block_means(rises, period, sample)
             if len(self._ticks) > 1:
                 self.period = float(np.ptp(self._ticks) / np.ptp(self._counts))
         elif not self.is_steady:
@@ -158,9 +158,7 @@ def _has_run_of(found: NDArray[np.bool_], length: int) -> bool:
     return len(sums) > length and bool((sums[length:] - sums[:-length] == length).any())
 
 
-def _blocks_of_captured_edges(
-    rises: _Floats, period: float, sample: float
-) -> tuple[_Floats, _Floats]:
+def _edge_block_means(rises: _Floats, period: float, sample: float) -> tuple[_Floats, _Floats]:
     """Return tick and number of period of the reference, each the mean of a block of pulses."""
     steps = np.rint(np.diff(rises) / period)
     whole = np.abs(np.diff(rises) - steps * period) < 0.1 * period

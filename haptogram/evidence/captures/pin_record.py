@@ -60,7 +60,7 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
     if reference is None and clock.is_steady:
         capture = capture_to_first_splice(capture, rises, sample)
         clock = CarrierClock(rises[rises <= capture.end], period, sample, is_clock=True)
-    responses = _known_responses_of_pins(mapped, elements)
+    responses = _calibrated_responses(mapped, elements)
     pins = {}
     silent = all(len(capture.channel(name).times) == 0 for name in elements)
     for name, element in elements.items():
@@ -71,7 +71,7 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         longest = (
             _longest_captured_drive_ticks(edges, settings.active_low, capture.end) / clock.period
         )
-        defects = tuple(_defects_of_captured_edges(edges, *pulses, settings.active_low, longest))
+        defects = tuple(_edge_defects(edges, *pulses, settings.active_low, longest))
         defects = () if silent else defects
         begin = 0.0
         if edges.defined_from:
@@ -102,13 +102,13 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
         reference_element=reference,
         tolerance_ppm=settings.carrier_tolerance_ppm,
         latches=latches,
-        reference_rad=_phase_of_captured_clock(clock.periods(rises), clock.periods(falls)),
+        reference_rad=_clock_phase(clock.periods(rises), clock.periods(falls)),
         latch_window=settings.latch_window_us * 1e-6 * settings.carrier_hz,
         skew_rad=math.tau * settings.skew_ns * 1e-9 * settings.carrier_hz,
         cut=capture.cut,
         notes=capture.notes,
-        to_board=_uart_bytes_of_capture(capture, mapped, settings.to_board, rate_hz, clock),
-        to_host=_uart_bytes_of_capture(capture, mapped, settings.to_host, rate_hz, clock),
+        to_board=_read_uart_line(capture, mapped, settings.to_board, rate_hz, clock),
+        to_host=_read_uart_line(capture, mapped, settings.to_host, rate_hz, clock),
         carrier=CarrierPeriods(
             *clock.marks(capture.tick_s),
             jitter_s=clock.jitter * capture.tick_s,
@@ -119,7 +119,7 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
     )
 
 
-def _known_responses_of_pins(mapped: ChannelMap, elements: Mapping[str, int]) -> dict[int, complex]:
+def _calibrated_responses(mapped: ChannelMap, elements: Mapping[str, int]) -> dict[int, complex]:
     """Return gain e^{+j lag} of each element, by the calibration that the map names; else 1."""
     if mapped.settings.calibration is None:
         return dict.fromkeys(elements.values(), 1.0)
@@ -132,11 +132,11 @@ def _known_responses_of_pins(mapped: ChannelMap, elements: Mapping[str, int]) ->
     return {element: complex(known.response[element]) or 1.0 for element in elements.values()}
 
 
-def _phase_of_captured_clock(rises: _Floats, falls: _Floats) -> float:
+def _clock_phase(rises: _Floats, falls: _Floats) -> float:
     return float(np.angle(np.exp(1j * math.pi * (rises + falls)).sum()))
 
 
-def _uart_bytes_of_capture(
+def _read_uart_line(
     capture: Capture, mapped: ChannelMap, name: str | None, rate_hz: float, clock: CarrierClock
 ) -> LineBytes | None:
     """Return the bytes on a line of the UART, if it was captured.
@@ -183,7 +183,7 @@ def _captured_edges_without_spikes(
     return rises[kept], falls[kept]
 
 
-def _defects_of_captured_edges(
+def _edge_defects(
     edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool, longest: float
 ) -> list[str]:
     """Return the defects of a pin while others pulse; it is driven for *longest* on end."""

@@ -79,7 +79,7 @@ def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
         elif keyword == "$var" and len(body) >= 4 and body[1] == "1":
             found.append((scopes.copy(), body[3:], (_packed_vcd_code(path, body[2]), 0)))
         elif keyword == "$var" and len(body) >= 4 and body[0] not in _NO_BITS:
-            buses.append(_bits_of_vcd_bus(path, scopes.copy(), body))
+            buses.append(_bus_bits(path, scopes.copy(), body))
     if tick_s is None:
         raise ConfigurationError(f"{path}: no $timescale; the times of its edges are unknown")
     for bus in buses:
@@ -90,7 +90,7 @@ def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
     return VcdHeader(tick_s, _named_vcd_variables(path, found))
 
 
-def _bits_of_vcd_bus(path: Path, scopes: list[str], body: list[str]) -> list[_Variable]:
+def _bus_bits(path: Path, scopes: list[str], body: list[str]) -> list[_Variable]:
     """Split a multi-bit variable into one channel per bit: ``name[bit]``."""
     if not body[1].isdecimal():
         return []

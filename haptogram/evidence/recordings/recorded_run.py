@@ -75,7 +75,7 @@ def recorded_run(recording: Recording) -> RecordedRun:
             model, count = board_model_of_evidence(fields), fields.get(_COUNT)
             continue
         try:
-            frame = _intended_of_fields(fields, drives)
+            frame = _intended_from_fields(fields, drives)
         except _UNREADABLE as error:
             why = f"lacks the field {error}" if isinstance(error, KeyError) else error
             number = fields.get("number", f"at {entry.t_ns} ns")
@@ -125,7 +125,7 @@ def _intended_fields(frame: Intended) -> dict[str, Any]:
     }
 
 
-def _intended_of_fields(fields: Mapping[str, Any], drives: dict[int, Drive]) -> Intended:
+def _intended_from_fields(fields: Mapping[str, Any], drives: dict[int, Drive]) -> Intended:
     """Return a frame, whose drive may be that of an earlier one, and keep its drive.
 
     Raises

@@ -157,7 +157,7 @@ def replay_recording(recording: Recording, make_board: MakeReplayBoard) -> Repla
 def recorded_facts(recording: Recording) -> LineFacts:
     """Return the facts that the frames of the first board tell."""
     return next(
-        (_facts_of_recording(part) for _, part in _recorded_parts(recording, _FRAMES)), LineFacts()
+        (_collect_facts(part) for _, part in _recorded_parts(recording, _FRAMES)), LineFacts()
     )
 
 
@@ -166,9 +166,7 @@ def _recorded_lines(
 ) -> Iterator[tuple[_Opening, LineFacts, Iterator[RecordingEntry]]]:
     """Yield for every board its opening, its facts, and its entries in the order of the file."""
     facts = [
-        _facts_of_recording(part)
-        if opening.boot_ns is None and not opening.excerpt
-        else LineFacts()
+        _collect_facts(part) if opening.boot_ns is None and not opening.excerpt else LineFacts()
         for opening, part in _recorded_parts(recording, _FRAMES)
     ]
     for known, (opening, part) in zip(facts, _recorded_parts(recording, _TOPICS), strict=True):
@@ -202,7 +200,7 @@ def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
     return None
 
 
-def _facts_of_recording(entries: Iterator[RecordingEntry]) -> LineFacts:
+def _collect_facts(entries: Iterator[RecordingEntry]) -> LineFacts:
     """Collect facts about the session from its entries."""
     facts = LineFacts()
     annotators = {TO_BOARD: FrameAnnotator(), TO_HOST: FrameAnnotator()}

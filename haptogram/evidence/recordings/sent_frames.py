@@ -54,7 +54,7 @@ def model_of_recorded_answers(recording: Recording) -> AcousticModel | None:
             elif isinstance(piece.message, messages.GeometryReply):
                 reply = piece.message
                 elements.update(enumerate(reply.elements, reply.first))
-    array = None if identity is None else _array_of_recorded_frames(identity, elements)
+    array = None if identity is None else _reported_array(identity, elements)
     if identity is None or array is None:
         return None
     options = recording.run.get("configuration") or {}
@@ -62,7 +62,7 @@ def model_of_recorded_answers(recording: Recording) -> AcousticModel | None:
     return model_of_identity(array, identity, air)
 
 
-def _array_of_recorded_frames(
+def _reported_array(
     identity: messages.HelloReply, elements: dict[int, messages.Element]
 ) -> TransducerArray | None:
     """Return the array whose hash the board reported, from its grid or its elements."""
@@ -107,12 +107,12 @@ def recorded_sent_frames(recording: Recording, count: int) -> Iterator[SentFrame
             yield SentFrame(
                 key=FrameKey.of_stream(header.session, index),
                 due_us=due_us,
-                drive=_drive_of_recorded_frame(message, count),
-                focus_m=_focus_of_recorded_frame_m(message),
+                drive=_frame_drive(message, count),
+                focus_m=_frame_focus_m(message),
             )
 
 
-def _drive_of_recorded_frame(message: messages.Message, count: int) -> Drive | None:
+def _frame_drive(message: messages.Message, count: int) -> Drive | None:
     try:
         codes = messages.drive_codes(message, count)
     except RemoteProtocolError:  # the board refuses it
@@ -123,7 +123,7 @@ def _drive_of_recorded_frame(message: messages.Message, count: int) -> Drive | N
     return Drive(phases, amplitudes)
 
 
-def _focus_of_recorded_frame_m(message: messages.Message) -> tuple[float, float, float] | None:
+def _frame_focus_m(message: messages.Message) -> tuple[float, float, float] | None:
     if not isinstance(message, messages.Points):
         return None
     first = message.points[0]
