@@ -90,7 +90,7 @@ def write_file_atomically(path: Path, content: bytes) -> None:
         elif kind in (Kind.PIPE, Kind.DEVICE):
             target.write_bytes(content)
         else:
-            _make_folder_of_output(path, target)
+            _make_output_folder(path, target)
             _replace_file(target, content)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
         raise unwritable_file(path, error) from error
@@ -210,11 +210,11 @@ def make_folder_of(path: Path, purpose: str = "what is written") -> None:
     import logging  # not for --help
 
     if not (folder := path.parent).exists():
-        _make_folder_of_output(path, path)
+        _make_output_folder(path, path)
         logging.getLogger(__name__).info("%s: a new folder, made for %s", folder, purpose)
 
 
-def _make_folder_of_output(path: Path, target: Path) -> None:
+def _make_output_folder(path: Path, target: Path) -> None:
     """Make the folder of *target*, which *path* leads to."""
     found = next((parent for parent in target.parents if parent.exists()), target)
     _refuse_folder_in_root(path, found)

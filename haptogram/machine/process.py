@@ -94,9 +94,9 @@ def real_time_process(*, strict: bool = False) -> Iterator[list[str]]:
             refused += _fix_process_priority(stack)
             refused += _lock_process_memory(stack)
         stack.enter_context(process_without_garbage_collector())
-        if (slack_ns := _prctl_of_process(_PR_GET_TIMERSLACK, 0)) > 0:
-            _prctl_of_process(_PR_SET_TIMERSLACK, 1)
-            stack.callback(_prctl_of_process, _PR_SET_TIMERSLACK, slack_ns)
+        if (slack_ns := _prctl(_PR_GET_TIMERSLACK, 0)) > 0:
+            _prctl(_PR_SET_TIMERSLACK, 1)
+            stack.callback(_prctl, _PR_SET_TIMERSLACK, slack_ns)
         yield refused
 
 
@@ -146,7 +146,7 @@ def _lock_process_memory(stack: contextlib.ExitStack) -> Iterator[str]:
         yield f"memory lock is not permitted ({reason}): give this user memlock in limits.conf"
 
 
-def _prctl_of_process(option: int, value: int) -> int:
+def _prctl(option: int, value: int) -> int:
     """Call prctl(2), of this thread; elsewhere than on Linux do nothing and return 0."""
     if not sys.platform.startswith("linux"):
         return 0
