@@ -100,10 +100,10 @@ def round_trip_over_mesh(points: FloatArray) -> Indices:
         neighbours[one].append(other)
         neighbours[other].append(one)
     lowest = int(np.lexsort((points[:, 0], points[:, 1], points[:, 2]))[0])
-    return np.fromiter(_prepostorder_of_mesh(neighbours, lowest), dtype=np.intp, count=len(points))
+    return np.fromiter(_prepostorder(neighbours, lowest), dtype=np.intp, count=len(points))
 
 
-def _prepostorder_of_mesh(neighbours: list[list[int]], root: int) -> Iterator[int]:
+def _prepostorder(neighbours: list[list[int]], root: int) -> Iterator[int]:
     # Node, where it hangs, whether its depth is odd, whether all that hangs on it has been visited.
     to_do = [(root, root, False, False)]
     while to_do:

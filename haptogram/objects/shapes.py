@@ -85,7 +85,7 @@ class Line:
         start, end = np.array(self.start_m), np.array(self.end_m)
         length_m = float(np.linalg.norm(end - start))
         _check_shape_resolution(resolution_m, length_m)
-        steps = _points_of_shape(length_m / resolution_m)
+        steps = _checked_point_count(length_m / resolution_m)
         order = _shape_there_and_back(steps + 1)
         points: FloatArray = start + (end - start) * (np.array(order)[:, None] / steps)
         return points
@@ -111,7 +111,7 @@ class Circle:
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres, once round."""
         _check_shape_resolution(resolution_m, 2.0 * self.radius_m)
-        return np.array(self.center_m) + _ring_of_shape(self.radius_m, 0.0, resolution_m)
+        return np.array(self.center_m) + _ring_points(self.radius_m, 0.0, resolution_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ class Sphere:
 
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres."""
-        return np.array(self.center_m) + _cap_of_sphere(self.radius_m, math.pi, resolution_m)
+        return np.array(self.center_m) + _spherical_cap(self.radius_m, math.pi, resolution_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,7 @@ class Hemisphere:
 
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres."""
-        points = _cap_of_sphere(self.radius_m, math.pi / 2.0, resolution_m)
+        points = _spherical_cap(self.radius_m, math.pi / 2.0, resolution_m)
         if not self.lower:
             points[:, 2] = -points[:, 2]
         return np.array(self.center_m) + points
@@ -234,7 +234,7 @@ class MeshSurface:
         Their order closes: the first is next to the last.
         """
         _check_shape_resolution(resolution_m, float(np.ptp(self.mesh.bounds, axis=0).max()))
-        count = _points_of_shape(float(self.mesh.area) / resolution_m**2)
+        count = _checked_point_count(float(self.mesh.area) / resolution_m**2)
         points = even_mesh_points(self.mesh, count, resolution_m)
         return points[round_trip_over_mesh(points)]
 
@@ -244,36 +244,38 @@ def _shape_there_and_back(count: int) -> list[int]:
     return [*range(0, count, 2), *reversed(range(1, count, 2))]
 
 
-def _ring_of_shape(
+def _ring_points(
     radius_m: float, z_m: float, resolution_m: float, start_rad: float = 0.0
 ) -> FloatArray:
     """Return points once round a circle about the z axis, beginning near *start_rad*."""
-    count = _points_of_shape(2.0 * math.pi * radius_m / resolution_m)
+    count = _checked_point_count(2.0 * math.pi * radius_m / resolution_m)
     angles = start_rad + 2.0 * math.pi * np.arange(count) / count
     return np.stack(
         [radius_m * np.cos(angles), radius_m * np.sin(angles), np.full(count, z_m)], axis=1
     )
 
 
-def _cap_of_sphere(radius_m: float, opening_rad: float, resolution_m: float) -> FloatArray:
+def _spherical_cap(radius_m: float, opening_rad: float, resolution_m: float) -> FloatArray:
     """Return the points of a sphere from its lowest point to the polar angle *opening_rad*.
 
     Rings a resolution apart along the meridian; each begins where the one before ended.
     """
     _check_shape_resolution(resolution_m, 2.0 * radius_m)
-    _points_of_shape(2.0 * math.pi * (1.0 - math.cos(opening_rad)) * (radius_m / resolution_m) ** 2)
+    _checked_point_count(
+        2.0 * math.pi * (1.0 - math.cos(opening_rad)) * (radius_m / resolution_m) ** 2
+    )
     rings = max(1, round(opening_rad * radius_m / resolution_m))
     parts: list[FloatArray] = []
     start_rad = 0.0
     for polar in opening_rad * np.arange(rings + 1) / rings:
         around_m = abs(radius_m * math.sin(polar))
-        part = _ring_of_shape(around_m, -radius_m * math.cos(polar), resolution_m, start_rad)
+        part = _ring_points(around_m, -radius_m * math.cos(polar), resolution_m, start_rad)
         start_rad += 2.0 * math.pi * (len(part) - 1) / len(part)
         parts.append(part)
     return np.concatenate(parts)
 
 
-def _points_of_shape(wanted: float) -> int:
+def _checked_point_count(wanted: float) -> int:
     """Return a number of points, at least 1.
 
     Raises
