@@ -59,7 +59,7 @@ def viewer_scene_of_recording(path: Path) -> RecordedScene:
     board = recording.board
     judged = _viewer_frames_judged(recording)
     if board is None:
-        scene, lead = _viewer_scene_of_the_line(recording, judged)
+        scene, lead = _sent_scene(recording, judged)
     elif judged:
         scene, lead = _viewer_scene_of(
             board_model_of_evidence(board), list(judged.values()), path, "judged frames"
@@ -98,7 +98,7 @@ def _viewer_scene_of(
     return scene, [f"{model.array.count} transducers, {len(frames)} {what}{more}."]
 
 
-def _viewer_scene_of_the_line(
+def _sent_scene(
     recording: Recording, judged: dict[FrameKey, ViewerFrame]
 ) -> tuple[ViewerScene, list[str]]:
     """Return the scene of a board whose output nobody recorded, with the drives that were sent."""

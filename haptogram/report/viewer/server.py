@@ -139,7 +139,7 @@ class _ViewHandler(http.server.BaseHTTPRequestHandler):
             self._answer(view.page.encode(), "text/html; charset=utf-8")
         elif secrets.compare_digest(path.encode(), f"{view.path}frames".encode()):
             patience_s = _PATIENCE_S if query else 0.0  # a page that opens has the array at once
-            frames = view.frames_after(_whole_number_in_view_query(query), patience_s)
+            frames = view.frames_after(_query_frame_count(query), patience_s)
             self._answer(frames, "application/octet-stream")
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
@@ -160,7 +160,7 @@ class _ViewHandler(http.server.BaseHTTPRequestHandler):
         """Say nothing: the terminal belongs to the board."""
 
 
-def _whole_number_in_view_query(query: str) -> int:
+def _query_frame_count(query: str) -> int:
     """Return the number of frames that a page has, as its request says; 0 if it says none."""
     text = parse_qs(query).get("after", ["0"])[0]
     return int(text) if text.isdecimal() and len(text) < 16 else 0
