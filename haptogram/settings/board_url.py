@@ -82,7 +82,7 @@ def _port_config_of_url(parts: SplitResult, default: BoardConfig | None) -> Port
         if name not in URL_OPTIONS:
             guess = unknown_setting_text(name, URL_OPTIONS)
             if "dialect=" in parts.query:
-                guess = f"; an option of the dialect is written {_of_dialect(name, text)}"
+                guess = f"; an option of the dialect is written {_dialect_option_text(name, text)}"
             raise ConfigurationError(f"there is no parameter {name!r}{guess}")
         row = URL_OPTIONS[name]
         value = row.read(text)
@@ -92,7 +92,7 @@ def _port_config_of_url(parts: SplitResult, default: BoardConfig | None) -> Port
     return PortConfig(**port, board=BoardConfig.of(**values))
 
 
-def _of_dialect(name: str, text: str) -> str:
+def _dialect_option_text(name: str, text: str) -> str:
     """Return a dialect option as URL query text."""
     return urlencode({"dialect_option": f"{name}={text}"}, safe="=")
 

@@ -222,7 +222,7 @@ class Parser(argparse.ArgumentParser):
     def _check_options(self, words: Sequence[str]) -> None:
         """Refuse unknown options before a value that is missing is complained of."""
         if self._subparsers is not None:  # those after a command are the command's
-            words = words[: next(_places_of_command_words(words), len(words))]
+            words = words[: next(_command_word_places(words), len(words))]
         for word in _options_among_command_words(words):
             if word not in self.option_actions and not self._is_short(word):
                 guess = did_you_mean(word, self.option_actions)
@@ -259,7 +259,7 @@ def _options_among_command_words(words: Sequence[str]) -> Iterator[str]:
                 yield name
 
 
-def _places_of_command_words(words: Sequence[str]) -> Iterator[int]:
+def _command_word_places(words: Sequence[str]) -> Iterator[int]:
     return (place for place, word in enumerate(words) if not word.startswith("-"))
 
 
