@@ -117,13 +117,13 @@ def verify_run(
     check_argument_kind("losses", losses, (BoardLosses, NoneType), "a BoardLosses, or None")
     check_argument_kind("silences", silences, Iterable, "an iterable of times in µs")
     check_callable("progress", progress)
-    _check_keys_of_intended_run(intended)
+    _check_unique_keys(intended)
     if unseen is None and (kept := _kept_for_run_verdict(observations)).dropped:
         unseen = f"the driver keeps the last {len(kept)} latches it is told"
     not_kept = _kept_for_run_verdict(intended).dropped
     seen: dict[FrameKey, list[Observation]] = defaultdict(list)
     latched = _observations_to_verify(observations)
-    for observation in _run_verdict_of_kept(intended, latched) if not_kept else latched:
+    for observation in _without_earlier(intended, latched) if not_kept else latched:
         seen[observation.key].append(observation)
     for latches in seen.values():
         latches.sort(key=lambda latch: latch.t_latch_us)
@@ -211,7 +211,7 @@ def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
     return entries if isinstance(entries, KeptRecords) else KeptRecords()
 
 
-def _run_verdict_of_kept(
+def _without_earlier(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
     """Yield *observations* without those of frames before the first intended one."""
@@ -286,7 +286,7 @@ def _named_by_other_frame(
     return dataclasses.replace(verdict, faults=(f"the drive of frame {number}",))
 
 
-def _check_keys_of_intended_run(intended: Sequence[Intended]) -> None:
+def _check_unique_keys(intended: Sequence[Intended]) -> None:
     key, times = next(iter(Counter(frame.key for frame in intended).most_common(1)), (None, 0))
     if times > 1:
         raise ConfigurationError(f"{key} is intended {times} times; a key names one frame")

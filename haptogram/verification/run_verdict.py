@@ -162,9 +162,9 @@ class RunVerdict(Judged):
             "known_to": dataclasses.asdict(self.uncertainty),
             "uncertainty_mm": self._uncertainty_dict(),
             "effect": None if self.effect is None else self.effect.as_dict(),
-            "coherence": {"min": _least_of_run_verdict(coherence)},
-            "balance": {"min": _least_of_run_verdict(self.values("balance"))},
-            "efficiency": {"min": _least_of_run_verdict(self.values("efficiency"))},
+            "coherence": {"min": _least(coherence)},
+            "balance": {"min": _least(self.values("balance"))},
+            "efficiency": {"min": _least(self.values("efficiency"))},
             "pressure_rms_pa": _run_verdict_spread(pressure),
             "force_mn": _run_verdict_spread(force_mn),
             "lateness_us": _run_verdict_percentiles(
@@ -334,7 +334,7 @@ def _run_verdict_spread(values: np.ndarray) -> dict[str, float | None]:
     }
 
 
-def _least_of_run_verdict(values: np.ndarray) -> float | None:
+def _least(values: np.ndarray) -> float | None:
     return float(values.min()) if len(values) else None
 
 

@@ -100,12 +100,12 @@ def _next_unnumbered_pair(
     places.sort(key=lambda place: (place[0] != place[1], (place[0] - place[1]) * missing <= 0))
     for is_near in (False, True):
         for at in places:
-            if _is_drive_of_unnumbered(latches[at[1]], frames[at[0]], is_near=is_near):
+            if _has_drive(latches[at[1]], frames[at[0]], is_near=is_near):
                 return at
     return 0, 0
 
 
-def _is_drive_of_unnumbered(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> bool:
+def _has_drive(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> bool:
     """Return True if the latched drive is that of *frame*, or off by less than a step of it."""
     found, wanted = latch.drive, frame.drive
     sounding = wanted.amplitude_codes > 0
@@ -113,8 +113,8 @@ def _is_drive_of_unnumbered(latch: UnnumberedLatch, frame: Intended, *, is_near:
         return False
     if not sounding.any():
         return True
-    error = _lags_of_unnumbered(found, wanted)[sounding]
-    off = _signed_lags_of_unnumbered(error - error[0])
+    error = _channel_lags(found, wanted)[sounding]
+    off = _signed_lags(error - error[0])
     if is_near:  # outputs that are late, by a step or between two
         return bool(np.ptp(off) <= max(1, _TURN // frame.steps))
     return bool(np.abs(off).max() <= 1)
@@ -124,7 +124,7 @@ def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> O
     if frame is None:
         key, lag = FrameKey(0, STREAM, _NOBODY_INTENDED, latch.number), 0
     else:
-        key, lag = frame.key, _common_lag_of_unnumbered(latch.drive, frame.drive)
+        key, lag = frame.key, _common_lag(latch.drive, frame.drive)
     drive, radiated = (
         _unnumbered_without_lag(latch.drive, lag),
         _unnumbered_without_lag(latch.radiated, lag),
@@ -139,19 +139,19 @@ def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> O
     )
 
 
-def _common_lag_of_unnumbered(found: Drive, wanted: Drive) -> int:
+def _common_lag(found: Drive, wanted: Drive) -> int:
     """Return the lag that most channels share: an effect of the pulse shape."""
     sounding = (found.amplitude_codes > 0) & (wanted.amplitude_codes > 0)
     if not sounding.any():
         return 0
-    return int(np.bincount(_lags_of_unnumbered(found, wanted)[sounding] % _TURN).argmax())
+    return int(np.bincount(_channel_lags(found, wanted)[sounding] % _TURN).argmax())
 
 
-def _lags_of_unnumbered(found: Drive, wanted: Drive) -> NDArray[np.int64]:
+def _channel_lags(found: Drive, wanted: Drive) -> NDArray[np.int64]:
     return found.phase_codes.astype(np.int64) - wanted.phase_codes.astype(np.int64)
 
 
-def _signed_lags_of_unnumbered(lags: NDArray[np.int64]) -> NDArray[np.int64]:
+def _signed_lags(lags: NDArray[np.int64]) -> NDArray[np.int64]:
     return (lags + _TURN // 2) % _TURN - _TURN // 2
 
 

@@ -118,20 +118,18 @@ def _held_stretches(
     due = (frame for frame in frames if frame.status is not FrameStatus.CANCELLED)
     timed = [frame for frame in due if frame.t_apply_us is not None]
     begins = [frame.t_apply_us or 0 for frame in timed]
-    for frame, begin_us, end_us in zip(
-        timed, begins, _ends_of_held_stretches(begins, silences), strict=True
-    ):
+    for frame, begin_us, end_us in zip(timed, begins, _due_ends(begins, silences), strict=True):
         # One that is not late latches within a carrier period of its time: no time of its own.
         latched_us = max(begin_us, frame.t_latch_us or 0) if frame.late else begin_us
         if frame.status in MISSED:
-            yield _held_stretch_before_the_latch(frame, begin_us, end_us)
+            yield _stretch_before_latch(frame, begin_us, end_us)
         elif frame.late:
-            yield _held_stretch_before_the_latch(frame, begin_us, min(latched_us, end_us))
+            yield _stretch_before_latch(frame, begin_us, min(latched_us, end_us))
         if frame.status in _ELSEWHERE or _is_another_focus_held(frame):
-            yield _held_stretch_after_the_latch(frame, latched_us, end_us)
+            yield _stretch_after_latch(frame, latched_us, end_us)
 
 
-def _ends_of_held_stretches(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
+def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
     """Yield the time until which each frame should be radiated."""
     neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
     for before_us, begin_us, next_us in neighbours:
@@ -150,7 +148,7 @@ def _is_another_focus_held(frame: FrameVerdict) -> bool:
     return frame.status is FrameStatus.CORRUPT and not frame.criteria
 
 
-def _held_stretch_before_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
+def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
     """Return the interval in which the previous drive was still radiated."""
     held = frame.consequence
     if held is None:
@@ -167,7 +165,7 @@ def _held_stretch_before_the_latch(frame: FrameVerdict, begin_us: int, end_us: i
     )
 
 
-def _held_stretch_after_the_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
+def _stretch_after_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
     """Return the time in which a wrong drive was radiated; of an unseen one nothing is known."""
     return _HeldStretch(
         begin_us,

@@ -87,14 +87,14 @@ def focus_still_held(
     held: HeldFocus | None, due: DueFrame, quiet_us: Sequence[int]
 ) -> HeldFocus | None:
     """Return the hold that is left of *held* when a frame is due; None: silence."""
-    if held is None or _held_focus_fell_silent(quiet_us, held.t_latch_us, due.earliest_us):
+    if held is None or _fell_silent(quiet_us, held.t_latch_us, due.earliest_us):
         return None
-    if _held_focus_fell_silent(quiet_us, due.earliest_us, due.latest_us):
+    if _fell_silent(quiet_us, due.earliest_us, due.latest_us):
         return dataclasses.replace(held, drive=None)  # before the frame or after it: who knows?
     return held
 
 
-def _held_focus_fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
+def _fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
     """Return True if the output fell silent after *after_us*, at *until_us* at the latest."""
     return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
 

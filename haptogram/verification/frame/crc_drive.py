@@ -29,11 +29,11 @@ def drive_of_crc(model: AcousticModel, intended: Intended, crc: int) -> Drive | 
         if drive.digest() == crc:
             return drive
     inverted = Drive(np.negative(wanted.phase_codes), wanted.amplitude_codes)
-    found = (_rolled_drive_of_crc(drive, crc) for drive in (wanted, inverted))
-    return next(filter(None, found), None) or _nearly_right_drive_of_crc(wanted, crc)
+    found = (_rolled_drive(drive, crc) for drive in (wanted, inverted))
+    return next(filter(None, found), None) or _nearly_right_drive(wanted, crc)
 
 
-def _rolled_drive_of_crc(drive: Drive, crc: int) -> Drive | None:
+def _rolled_drive(drive: Drive, crc: int) -> Drive | None:
     """Return *drive* with its elements shifted by the number of places that gives this CRC."""
     count = drive.count
     twice, levels = drive.phase_codes.tobytes() * 2, drive.amplitude_codes.tobytes() * 2
@@ -44,7 +44,7 @@ def _rolled_drive_of_crc(drive: Drive, crc: int) -> Drive | None:
     return None
 
 
-def _nearly_right_drive_of_crc(wanted: Drive, crc: int) -> Drive | None:
+def _nearly_right_drive(wanted: Drive, crc: int) -> Drive | None:
     """Return *wanted* with one wrong element or two swapped that matches the CRC; else None.
 
     The CRC is linear: what a changed byte adds depends on its place and on the bits that differ.
@@ -52,7 +52,7 @@ def _nearly_right_drive_of_crc(wanted: Drive, crc: int) -> Drive | None:
     phases, count = wanted.phase_codes.astype(np.uint8), wanted.count
     difference = wanted.digest() ^ crc
     codes = np.concatenate((phases, wanted.amplitude_codes))
-    changes = _crc_of_changes(len(codes))
+    changes = _crc_change_table(len(codes))
     for place, changed in np.argwhere(changes == difference):
         codes[place] ^= np.uint8(changed)
         return Drive(codes[:count], codes[count:])
@@ -65,7 +65,7 @@ def _nearly_right_drive_of_crc(wanted: Drive, crc: int) -> Drive | None:
 
 
 @functools.cache
-def _crc_of_changes(length: int) -> NDArray[np.uint32]:
+def _crc_change_table(length: int) -> NDArray[np.uint32]:
     """Return a table (length, 256): the CRC-32 change caused by each changed byte.
 
     The rows are those of XOR: a change of several bits is the XOR of the changes of each.

@@ -122,7 +122,7 @@ class SeveralFociFrame:
                 found = self._judge_with_tolerance(ideal, fault)
                 faults = faults or ((fault,) if fault else ())
         status = frame_status_of(found.verdicts, faults, focused=False)
-        unseen = [*found.unseen, *_frame_foci_levels_not_made(levels, self.intended)]
+        unseen = [*found.unseen, *_solver_failure(levels, self.intended)]
         notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
         if status is FrameStatus.ON_TARGET and unseen:
             status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
@@ -145,7 +145,7 @@ class SeveralFociFrame:
             balance=levels.balance,
             efficiency=levels.efficiency,
             pressure_rms_pa=abs(complex(targets[0].arrivals @ self._weights)) / math.sqrt(2.0),
-            **_farthest_from_frame_target_mm(ideal.placed, found),
+            **_farthest_miss_mm(ideal.placed, found),
         )
 
     @cached_property
@@ -249,7 +249,7 @@ class SeveralFociFrame:
             frame_scatter_rad(target, self.known),
             max(target.aberration_rad for target in ideal.targets),
         )
-        if not fault and (_sizes_of_frame_errors(fit, limit_rad, slack_rad) <= _SECOND_ORDER).all():
+        if not fault and (_relative_errors(fit, limit_rad, slack_rad) <= _SECOND_ORDER).all():
             verdicts["S1"] = True
         blurred = fit
         if fit.residual_rad > limit_rad:  # what is left unexplained may have moved the foci as well
@@ -291,9 +291,7 @@ class SeveralFociFrame:
         )
 
 
-def _sizes_of_frame_errors(
-    fit: FociFit, limit_rad: float, slack_rad: tuple[float, float]
-) -> FloatArray:
+def _relative_errors(fit: FociFit, limit_rad: float, slack_rad: tuple[float, float]) -> FloatArray:
     """Return (N,) phase errors of active elements, relative to rounding and tolerance.
 
     The slack is that of an element, which all its waves share, and that of each wave.
@@ -329,9 +327,7 @@ def _are_frame_foci_within(fit: FociFit, limits_m: Sequence[FloatArray], miss_mm
     )
 
 
-def _farthest_from_frame_target_mm(
-    targets: Sequence[FrameTarget], found: _Findings
-) -> dict[str, Any]:
+def _farthest_miss_mm(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any]:
     """Return the error of the focus farthest from its place; nothing if one has no place."""
     offsets = [offset for offset in found.offsets_m if offset is not None]
     if len(offsets) < len(targets) or not targets or found.limits_m is None:
@@ -356,8 +352,8 @@ def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
         )
 
 
-def _frame_foci_levels_not_made(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
-    """Yield reasons for foci that are missing although the drive is as it should be."""
+def _solver_failure(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
+    """Yield why the solver did not make the foci."""
     if intended.solver != "naive" and not levels.made:
         yield (
             f"the solver {intended.solver} did not make the foci: efficiency "

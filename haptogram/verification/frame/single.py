@@ -115,7 +115,7 @@ class SingleFocusFrame:
         if found is None:
             notes.append(_NOT_SEARCHED)
         elif self._is_ambiguous(verdicts, found):
-            notes.append(_ambiguous_frame_focus(target, found))
+            notes.append(_ambiguity_note(target, found))
             offset_m = target.nearest_focus_m(np.angle(self.latched.weights()), self._active)
             measures |= target.miss(offset_m)
             if criteria.is_frame_on_target(target, offset_m):
@@ -127,15 +127,15 @@ class SingleFocusFrame:
                 verdicts["S2"] = self._is_in_place(found)
             if isinstance(found, acoustics.SingleFocus):
                 notes += [found.ambiguity_text] if found.rivals_m else []
-                measures |= _where_against_frame_target(target, found)
+                measures |= _focus_miss(target, found)
                 faults += self._unexplained(verdicts, faults)
             elif isinstance(found, acoustics.NotSingle):
                 faults += self._unexplained(verdicts, faults) or self._outliers(found, faults)
                 if not faults:  # the right drive in other air: a focus, but not a sharp one
-                    measures |= _where_against_frame_target(target, found)
+                    measures |= _focus_miss(target, found)
                 elif measures["coherence"] >= _STILL_A_FOCUS:
                     peaks = criteria.frame_peak_errors(target, self.latched.weights())
-                    measures |= _where_the_frame_peak_is(target, peaks)
+                    measures |= _peak_miss(target, peaks)
                     measures["pressure_rms_pa"] = found.pressure_rms_pa
                 notes.append(_frame_without_focus(found))
             elif not faults:
@@ -244,8 +244,8 @@ class SingleFocusFrame:
         return rms <= within_rad and bool((error_rad[off] > finest_rad).all())
 
 
-def _ambiguous_frame_focus(target: FrameTarget, found: acoustics.Reconstruction) -> str:
-    """Return a note that names the point, or none, that a search without the target finds."""
+def _ambiguity_note(target: FrameTarget, found: acoustics.Reconstruction) -> str:
+    """Return a note with the other point, or none, that a search without the target finds."""
     if not isinstance(found, acoustics.SingleFocus):
         return (
             "the phases suit the target, but a search that is not told the target finds no focus: "
@@ -278,7 +278,7 @@ def _unobservable_frame_target(target: FrameTarget) -> str:
     )
 
 
-def _where_against_frame_target(
+def _focus_miss(
     target: FrameTarget, found: acoustics.SingleFocus | acoustics.NotSingle
 ) -> dict[str, Any]:
     """Return the miss of the found focus, its pressure and force, as fields of the verdict."""
@@ -291,9 +291,7 @@ def _where_against_frame_target(
     }
 
 
-def _where_the_frame_peak_is(
-    target: FrameTarget, peaks: list[criteria.PeakCriterion]
-) -> dict[str, Any]:
+def _peak_miss(target: FrameTarget, peaks: list[criteria.PeakCriterion]) -> dict[str, Any]:
     """Return the distance of the pressure peak from its place, if it was found all around."""
     offsets = [peak.offset_m for peak in peaks if peak.offset_m is not None]
     if len(offsets) != _ACROSS_AND_ALONG:

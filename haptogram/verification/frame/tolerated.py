@@ -221,7 +221,7 @@ class ToleratedHost:
 
         errors = self.errors_about(self.active)[self.active]
         slopes = self.slopes_about(self.active)[self.active]
-        ones, ball = np.ones((len(errors), 1)), _directions_of_tolerance()
+        ones, ball = np.ones((len(errors), 1)), _unit_directions()
         rows = np.vstack(
             [
                 np.hstack([slopes, ones, -ones]),
@@ -337,7 +337,7 @@ def _tolerated_shares(share: FloatArray) -> FloatArray:
     return np.append(share[:3] / length, np.clip(share[3], -1.0, 1.0))
 
 
-def _directions_of_tolerance() -> FloatArray:
+def _unit_directions() -> FloatArray:
     """Return uniformly distributed unit vectors."""
     n = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * n / _DIRECTIONS, n * math.pi * (3.0 - math.sqrt(5.0))

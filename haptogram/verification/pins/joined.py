@@ -154,7 +154,7 @@ def verify_captures(
     pins = tuple(judged_pins)
     passes = list(_passes_over_pins(frames).values())
     apart = why_pin_phases_are_apart(pins, frames, passes) if len(pins) > 1 else ""
-    no_field = incomplete or _why_pins_make_no_field(pins, frames, model) or apart
+    no_field = incomplete or _why_no_field(pins, frames, model) or apart
     run, observations = None, tuple[Observation, ...]()
     if not no_field:
         observations = tuple(joined_observations_of_pins(pins, frames, model.array.count))
@@ -245,7 +245,7 @@ def _pins_too_rarely_seen(
     )
 
 
-def _why_pins_make_no_field(
+def _why_no_field(
     pins: Sequence[PinVerdict], frames: Sequence[Intended], model: AcousticModel
 ) -> str:
     """Return why the field cannot be judged from the captured pins; "" if it can."""
@@ -289,21 +289,21 @@ def joined_observations_of_pins(
     """
     found = []
     for same in _passes_over_pins(frames).values():
-        filled = _every_element_of_pins(pins, same, frames[same[0]], count)
+        filled = _merged_codes(pins, same, frames[same[0]], count)
         if filled is None:
             continue
         for place in same:
             codes, latches = filled.copy(), []
             for one in pins:
                 if one.judged[place]:
-                    _fill_codes_of_joined_pins(codes, one, place, frames[place].drive)
+                    _fill_codes(codes, one, place, frames[place].drive)
                     latches.append(one.late_us.get(place, 0.0))
             if latches:
-                found.append(_joined_observation_of_pins(frames[place], codes, max(latches)))
+                found.append(_joined_observation(frames[place], codes, max(latches)))
     return found
 
 
-def _every_element_of_pins(
+def _merged_codes(
     pins: Sequence[PinVerdict], same: Sequence[int], frame: Intended, count: int
 ) -> np.ndarray | None:
     """Return (2, N) phase and amplitude codes merged from all passes; None if incomplete."""
@@ -312,28 +312,27 @@ def _every_element_of_pins(
         seen = [place for place in same if one.judged[place]]
         # The worst pass counts: what is wrong once is wrong.
         for place in sorted(seen, key=lambda p: -int(one.right[p].sum())):
-            _fill_codes_of_joined_pins(codes, one, place, frame.drive)
+            _fill_codes(codes, one, place, frame.drive)
     return None if (codes < 0).any() else codes
 
 
-def _fill_codes_of_joined_pins(
-    codes: np.ndarray, one: PinVerdict, place: int, meant: Drive
-) -> None:
+def _fill_codes(codes: np.ndarray, one: PinVerdict, place: int, meant: Drive) -> None:
+    """Set the codes of captured elements in one frame: the intended ones where they are right."""
     elements = np.array(one.elements)
     right = one.right[place]
-    phases, amplitudes = _nearest_codes_of_pins(one.weights[place])
+    phases, amplitudes = _nearest_codes(one.weights[place])
     wanted = meant.in_bits(REGISTER_BITS).phase_codes.astype(np.int64)
     codes[0, elements] = np.where(right, wanted[elements], phases)
     codes[1, elements] = np.where(right, meant.amplitude_codes[elements], amplitudes)
 
 
-def _nearest_codes_of_pins(weights: ComplexArray) -> tuple[np.ndarray, np.ndarray]:
+def _nearest_codes(weights: ComplexArray) -> tuple[np.ndarray, np.ndarray]:
     phases = np.rint(np.angle(weights) / (2.0 * np.pi) * _TURN).astype(np.int64) % _TURN
     sizes = np.rint(np.abs(weights) * FULL_AMPLITUDE).astype(np.int64)
     return phases, np.clip(sizes, 0, FULL_AMPLITUDE)
 
 
-def _joined_observation_of_pins(frame: Intended, codes: np.ndarray, late_us: float) -> Observation:
+def _joined_observation(frame: Intended, codes: np.ndarray, late_us: float) -> Observation:
     drive = Drive(codes[0].astype(np.uint8), codes[1].astype(np.uint8))
     due_us = frame.t_apply_us or 0
     return Observation(

@@ -95,7 +95,7 @@ def pin_steps(
         far = np.abs(wanted - old) > max(_LEAST_DISTANCE, _SAMPLES * np.pi / record.samples)
         told = is_seen & far
         centres, vectors = fundamentals_of_run_drives(record.pins[element])
-        _step_of_pin(
+        _write_pin_steps(
             centres,
             vectors,
             lows,
@@ -127,7 +127,7 @@ def sound_before_run(record: PinRecord, run: PinRunDrives, start: float) -> Comp
     return found
 
 
-def _step_of_pin(
+def _write_pin_steps(
     centres: FloatArray,
     vectors: ComplexArray,
     lows: FloatArray,

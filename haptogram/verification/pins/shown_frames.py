@@ -182,7 +182,7 @@ class _AlignedPins:
         shape = run.count, len(run.elements)
         lows = np.broadcast_to(self.starts[:, None], shape) + SETTLED
         highs = np.broadcast_to(self.ends[:, None], shape) - 1.0
-        highs[-1] = _end_of_last_pin_frame(record, run, self.starts, self.ends)
+        highs[-1] = _last_frame_end(record, run, self.starts, self.ends)
         if steps is not None:
             late = np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
             lows += np.where(steps.is_inside, late, late.max(axis=1, keepdims=True))
@@ -206,7 +206,7 @@ class _AlignedPins:
         )
 
 
-def _end_of_last_pin_frame(
+def _last_frame_end(
     record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
 ) -> float:
     """Return until when the last frame must be shown: half of it, or until all pins stop.
@@ -240,11 +240,11 @@ def _frames_lost_on_pins(
             if shown < 0:
                 old = prior * np.exp(-1j * drives.turns_rad[frame])
             if not _pin_shows_frame(drives, frame, seen, new)[sound].all():
-                turned = _pins_on_phase_of_reference(record, run, seen, old)
+                turned = _on_reference_phase(record, run, seen, old)
                 lost[frame] = _pin_keeps_frame(drives, frame, turned, old)[sound].all()
                 last = frame - 1  # which may have come too late to be seen itself
                 if not lost[frame] and 0 <= shown < last:
-                    turned = _pins_on_phase_of_reference(record, run, seen, run.weights[last])
+                    turned = _on_reference_phase(record, run, seen, run.weights[last])
                     lost[frame] = _pin_shows_frame(drives, frame, turned, run.weights[last])[
                         sound
                     ].all()
@@ -282,7 +282,7 @@ def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: Com
     return few
 
 
-def _pins_on_phase_of_reference(
+def _on_reference_phase(
     record: PinRecord, run: PinRunDrives, seen: ComplexArray, old: ComplexArray
 ) -> ComplexArray:
     """Return *seen* (E,) rotated to the *old* phase of the reference element."""

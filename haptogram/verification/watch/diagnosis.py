@@ -52,7 +52,7 @@ class DefectFinder:
     """
 
     def __init__(self, positions_m: FloatArray, channels: int) -> None:
-        self._neighbours = _neighbours_of_watched_elements(positions_m)
+        self._neighbours = _nearest_elements(positions_m)
         self._centre_m: FloatArray = positions_m.mean(axis=0)
         self._distance_m = np.linalg.norm(positions_m - positions_m.mean(axis=0), axis=1)
         self._channels = channels
@@ -144,7 +144,7 @@ class DefectFinder:
         """Record which elements are half a turn off the pattern."""
         drive = hash(latch.weights.tobytes())
         limit_rad = math.pi / latch.steps
-        off = _half_turns_of_watched_pattern(pattern, limit_rad)
+        off = _half_turned_outliers(pattern, limit_rad)
         for element, is_half in zip(pattern.outliers, off, strict=True):
             self._reversed[element].add(drive, limit_rad, is_half=is_half)
         for element, seen in self._reversed.items():
@@ -203,7 +203,7 @@ class _WatchedPolarity:
         return enough and not self.contradicted
 
 
-def _half_turns_of_watched_pattern(pattern: Placed, limit_rad: float) -> list[bool]:
+def _half_turned_outliers(pattern: Placed, limit_rad: float) -> list[bool]:
     """Return which outliers are half a turn off, within twice the limit."""
     off: FloatArray = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
     return [bool(value <= 2.0 * limit_rad) for value in off]
@@ -213,7 +213,7 @@ def _watched_elements_text(count: int) -> str:
     return "element" if count == 1 else f"{count} elements,"
 
 
-def _neighbours_of_watched_elements(positions_m: FloatArray) -> NDArray[np.intp]:
+def _nearest_elements(positions_m: FloatArray) -> NDArray[np.intp]:
     """Return (N, 4) the nearest elements of each."""
     found = [
         np.argsort(np.linalg.norm(positions_m - place, axis=1), kind="stable")

@@ -140,12 +140,12 @@ def faults_of_pins(drives: PinDrives, places: Sequence[int], judged: Bools) -> d
     frames = np.flatnonzero(judged)
     found = {place: _plain_pin_fault(drives, place, frames) for place in places}
     rest = [place for place, fault in found.items() if fault is None]
-    others = _pins_of_other_elements(drives, rest, frames)
+    others = _exchanged_elements(drives, rest, frames)
     named = {place: fault for place, fault in found.items() if fault is not None}
     for place in rest:
         other = others.get(place)
         if other is None:
-            named[place] = _rest_of_pin_faults(drives, place, frames)
+            named[place] = _remaining_pin_fault(drives, place, frames)
         else:
             text = f"does what element {other} should"
             named[place] = PinFault(PinFaultKind.OTHER_ELEMENT, text, other)
@@ -158,7 +158,7 @@ def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) ->
     meant = run.weights[:, place]
     seen = drives.weights[frames, place]
     wrong = ~drives.right(meant, place)[frames]
-    count = _count_of_wrong_pins(wrong)
+    count = _wrong_count_text(wrong)
     silent = (np.abs(seen) == 0.0) & (np.abs(meant[frames]) > 0.0)
     sounding = np.abs(meant[frames]) > drives.limit_amplitude
     if silent[sounding].all():
@@ -167,7 +167,7 @@ def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) ->
         return PinFault(PinFaultKind.SILENT, f"silent {count}")
     old = run.weights[np.maximum(drives.before, 0), place]
     follows = drives.right(old, place) & (drives.before >= 0)
-    if wrong.sum() > 1 and _share_of_pins(follows[frames][wrong]) >= _MOST:
+    if wrong.sum() > 1 and _share_true(follows[frames][wrong]) >= _MOST:
         return PinFault(PinFaultKind.BEHIND, f"shows the drive of the frame before {count}")
     errors = drives.errors_rad(meant, place)[frames]
     known = np.isfinite(errors)
@@ -179,16 +179,16 @@ def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) ->
     )
 
 
-def _count_of_wrong_pins(wrong: Bools) -> str:
+def _wrong_count_text(wrong: Bools) -> str:
     return f"in {int(wrong.sum())} of {len(wrong)} frames"
 
 
-def _rest_of_pin_faults(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault:
+def _remaining_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault:
     """Return the fault of a pin by exclusion: sign, amplitude or phase."""
     meant = drives.run.weights[:, place]
-    if _share_of_pins(drives.right(np.conj(meant), place)[frames]) >= _MOST:
+    if _share_true(drives.right(np.conj(meant), place)[frames]) >= _MOST:
         return PinFault(PinFaultKind.SIGN, "opposite sign of the phase")
-    count = _count_of_wrong_pins(~drives.right(meant, place)[frames])
+    count = _wrong_count_text(~drives.right(meant, place)[frames])
     errors = drives.errors_rad(meant, place)[frames]
     known = np.isfinite(errors)
     sizes = np.abs(drives.weights[frames, place]) - np.abs(meant[frames])
@@ -220,12 +220,12 @@ def _constant_pin_fault(
     return None
 
 
-def _pins_of_other_elements(
+def _exchanged_elements(
     drives: PinDrives, places: Sequence[int], frames: NDArray[np.intp]
 ) -> dict[int, int]:
-    """Return the element whose drives each pin shows, if it is one, and one alone.
+    """Return the element whose drives each pin shows instead, if there is exactly one.
 
-    A few frames leave few elements; only these are compared in more frames.
+    The first frames rule out most elements; only the others are compared in more frames.
     """
     run = drives.run
     some = frames[:: max(1, len(frames) // _FRAMES_COMPARED)]
@@ -256,7 +256,7 @@ def _near_pin(
     return near
 
 
-def _share_of_pins(found: Bools) -> float:
+def _share_true(found: Bools) -> float:
     return float(found.mean()) if len(found) else 0.0
 
 

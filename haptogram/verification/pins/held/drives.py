@@ -131,12 +131,12 @@ def held_pin_drives(record: PinRecord, *, window: float | None = None) -> HeldDr
     limit = 1.0 + _SAMPLES / record.samples
     groups = [
         (_latch_of_changes(after[a:b], before[a:b], owners[a:b], limit), owners[a:b])
-        for a, b in _bounds_of_groups(before, record.latch_window if window is None else window)
+        for a, b in _group_bounds(before, record.latch_window if window is None else window)
     ]
     return _joined_held_drives(record, elements, pins, groups)
 
 
-def _bounds_of_groups(before: FloatArray, window: float) -> Iterator[tuple[int, int]]:
+def _group_bounds(before: FloatArray, window: float) -> Iterator[tuple[int, int]]:
     """Yield index ranges of values that follow each other within *window*."""
     if not len(before):
         return

@@ -51,7 +51,7 @@ def frames_at_held_drives(
         pairs = _pair_in_order(held.weights, meant[firsts])
     latched = [one.begin if one.is_steady else one.end for one in held.latches]
     begins = np.array([held.begins[0], *latched])
-    starts = _starts_of_frames(
+    starts = _frame_starts(
         firsts[pairs[:, 1]], begins[pairs[:, 0]], held.ends[pairs[-1, 0]], len(meant)
     )
     times_us = np.rint(starts / held.record.carrier_hz * _US).astype(np.int64).tolist()
@@ -74,7 +74,7 @@ def _pair_in_order(seen: ComplexArray, meant: ComplexArray) -> _Ints:
     return np.stack([sounding[-count:], frames[-count:]], axis=1)
 
 
-def _starts_of_frames(frames: _Ints, starts: FloatArray, end: float, count: int) -> FloatArray:
+def _frame_starts(frames: _Ints, starts: FloatArray, end: float, count: int) -> FloatArray:
     """Return the (F,) start times of all frames, interpolated from those of some.
 
     Those before the first and behind the last of these follow each other as most do: a capture may

@@ -50,11 +50,11 @@ def matched_drives(held: HeldDrives, meant: ComplexArray) -> tuple[_Ints, _Ints]
             f"{held.record.name}: {held.count} drives for {len(firsts)} frames are too many to be "
             f"compared, can be {_MOST_PAIRS} pairs; capture a shorter time"
         )
-    found = map(_pairs_in_order, _matches_of_drives(seen, meant[firsts]))
+    found = map(_pairs_in_order, _drive_correlations(seen, meant[firsts]))
     return firsts, max(found, key=lambda one: one[0])[1]
 
 
-def _matches_of_drives(seen: ComplexArray, meant: ComplexArray) -> Iterator[FloatArray]:
+def _drive_correlations(seen: ComplexArray, meant: ComplexArray) -> Iterator[FloatArray]:
     """Yield (S, F) the correlation of drives and frames, for each likely phase that all share."""
     sizes = np.linalg.norm(seen, axis=1)[:, None] * np.linalg.norm(meant, axis=1)
     both = (seen @ np.conj(meant).T) / np.where(sizes > 0.0, sizes, 1.0)
