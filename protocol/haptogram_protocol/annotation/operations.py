@@ -69,10 +69,9 @@ class OperationAnnotator:
         fault = self._odd()
         for operation, size in zip(found, sizes, strict=True):
             name, fields = type(operation).__name__, _annotated_fields(operation)
-            inner = ", ".join(_names_of_inner_operations(operation))
-            text = (
-                f"{name}{f' of {inner}:' if inner else ''}{_text_of_annotated_fields(fields)}"
-                + (f": {fault}" if fault else "")
+            inner = ", ".join(_inner_operation_names(operation))
+            text = f"{name}{f' of {inner}:' if inner else ''}{_fields_text(fields)}" + (
+                f": {fault}" if fault else ""
             )
             yield Annotated(self._advance(size), size, name, text, fault, fields)
             fault = ""
@@ -100,7 +99,7 @@ def _annotated_fields(operation: Any) -> dict[str, Any]:
     }
 
 
-def _names_of_inner_operations(value: Any) -> Iterator[str]:
+def _inner_operation_names(value: Any) -> Iterator[str]:
     """Yield the names of the operations that a message carries, such as those of devices."""
     for field in dataclasses.fields(value):
         parts = getattr(value, field.name)
@@ -108,7 +107,7 @@ def _names_of_inner_operations(value: Any) -> Iterator[str]:
             if isinstance(part, Operation):
                 yield type(part).__name__
             elif dataclasses.is_dataclass(part):
-                yield from _names_of_inner_operations(part)
+                yield from _inner_operation_names(part)
 
 
 def _annotated_value(value: Any) -> Any:
@@ -119,19 +118,19 @@ def _annotated_value(value: Any) -> Any:
     return annotated_value(value)
 
 
-def _text_of_annotated_fields(fields: Mapping[str, Any]) -> str:
+def _fields_text(fields: Mapping[str, Any]) -> str:
     """Return the fields in one line."""
-    words = [f"{name} {_text_of_annotated_value(value)}" for name, value in fields.items()]
+    words = [f"{name} {_value_text(value)}" for name, value in fields.items()]
     return f" {', '.join(words)}" if words else ""
 
 
-def _text_of_annotated_value(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if isinstance(value, str) and len(value) > 2 * _SHOWN:
         return f"{value[: 2 * _SHOWN]}... ({len(value) // 2} bytes)"
     if isinstance(value, list):
-        items = ", ".join(map(_text_of_annotated_value, value[:_SHOWN]))
+        items = ", ".join(map(_value_text, value[:_SHOWN]))
         return f"[{items}{', ...' if len(value) > _SHOWN else ''}]"
     if isinstance(value, dict):
         kind = value.get("is", "")
-        return f"{kind}{_text_of_annotated_fields({n: v for n, v in value.items() if n != 'is'})}"
+        return f"{kind}{_fields_text({n: v for n, v in value.items() if n != 'is'})}"
     return str(value)

@@ -294,7 +294,7 @@ class HostConnection:
         self, header: m.Header, message: m.Message, t_rx_us: int
     ) -> events.HostEvent:
         waiting = self._pending.get(header.seq)
-        if waiting is None or not _is_answer_to_pending_request(message, waiting.request):
+        if waiting is None or not _is_answer_to(message, waiting.request):
             return self._drop("duplicate", t_rx_us)
         if not self._is_of_session(header, message, waiting):
             return self._drop("stale_session", t_rx_us)
@@ -325,17 +325,17 @@ class HostConnection:
             return m.Error(m.MessageType.HELLO, m.ErrorCode.VERSION, reply.major)
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_ANSWERED)
         self.identity = reply
-        self.warnings = _differences_of_session_identity(reply)
+        self.warnings = _identity_differences(reply)
         return reply
 
 
-def _is_answer_to_pending_request(message: m.Message, request: m.MessageType) -> bool:
+def _is_answer_to(message: m.Message, request: m.MessageType) -> bool:
     if isinstance(message, m.Error):
         return message.request == request
     return request + m.RESPONSE_OFFSET == message.TYPE
 
 
-def _differences_of_session_identity(reply: m.HelloReply) -> list[str]:
+def _identity_differences(reply: m.HelloReply) -> list[str]:
     """Return the differences between host and board of one major version.  HG-11.3."""
     found = []
     if reply.minor != m.VERSION_MINOR:

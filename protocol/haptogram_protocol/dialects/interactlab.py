@@ -148,8 +148,8 @@ class InteractlabBoardEnd:
         return QueueFrame(
             values[:CHANNELS],
             duties,
-            _number_of_bits(side[_COLOUR]) if side[_APPLY_COLOUR] else None,
-            _number_of_bits(side[_DIVIDER]) if side[_APPLY_DIVIDER] else None,
+            _bits_to_int(side[_COLOUR]) if side[_APPLY_COLOUR] else None,
+            _bits_to_int(side[_DIVIDER]) if side[_APPLY_DIVIDER] else None,
         )
 
 
@@ -210,7 +210,7 @@ def _check_interactlab_operation(message: QueueFrame) -> None:
             raise LocalProtocolError(f"{name} {value}; it has {bits} bits")
 
 
-def _number_of_bits(bits: bytes) -> int:
+def _bits_to_int(bits: bytes) -> int:
     """Return the integer of bits, least significant first."""
     return sum(bit << place for place, bit in enumerate(bits))
 
