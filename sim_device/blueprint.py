@@ -77,7 +77,7 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
             parts = SimulatedAssembly(config.simulator)
         own = Blueprint(BoardSettings.of(config), parts, config.plan)
         return _with_checked_faults(own)
-    return _with_checked_faults(_blueprint_of_another_dialect(config, config.dialect))
+    return _with_checked_faults(_foreign_blueprint(config, config.dialect))
 
 
 def _with_checked_faults(blueprint: Blueprint) -> Blueprint:
@@ -88,7 +88,7 @@ def _with_checked_faults(blueprint: Blueprint) -> Blueprint:
     return blueprint
 
 
-def _blueprint_of_another_dialect(config: BoardConfig, name: str) -> Blueprint:
+def _foreign_blueprint(config: BoardConfig, name: str) -> Blueprint:
     from .dialects.table import emulation_of, read_emulation_options  # many modules
 
     emulation = emulation_of(name)

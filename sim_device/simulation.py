@@ -251,7 +251,7 @@ class Simulation:
             down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
             times_ns.append(None if down_ns is None else whole_board_us(down_ns))
         if self._up.in_transit:
-            times_ns.append(self._up.next_event_ns(_end_of_answer))
+            times_ns.append(self._up.next_event_ns(_frame_end))
         if self._can_feed:
             times_ns.append(self._up.free_ns)
         if self._injector is not None:
@@ -287,7 +287,7 @@ class Simulation:
     def _run_ahead(self, t_ns: int) -> None:
         """Let a simulated board process run ahead to *t_ns*, unless bytes arrive before."""
         if self.dialect.ahead is not None:
-            up_ns = self._up.next_event_ns(_end_of_answer)
+            up_ns = self._up.next_event_ns(_frame_end)
             until_ns = t_ns if up_ns is None else min(t_ns, up_ns)
             self.dialect.ahead.run_ahead(self._clock.device_us(until_ns))
             self._is_next_known = False
@@ -366,6 +366,6 @@ class Simulation:
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
 
 
-def _end_of_answer(data: bytes, at: int) -> int:
+def _frame_end(data: bytes, at: int) -> int:
     """Return the index after the next frame; skip a leading delimiter."""
     return end_of_frame(data, at + data.startswith(DELIMITER, at))

@@ -119,7 +119,7 @@ def _radiated_by_latch_record(latch: events.AnyLatch) -> Hashable:
     return latch.weights().tobytes(), latch.pulses.steps
 
 
-def _observation_of_latch(latch: events.Latch, estimate: Reconstruction | None) -> Observation:
+def _latch_observation(latch: events.Latch, estimate: Reconstruction | None) -> Observation:
     """Return a latch as a reader of its record sees it."""
     key = FrameKey(latch.session, latch.key.sequence, latch.key.loop, latch.key.index)
     return Observation(
@@ -220,7 +220,7 @@ class InlineReconstructionWorker:
         if self._estimator is not None:
             estimates = self._estimator.estimate_all(latches)
             self._reconstructed += len(latches)
-        told += map(_observation_of_latch, latches, estimates)
+        told += map(_latch_observation, latches, estimates)
         pairs = zip(owed, estimates, strict=True)
         self._brief += [(latch, record, estimate) for (latch, record), estimate in pairs]
         self._owed = []

@@ -31,14 +31,14 @@ def run_reconstruction_worker() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # the board ends the worker, by closing its input
     signal.signal(SKIP_FIELDS, signal.SIG_IGN)  # until there is something to leave out
-    items = _items_at_worker(_READ_BYTES)
+    items = _received_items(_READ_BYTES)
     job = next((item for item in items if item is not None), None)
-    if job is None or not _is_board_of_worker_there():
+    if job is None or not _is_board_alive():
         return  # the board has ended before it began
     try:
-        sink = open_backdoor_sink(job.target, _is_board_of_worker_there)
+        sink = open_backdoor_sink(job.target, _is_board_alive)
     except ConfigurationError as error:
-        _answer_of_worker(1, f"{error}\n".encode())
+        _send_to_board(1, f"{error}\n".encode())
         return
     is_ready = False
     try:
@@ -49,35 +49,35 @@ def run_reconstruction_worker() -> None:
         )
         recorder.warm_up()
         signal.signal(SKIP_FIELDS, lambda *_: recorder.skip_fields())
-        _answer_of_worker(1, READY)
+        _send_to_board(1, READY)
         is_ready = True
         with contextlib.suppress(OSError):  # from here the board and its host come first
             os.nice(_NICENESS)
-        _record_all_at_worker(items, recorder, sink)
-        _drain_sink_of_worker(sink)
+        _record_items(items, recorder, sink)
+        _drain_sink(sink)
     except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost
         text = f"{error}\n".encode()
-        _answer_of_worker(1, text)  # for the end of the board, or instead of READY
+        _send_to_board(1, text)  # for the end of the board, or instead of READY
         if is_ready:
-            _answer_of_worker(2, text)  # at once
+            _send_to_board(2, text)  # at once
     finally:
         sink.close()
 
 
-def _is_board_of_worker_there() -> bool:
+def _is_board_alive() -> bool:
     """Wait briefly; return False once the board has closed the pipe."""
     input_end = select.poll()
     input_end.register(0, 0)
     return not input_end.poll(_LOOK_MS)
 
 
-def _answer_of_worker(to: int, text: bytes) -> None:
+def _send_to_board(to: int, text: bytes) -> None:
     """Send *text* to the board; ignore a closed pipe."""
     with contextlib.suppress(BrokenPipeError):
         os.write(to, text)
 
 
-def _record_all_at_worker(
+def _record_items(
     items: Iterator[Any], recorder: InlineReconstructionWorker, sink: RecordSink
 ) -> None:
     for item in items:
@@ -92,7 +92,7 @@ def _record_all_at_worker(
     recorder.finish(clean=False)  # the board ended without saying so
 
 
-def _drain_sink_of_worker(sink: RecordSink) -> None:
+def _drain_sink(sink: RecordSink) -> None:
     """Serve slow readers until their records are sent or a deadline passes."""
     deadline_s = time.monotonic() + LINGER_S
     while sink.pending and time.monotonic() < deadline_s:
@@ -100,7 +100,7 @@ def _drain_sink_of_worker(sink: RecordSink) -> None:
         sink.serve()
 
 
-def _items_at_worker(chunk: int) -> Iterator[Any]:
+def _received_items(chunk: int) -> Iterator[Any]:
     """Yield the items of the board, None now and then while it is silent; end when it ends."""
     buffer = bytearray()
     with selectors.DefaultSelector() as selector:

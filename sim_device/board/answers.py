@@ -122,7 +122,7 @@ def board_trace(board: Board, request: m.ReadTrace) -> m.TraceReply:
     """Return latches of the trace ring, from the number asked for on, as many as fit one frame."""
     ring = board.output.ring
     oldest = ring[0].number if ring else board.output.latches
-    room = _room_of_readout(m.TraceReply) // m.TraceRecord.LAYOUT.size
+    room = _tail_room(m.TraceReply) // m.TraceRecord.LAYOUT.size
     asked = range(request.first, request.first + request.count)
     kept = [latch for latch in ring if latch.number in asked][:room]
     records = tuple(map(_trace_readout_of, kept))
@@ -145,7 +145,7 @@ def _trace_readout_of(latch: Latch) -> m.TraceRecord:
     )
 
 
-def _room_of_readout(reply: type[m.Message]) -> int:
+def _tail_room(reply: type[m.Message]) -> int:
     """Return the bytes that one frame leaves for the tail of *reply*."""
     return MAX_BODY_BYTES - HEADER_BYTES - reply.LAYOUT.size
 
@@ -159,7 +159,7 @@ def _readout_span(
     """Return the range of transducers in a reply: first, and one after the last."""
     if request.first >= total:
         raise RefusalError(m.ErrorCode.NOT_FOUND, total)
-    fits = _room_of_readout(reply) // unit
+    fits = _tail_room(reply) // unit
     return request.first, min(total, request.first + min(request.count, fits))
 
 

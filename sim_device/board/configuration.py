@@ -18,7 +18,7 @@ _FRAMING_BYTES: Final = 3  # two delimiters and the code byte of COBS
 _BITS_PER_BYTE: Final = 10  # start, 8 data, stop
 
 
-def _least_board_status_period_ms(baud: int | None) -> int:
+def _least_status_period_ms(baud: int | None) -> int:
     """Return the shortest status period that leaves nine tenths of the line to others."""
     size = Header.LAYOUT.size + Status.LAYOUT.size + CRC_BYTES + _FRAMING_BYTES
     if baud is None:
@@ -28,7 +28,7 @@ def _least_board_status_period_ms(baud: int | None) -> int:
 
 def initial_board_config(settings: BoardSettings) -> Config:
     """Return the configuration after power-up: the defaults, as far as the line allows."""
-    period_ms = max(Config().status_period_ms, _least_board_status_period_ms(settings.line.baud))
+    period_ms = max(Config().status_period_ms, _least_status_period_ms(settings.line.baud))
     return Config(
         sound_speed_mm_s=round(settings.model.medium.sound_speed_m_s * 1000),
         status_period_ms=min(period_ms, 0xFFFF),
@@ -42,7 +42,7 @@ def check_board_config(config: Config, settings: BoardSettings) -> None:
     for name, (low, high) in CONFIG_BOUNDS.items():  # in the order of the fields
         value = getattr(config, name)
         if name == "status_period_ms":
-            low = _least_board_status_period_ms(settings.line.baud) if value else 0
+            low = _least_status_period_ms(settings.line.baud) if value else 0
         if not low <= value <= high:
             raise RefusalError(ErrorCode.BAD_VALUE, Config.WIRE[name].offset)
 

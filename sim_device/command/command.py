@@ -155,10 +155,10 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
                 failures.append(tap.close())
     ends += [ConfigurationError(failure) for failure in failures if failure]
     if ends:
-        raise _end_of_board(ends) from ends[0]
+        raise _board_error(ends) from ends[0]
 
 
-def _end_of_board(ends: Sequence[HaptogramError]) -> HaptogramError:
+def _board_error(ends: Sequence[HaptogramError]) -> HaptogramError:
     """Return one error for all that went wrong; an output that failed hides no lost port."""
     is_refusal = all(isinstance(error, ConfigurationError) for error in ends)
     return (ConfigurationError if is_refusal else HaptogramError)("; ".join(map(str, ends)))

@@ -265,7 +265,7 @@ class VirtualHaptogramDialect:
             self._trace(latch)
         for notice in self.board.take_notices():
             self._notices.append(notice)
-            if (event := _event_of_notice(notice)) is not None:
+            if (event := _notice_event(notice)) is not None:
                 self._link.send_event(event, now_us=notice.t_us)
 
     def _trace(self, latch: Latch) -> None:
@@ -304,7 +304,7 @@ class VirtualHaptogramDialect:
         return answers.board_status(self.board, self.counters, free_bytes=free)
 
 
-def _event_of_notice(notice: Notice) -> m.Message | None:
+def _notice_event(notice: Notice) -> m.Message | None:
     """Return the event message for *notice*; None for changes that the host requested."""
     if isinstance(notice, StateChange) and not notice.requested:
         return m.StateChanged(state=notice.state, reason=notice.reason)

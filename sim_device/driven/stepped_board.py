@@ -91,7 +91,7 @@ class VirtualSteppedBoard:
         return self.receive(int(rest[0]), data).hex() or "-"
 
 
-def _settings_of_stepped_board(limits: dict[str, Any]) -> BoardSettings:
+def _stepped_board_settings(limits: dict[str, Any]) -> BoardSettings:
     """Return the settings of a board with these *limits*."""
     nx, ny, pitch_um = (limits.pop(name) for name in ("grid_nx", "grid_ny", "pitch_um"))
     limits["features"] = Feature(limits.pop("features"))
@@ -101,7 +101,7 @@ def _settings_of_stepped_board(limits: dict[str, Any]) -> BoardSettings:
 
 def run_stepped_board(words: list[str], lines: Iterable[str], answers: TextIO) -> None:
     """Answer every line of *lines* by one line."""
-    board = VirtualSteppedBoard(_settings_of_stepped_board(json.loads(words[0])))
+    board = VirtualSteppedBoard(_stepped_board_settings(json.loads(words[0])))
     for line in lines:
         answers.write(";".join(map(board.step, line.split(";"))) + "\n")
         answers.flush()

@@ -31,7 +31,7 @@ def fault_on_frames(rewrite: Rewrite) -> LineFault:
     def act(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
         changed, fired = [], 0
         for chunk in chunks:
-            data, count = _fault_on_frames_of(chunk.data, rewrite, values, source)
+            data, count = _rewrite_some_frames(chunk.data, rewrite, values, source)
             changed.append(FaultChunk(chunk.t_ns, data))
             fired += count
         return changed, fired
@@ -39,9 +39,10 @@ def fault_on_frames(rewrite: Rewrite) -> LineFault:
     return act
 
 
-def _fault_on_frames_of(
+def _rewrite_some_frames(
     data: bytes, rewrite: Rewrite, values: Values, source: random.Random
 ) -> tuple[bytes, int]:
+    """Rewrite a random share of the frames in *data*; return also how many were rewritten."""
     pieces, fired = data.split(framing.DELIMITER), 0
     for place in range(1, len(pieces) - 1):  # what has a delimiter on both sides
         if not pieces[place] or source.random() >= values["p"]:

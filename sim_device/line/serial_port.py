@@ -31,14 +31,14 @@ class SerialPort(BoardPort):
             ) from error
         super().__init__(self._serial.fileno(), name)
         os.set_blocking(self._fd, False)
-        _tell_end_of_port_from_silence(self._fd)
+        _set_vmin(self._fd)
 
     def close(self) -> None:
         """Close the port."""
         self._serial.close()
 
 
-def _tell_end_of_port_from_silence(fd: int) -> None:
+def _set_vmin(fd: int) -> None:
     """Set VMIN so that an empty read means a closed port."""
     termios = posix_module("termios", "a serial port of the virtual board", INSTEAD_OF_PTY)
     settings = termios.tcgetattr(fd)

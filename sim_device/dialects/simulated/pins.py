@@ -117,7 +117,7 @@ class SimulatedPins:
             yield ShownDrive((self.periods - periods) * self.period_ns, _pulses_of(weights))
 
     def _weights_of(self, block: bytes) -> ComplexArray:
-        """Return the fundamental of each pin in a period, which begins with the levels now."""
+        """Return the fundamental of each pin in a period, which starts at the current levels."""
         words = [line.split() for line in block.splitlines() if line.strip()]
         if not words:
             return np.zeros(self.count, np.complex128)
