@@ -102,7 +102,7 @@ class Sent:
 
     @property
     def type(self) -> int:
-        """Message type: none is 0, so that it stands behind a delimiter and a code byte."""
+        """Message type: none is 0, so that it stands after a delimiter and a code byte."""
         return self.wire[2]
 
     @property
@@ -167,7 +167,7 @@ class SoakLine:
             self._carry(piece, t_ns, wait_ns)
             self._expect(piece, sent)
         if self.free_ns > usual_ns:
-            self._cause = sent.hit  # what comes behind it is late because of it
+            self._cause = sent.hit  # what comes after it is late because of it
         sent.cause = self._cause
         hit = sent.hit or sent.cause
         if hit is not None and not sent.is_numbered:
