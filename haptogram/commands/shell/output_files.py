@@ -215,7 +215,7 @@ def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
 
 
 def print_command_error(program: str, error: object) -> None:
-    """Print *error* on standard error, behind the name of *program*."""
+    """Print *error* on standard error, after the name of *program*."""
     print(terminal_error_line(program, str(error), sys.stderr), file=sys.stderr)
 
 
