@@ -4,7 +4,7 @@ The sections of SPEC.md stand here from the ground up.  A case relies on everyth
 section, so that of several failures the lowest is the likeliest cause, and the others may follow.
 A clause that two cases of its own find broken stands before those that one case happens to touch,
 if that is none of the clauses that stand here themselves.
-A case that asks many clauses at once fails with each of them, and stands behind the others.
+A case that asks many clauses at once fails with each of them, and stands after the others.
 What many failures find alike says more of a cause than any of their clauses.
 """
 
@@ -114,7 +114,7 @@ def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
     def place(result: CaseResult) -> tuple[bool, bool, bool, int]:
         stands = result.clause in FOUNDATIONS or result.clause.startswith(_RELIED_ON)
         is_alone = directed[result.clause] < _ENOUGH and not stands
-        is_left = not _is_found(result)  # the board was not clean behind it
+        is_left = not _is_found(result)  # the board was not clean after it
         return is_left, _is_broad(result), is_alone, cause_rank(result.clause)
 
     failures.sort(key=place)

@@ -123,7 +123,7 @@ class ClockClient:
             )
 
     def soon_us(self, *wires: bytes, points: int = 0, ahead_us: int = 0) -> int:
-        """Return *ahead_us* behind a carrier boundary by which *wires* are certain to be ready.
+        """Return *ahead_us* after a carrier boundary by which *wires* are certain to be ready.
 
         So many *points* of frames before the last one are computed first, one after the other.
         NOT-OBSERVED if that time is beyond the horizon.
@@ -216,7 +216,7 @@ class ClockClient:
         self._link.in_time_us = t_device_us
 
     def end_exchange(self) -> None:
-        """End the case, not judged, if a frame of this exchange may have come behind its time."""
+        """End the case, not judged, if a frame of this exchange may have come after its time."""
         due_us = self._link.in_time_us
         self.forget_exchange()
         if due_us < NO_TIME_US:

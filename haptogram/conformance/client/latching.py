@@ -112,7 +112,7 @@ def latch_random(board: BoardClient, number: int) -> list[bytes]:
 
 
 def latch_in_time(board: BoardClient, message: m.Message, ahead_us: int = 0) -> int:
-    """Latch a stream frame at its time, so far behind a carrier boundary; return that time."""
+    """Latch a stream frame at its time, so far after a carrier boundary; return that time."""
     size = 2 * len(board.link.stream_wire(message, 0, seq=0)) + _PING_BYTES
     t_us = board.clock.soon_us(bytes(size), ahead_us=ahead_us)
     board.link.stream(message, t_us)
@@ -121,7 +121,7 @@ def latch_in_time(board: BoardClient, message: m.Message, ahead_us: int = 0) -> 
 
 
 def time_for_frames(board: BoardClient, messages: Sequence[m.Message], ahead_us: int = 0) -> int:
-    """Return *ahead_us* behind a carrier boundary by which all *messages* are certain to be ready.
+    """Return *ahead_us* after a carrier boundary by which all *messages* are certain to be ready.
 
     NOT-OBSERVED if that time is beyond the horizon.
     """

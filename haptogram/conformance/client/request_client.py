@@ -28,7 +28,7 @@ _ECHO_BITS: Final = 64
 _KNOCK_US: Final = 100_000  # how soon a board that boots is asked again
 _PING_BYTES: Final = 26  # largest size of a PING on the line
 _PAUSES_KEPT: Final = 256
-#: How far the number of such a PING is behind the newest: more than there are in any window.
+#: How much lower the number of such a PING is than the newest: more than any window holds.
 _PAUSE_BEHIND: Final = 0x1000
 
 

@@ -167,7 +167,7 @@ class RawFrameClient:
     on_sent : callable or None
         Is given the bytes that are sent, and when the line is free for them.
     ask_time : callable or None
-        Returns the device time in an answer to a question behind all that was sent; None: no
+        Returns the device time in an answer to a question after all that was sent; None: no
         answer can show it.
     trip_us : int
         The longest time to an answer since :meth:`begin_case`.
@@ -406,7 +406,7 @@ class RawFrameClient:
         return self.held_up_us > self.limits.slack_us
 
     def note_late(self) -> None:
-        """Note that what follows may come behind its t_apply."""
+        """Note that what follows may come after its t_apply."""
         self.trip_us = max(self.trip_us, self.limits.lead_us // _TRIPS_IN_LEAD + 1)
 
     def note_held_up(self, duration_us: int) -> None:

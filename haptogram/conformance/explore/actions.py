@@ -103,7 +103,7 @@ class DialogueAction(NamedTuple):
             return _short_random_run(source, body)
         wire = encoded_frame(body)
         if self.damage == PARTS:
-            ends = (1, 2, len(wire) - 1)  # behind a delimiter, a code byte, before a delimiter
+            ends = (1, 2, len(wire) - 1)  # after a delimiter, a code byte, before a delimiter
             cut = source.choice((*ends, *(source.randrange(1, len(wire)) for _ in ends)))
             host.unsent = wire[cut:]
             return wire[:cut]
@@ -134,7 +134,7 @@ def frames_of_slot(
 ) -> list[tuple[DialogueAction, bytes]]:
     """Return *actions* with their frames, as many as have room on the line.
 
-    Unless bytes arrive to the microsecond (*exact*), none comes behind a frame that is latched as
+    Unless bytes arrive to the microsecond (*exact*), none comes after a frame that is latched as
     it comes: whether it is, or a latch is over by then, depends on microseconds.
     """
     found: list[tuple[DialogueAction, bytes]] = []

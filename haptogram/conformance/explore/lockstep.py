@@ -227,7 +227,7 @@ class Lockstep:
             waited_us += sum(arrival.wait_us for arrival in arrivals)
             if not timed and host.slot_us - start_us - waited_us > _LONGEST_US:
                 break
-        # What came early was due in the slot behind the last one, or never.
+        # What came early was due in the slot after the last one, or never.
         self._models.advance(host.slot_us + SLOT_US)
         behind = self._models.due(host, base[1], self._near_us, is_last=True)
         text = superfluous_in_dialogue(self._early[len(behind) :])

@@ -99,7 +99,7 @@ class LineRules:
             return
         shared = piece.shared and was_frame
         yield "HG-2.1/1", "this frame shares a zero with the one before" if shared else ""
-        # Only a code byte 1 behind a full block, at the end, can be left out.
+        # Only a code byte 1 after a full block, at the end, can be left out.
         is_odd = piece.piece.endswith(b"\x01") and piece.piece != cobs_encode(piece.unstuffed)
         yield "HG-2.2/1", "this frame is stuffed in another way" if is_odd else ""
         yield "HG-2.4/1", ""  # or it would be no frame

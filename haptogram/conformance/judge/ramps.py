@@ -38,7 +38,7 @@ class RampReading:
 
 
 def judged_ramp(board: BoardClient, *, hold_ms: int, ramp_ms: int) -> list[RampReading]:
-    """Return the amplitudes from the last latch, over the hold's ramp, to behind its end."""
+    """Return the amplitudes from the last latch, over the hold's ramp, to after its end."""
     start_us = board.clock.unwrap(board.status().last_latch_us) + hold_ms * _MS
     found: list[RampReading] = []
     while not found or found[-1].from_ms < 1.1 * ramp_ms:

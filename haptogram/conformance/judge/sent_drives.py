@@ -133,7 +133,7 @@ class SentDrives:
             header, message = m.parse_body(decoded_frame(piece))
             codes = m.drive_codes(message, transducers)
             key = header.session, header.seq
-            self._codes[key] = [*self._codes.pop(key, []), codes]  # behind those sent before
+            self._codes[key] = [*self._codes.pop(key, []), codes]  # after those sent before
             if len(self._codes) > _KEPT:
                 del self._codes[next(iter(self._codes))]
 

@@ -270,7 +270,7 @@ class StandingRules:
         assert header is not None  # take
         if isinstance(message, m.StateChanged):
             same = since.ended == (header.session, header.time_us)
-            same &= message.reason is not MuteReason.FAULT  # behind STOP in the same microsecond
+            same &= message.reason is not MuteReason.FAULT  # after STOP in the same microsecond
             yield "HG-4.11/5", "PLAYBACK_ENDED of the same moment came before" if same else ""
         elif isinstance(message, m.PlaybackEnded):
             since.ended = header.session, header.time_us

@@ -87,7 +87,7 @@ class TimerKind:
     def judge_whole(
         self, board: BoardClient, length_ms: int, name: str = "", **changes: int
     ) -> None:
-        """Start it; FAILED unless it mutes behind its length, and the ramp that *changes* set."""
+        """Start it; FAILED unless it mutes after its length, and the ramp that *changes* set."""
         since = board.link.mark()
         start_us = self.start(board, length_ms, **changes)
         self.judge(board, since, start_us, length_ms + changes.get("ramp_ms", 0), name)

@@ -8,7 +8,7 @@ from typing import Final
 from ..case import Case, unobservable_case
 from ..outcome import EXTERNAL
 
-#: Word behind the clause in the id of these cases.
+#: Word after the clause in the id of these cases.
 VARIANT: Final = "pins"
 _SUMMARIES: Final = {
     "HG-5.2/1": "from the latch of a PHASES frame on, each pin has the phase of its code",

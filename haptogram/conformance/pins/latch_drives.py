@@ -1,4 +1,4 @@
-"""The drive that the pins show behind a latch, against the codes of its frame."""
+"""The drive that the pins show after a latch, against the codes of its frame."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class LatchDriveClauseJudge:
     def judge(
         self, latches: Iterable[ReportedLatch], settled: float, findings: PinClauseFindings
     ) -> None:
-        """Compare the drives with the codes, from *settled* periods behind each latch on."""
+        """Compare the drives with the codes, from *settled* periods after each latch on."""
         by_boot: dict[float, list[DriveAfterLatch]] = {}
         for latch in latches:
             found = self._drive_after(latch, settled + latch.within)

@@ -34,7 +34,7 @@ class RandomConfigs(DialogueMaker):
     """Makes configurations and lengths of time for one dialogue.
 
     Frames arrive at the beginning of a slot and are latched there or in its middle, so that the
-    hold ends at 0.2 or 0.7 of one; the lease at 0.35, behind a playback that ends at up to 0.58 at
+    hold ends at 0.2 or 0.7 of one; the lease at 0.35, after a playback that ends at up to 0.58 at
     0.93; an unattended playback at 0.85; a STATUS is sent at 0.85, 0.7 and
     so on.
 

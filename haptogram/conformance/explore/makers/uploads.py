@@ -53,7 +53,7 @@ class RandomUploads(RandomStream):
         steps = upload_in_dialogue(kind, target, data, chunk, points=of_frame)
         begin, *chunks, commit = steps
         how = pick(_WAYS)
-        if how == "gap":  # what is missing, and all behind it, comes after the refused commit
+        if how == "gap":  # what is missing, and all after it, comes after the refused commit
             missing = self._across(len(chunks))
             steps[1:-1] = [*chunks[:missing], *chunks[missing + 1 :], commit, *chunks[missing:]]
         elif how == "mismatch":  # one byte is put right after the refused commit

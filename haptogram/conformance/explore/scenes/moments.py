@@ -1,4 +1,4 @@
-"""Scenes of moments: frames within a carrier period, or behind each other at one microsecond."""
+"""Scenes of moments: frames within a carrier period, or one after the other in the same microsecond."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 from ..actions import PARTS, REST, SLOT_US, ActionSlots, DialogueAction
 from .states import SceneMaker
 
-#: Microseconds behind a multiple of the carrier period of 25 us.
+#: Microseconds after a multiple of the carrier period of 25 us.
 _TIMES: Final = (-24, 0, 1, 10, 25, 26)
 #: The times, and late and immediate frames, where bytes arrive to the microsecond.
 _TIMES_EXACT: Final = (*_TIMES, "late", None)
