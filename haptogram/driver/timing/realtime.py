@@ -32,7 +32,7 @@ def can_arrive_by_deadline(
 ) -> bool:
     """Return True if a frame that would be sent now is complete at the board before it is due.
 
-    The rule of the stream for missed ticks: a frame that can still make it is sent at once, behind
+    The rule of the stream for missed ticks: a frame that can still make it is sent at once, after
     what the line is busy with; one that cannot is skipped, so that it delays no other::
 
         deadline  now      line free       arrival   due
