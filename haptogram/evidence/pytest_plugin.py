@@ -68,7 +68,7 @@ def _sleep_on_board(board: VerifiedBoard) -> Callable[[float], None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, object]:
-    """Judge behind the last line of the test, so that a wrong drive is a failure of the test."""
+    """Judge after the last line of the test, so that a wrong drive is a failure of the test."""
     try:
         result = yield
     except BaseException:

@@ -1,7 +1,7 @@
 """Outputs of shift registers with a latch, such as the 74HC595, from their data, clock and latch.
 
 A rising clock shifts the level of each data line into its chain; a rising latch shows what the
-chain holds. A bit whose clock comes with the latch, or behind it, is not shown before the next one.
+chain holds. A bit whose clock comes with the latch, or after it, is not shown before the next one.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class ShiftRegisters:
     clock, latch : str
         Their channels.
     is_last_first : bool
-        Whether the first bit behind a latch reaches the last output.
+        Whether the first bit after a latch reaches the last output.
     steps : int or None
         Latches in a period of the carrier.
     outputs : int

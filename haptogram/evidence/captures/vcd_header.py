@@ -131,7 +131,7 @@ def _packed_vcd_code(path: Path, code: str) -> int:
 def _named_vcd_variables(path: Path, found: list[_Variable]) -> dict[str, VcdBit]:
     """Return the channels by name; with their scopes where the name is not unique.
 
-    Programs of analysers put spaces into a name; simulators name the bit of a vector behind it,
+    Programs of analysers put spaces into a name; simulators name the bit of a vector after it,
     which tells the channels of one vector apart.
     """
     bits = Counter((*scopes, *_plain_vcd_words(words)) for scopes, words, _ in found)

@@ -1,7 +1,7 @@
 """Latches of a run on boards of any wire, from the records of a back door.
 
 Those of other dialects carry no number. Latches in which every channel is off are the host's own
-before the first and behind the last that sounds, and are left out there; between its frames a board
+before the first and after the last that sounds, and are left out there; between its frames a board
 that goes dark is a latch that nobody intended.
 """
 

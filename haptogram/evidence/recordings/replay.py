@@ -329,7 +329,7 @@ class _ReplayLine:
             self._add(RECORDED, entry.latch)
         elif not self._is_over:
             record = entry.fields
-            self._is_over = record.get("event") == "power_down"  # the mute behind it is its own
+            self._is_over = record.get("event") == "power_down"  # the mute after it is its own
             if not self._is_over:
                 self._add(RECORDED, record)
 

@@ -85,7 +85,7 @@ class RecordingTransport:
 
 
 class RecordedBoards:
-    """Writes one board after another into a recording, each behind the last one in time.
+    """Writes one board after another into a recording, each after the last one in time.
 
     Parameters
     ----------
