@@ -144,7 +144,7 @@ class Parser(argparse.ArgumentParser):
         return self._option_string_actions
 
     def format_help(self) -> str:
-        """Return the whole help, and behind it what takes time to list."""
+        """Return the whole help, and after it what takes time to list."""
         return super().format_help() + self.listed()
 
     def format_page(self) -> str:
