@@ -135,7 +135,7 @@ def verify_captures(
         Why *intended* may lack frames of the run; empty: it has all. Otherwise the verdict is
         inconclusive: a frame that is missing is not judged, and pins that show it look wrong.
     progress : callable, optional
-        Called with the number of frames judged and their total: those of each capture and, behind
+        Called with the number of frames judged and their total: those of each capture and, after
         these, those of the field.
 
     Raises

@@ -118,7 +118,7 @@ class FramesShownByPins:
     def torn(self) -> Bools:
         """(F,) whether the pins did not latch within one period.
 
-        Steps before the time of a frame behind a lost one are the latch of that: it came in its
+        Steps before the time of a frame after a lost one are the latch of that: it came in its
         last periods. Those before the first frame are of another sound.
         """
         firsts: FloatArray = np.where(self.latched, self.steps.before, np.inf).min(axis=1)
