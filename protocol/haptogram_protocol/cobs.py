@@ -1,8 +1,8 @@
 """Consistent Overhead Byte Stuffing: bytes without a zero among them.  SPEC.md HG-2.2.
 
 Cheshire and Baker, IEEE/ACM Trans. Networking 7(2), 1999. A piece is the run of bytes before a
-zero; it travels behind its code byte, which is its length and one. A piece of 254 bytes or more
-travels in blocks of 254 with the code byte 255, behind which no zero is implied.
+zero; it travels after its code byte, which is its length and one. A piece of 254 bytes or more
+travels in blocks of 254 with the code byte 255, after which no zero is implied.
 
 Plane waves and muted frames are zeros throughout, so the work must not grow with the number of
 zeros: few of them are handled piece by piece, many all at once.
@@ -124,7 +124,7 @@ def cobs_decode(encoded: bytes) -> bytes:
         If a code byte is zero or points past the end (reason ``cobs``).
     """
     out = bytearray(encoded)  # every code byte becomes the zero before its piece
-    without_zero = [0]  # but for the first, and those behind a full block
+    without_zero = [0]  # but for the first, and those after a full block
     at = 0
     if _EMPTY_PIECES in encoded:
         for run in _runs_of_empty_pieces(encoded):

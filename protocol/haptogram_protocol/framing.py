@@ -18,7 +18,7 @@ HEADER_BYTES: Final = 10  # HG-3.1
 MAX_ENCODED_BYTES: Final = 4096  # HG-2.6: between two delimiters, whatever the size of the array
 MAX_BODY_BYTES: Final = MAX_ENCODED_BYTES - CRC_BYTES - (MAX_ENCODED_BYTES // BLOCK + 1)
 _SHORTEST: Final = HEADER_BYTES + CRC_BYTES
-_CRC_OF_ALL: Final = 0x2144DF1C  # CRC-32 of anything with its own CRC-32 behind it
+_CRC_OF_ALL: Final = 0x2144DF1C  # CRC-32 of anything with its own CRC-32 after it
 
 # One error for all noise; it is compared and never raised.
 _NOT_COBS: Final = RemoteProtocolError("a COBS code byte points past the end", reason="cobs")
@@ -85,7 +85,7 @@ def _framing_damage(decoded: bytes) -> RemoteProtocolError:
 
 
 def end_of_frame(data: bytes, at: int) -> int:
-    """Return the index behind the next delimiter of *data* from *at* on, or its length."""
+    """Return the index after the next delimiter of *data* from *at* on, or its length."""
     found = data.find(DELIMITER, at)
     return len(data) if found < 0 else found + 1
 

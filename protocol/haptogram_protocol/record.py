@@ -85,7 +85,7 @@ class WireField:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class WireTail:
-    """Form on the wire of the bytes behind the fixed part.
+    """Form on the wire of the bytes after the fixed part.
 
     Attributes
     ----------
@@ -146,7 +146,7 @@ class Record:
     WIRE : dict of str to WireField
         Fields of the fixed part, in their order on the wire.
     TAIL : WireTail or None
-        Tail behind the fixed part.
+        Tail after the fixed part.
     ITEMS : int
         Number of values that :mod:`struct` packs for the fixed part.
     VALUES : callable

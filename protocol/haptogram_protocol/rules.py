@@ -126,7 +126,7 @@ LINK_REFUSALS: Final[Mapping[int, tuple[Refusal, ...]]] = {
 }
 _STATE: Final = "output state"
 _OFFSET: Final = "offset of the field"
-#: What refuses a request behind step 11, in this order; other requests are never refused there.
+#: What refuses a request after step 11, in this order; other requests are never refused there.
 REFUSALS: Final[Mapping[MessageType, tuple[Refusal, ...]]] = {
     _T.ARM: (Refusal("state FAULT, or a MUTE has overtaken it", _E.BAD_STATE, _STATE, "HG-6.2/1"),),
     _T.DISARM: (Refusal("the fault lasts", _E.FAULT, "the board's own number", "HG-6.6/3"),),

@@ -76,7 +76,7 @@ class FrameAnnotator:
         self._keep(rest)
 
     def end(self) -> Iterator[Annotated]:
-        """Yield the bytes behind the last delimiter, if there are any."""
+        """Yield the bytes after the last delimiter, if there are any."""
         if self._size:
             fault = f"{self._size} bytes without a delimiter behind them"
             yield Annotated(self._begin, self._size, "", f"no frame: {fault}", fault)

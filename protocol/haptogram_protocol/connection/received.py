@@ -23,7 +23,7 @@ class ReceivedFrame:
     header : Header
         Its header.
     payload : bytes
-        Bytes behind the header.
+        Bytes after the header.
     crc : int
         CRC-32 of header and payload, by which a repeated request is known.
     t_rx_us : int

@@ -79,7 +79,7 @@ class BoardEnd(DialectEnd[Reply, Operation], Protocol):
     """The board's end of a wire, which a simulator feeds so that each message has its time."""
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the first byte of *data* from *at* on that may end a message.
+        """Return the index after the first byte of *data* from *at* on that may end a message.
 
         It is greater than *at*, and the length of *data* if no byte may; an end that cannot tell
         returns ``at + 1``.

@@ -1,6 +1,6 @@
 """InteractLab, the board of OpenMPD: frames of 512 bytes with side data in bit 7.
 
-A byte with bit 7 starts a frame; the 511 bytes behind it belong to it whatever they are, so a lost
+A byte with bit 7 starts a frame; the 511 bytes after it belong to it whatever they are, so a lost
 byte moves every frame after it. 256 phases of 7 bits, then 256 duties of 7 bits, in the order of
 the pins. A pulse is high for counts in [phase, phase + duty) mod 128, and 64 is the full duty. The
 board never answers. Serial at 250 000 baud, or FT245. Source: RMResearch/OpenMPD_Hardware d3b4e57,
@@ -107,7 +107,7 @@ class InteractlabBoardEnd:
         return found
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the last byte of the frame that goes on or starts next."""
+        """Return the index after the last byte of the frame that goes on or starts next."""
         if not self._frame:
             match = _START.search(data, at)
             at = match.start() if match else len(data)

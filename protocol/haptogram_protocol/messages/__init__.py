@@ -53,7 +53,7 @@ def parse_body(body: bytes) -> tuple[Header, Message]:
 
 
 def parse_payload(header: Header, body: bytes) -> Message:
-    """Return the message behind *header*; see :func:`parse_body`."""
+    """Return the message after *header*; see :func:`parse_body`."""
     message = MESSAGES.get(header.type)
     if message is None:
         raise RemoteProtocolError(

@@ -50,7 +50,7 @@ class Autd3DeviceFrame:
     repeated: bool = False
 
     def pack(self) -> bytes:
-        """Return the 626 bytes, zeros behind the operations.
+        """Return the 626 bytes, zeros after the operations.
 
         Raises
         ------

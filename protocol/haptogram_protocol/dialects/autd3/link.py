@@ -12,7 +12,7 @@ byte  host to board, little-endian                              answer
 any   what the server refuses                                   FF, u32 length, text in UTF-8
 ===== ========================================================= ===============================
 
-The published server reads on behind some refusals, as if the rest of a message were messages; here
+The published server reads on after some refusals, as if the rest of a message were messages; here
 the link ends with the first. Version 36 spoke gRPC on this link, and autd3-sdk (2026-06) has a new
 protocol: both are named. Source: shinolab/autd3-rs, ``autd3-link-remote/src/link/blocking.rs``
 f57d8ce and ``server.rs`` 552ca00.
@@ -83,7 +83,7 @@ class Autd3BoardEnd:
         return found
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the bytes that the message needs next."""
+        """Return the index after the bytes that the message needs next."""
         if self._ended:
             return len(data)
         return min(len(data), at + max(1, self._needed - len(self._buffer)))

@@ -252,7 +252,7 @@ class Unsupported(Operation):
 class Truncated(Operation):
     """An operation that does not end within its frame; *tag* is -1 if it does not even begin.
 
-    Not known: what a device does with it, which reads on behind the frame.
+    Not known: what a device does with it, which reads on after the frame.
     """
 
     tag: int

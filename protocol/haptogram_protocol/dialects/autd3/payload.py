@@ -37,7 +37,7 @@ def parse_autd3_operation(payload: bytes, at: int, foci_of_pattern: int) -> tupl
     Parameters
     ----------
     payload : bytes
-        The 622 bytes behind the header of a frame.
+        The 622 bytes after the header of a frame.
     at : int
         Where the operation begins.
     foci_of_pattern : int

@@ -28,7 +28,7 @@ class _FramesSinceSwap:
     outside : int
         Codes since the last start or swap, if there was no start.
     beyond : int
-        Codes behind the last channel since then.
+        Codes after the last channel since then.
     """
 
     replaced: list[int]
@@ -57,7 +57,7 @@ class FpgaBoardEnd:
         start), ``codes_beyond_array``, ``codes_unheard`` (no board listened), ``frames_short``
         (swapped before the last channel), ``frames_cut_short`` (by another start),
         ``frames_without_commit`` (whole, but another start came and no swap) and
-        ``frames_without_start`` (whole behind a swap: the codes reach their channels all the same).
+        ``frames_without_start`` (whole after a swap: the codes reach their channels all the same).
         Without :attr:`~.rules.FpgaByteRules.starts`, selecting a board starts its frame.
     """
 
@@ -117,7 +117,7 @@ class FpgaBoardEnd:
         return found
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the next command."""
+        """Return the index after the next command."""
         match = self._rules.pattern.search(data, at)
         return match.end() if match else len(data)
 

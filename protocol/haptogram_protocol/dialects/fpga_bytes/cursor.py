@@ -25,7 +25,7 @@ class FpgaChannelCursor:
     kind : type
         Operation that codes belong to now.
     started : bool
-        Whether a start came behind the last swap.
+        Whether a start came after the last swap.
     """
 
     def __init__(self, boards: int) -> None:

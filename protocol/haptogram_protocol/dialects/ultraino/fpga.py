@@ -17,7 +17,7 @@ ChainedFPGA
 
 Not known, for no HDL is published: what a board with amplitudes does with an amplitude above 16
 (taken as it is here) and when amplitudes show (with FD here); what the board of 128 steps does with
-bytes above 80h (masked here), with codes behind the last channel (dropped here), and whether it
+bytes above 80h (masked here), with codes after the last channel (dropped here), and whether it
 knows 96, 97 and C0 (codes here); what the third board of a chain and later ones do (C0 + number
 selects each here, as it does the first two).
 """

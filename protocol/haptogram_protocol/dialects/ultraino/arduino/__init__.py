@@ -21,7 +21,7 @@ clients: ``protocols/ArduinoMEGA64.java`` and others, 3d5a02a.
 ``DriverMEGAStatic.ino`` takes the same bytes, but has room for 8 patterns and 8 durations only; it
 has no dialect here.
 
-Not known: what MEGA64 and Nano16 do behind the end of their memory (32 patterns, 32 durations, one
+Not known: what MEGA64 and Nano16 do after the end of their memory (32 patterns, 32 durations, one
 pattern), where the firmware writes on without a check (nothing is taken here); the firmware of
 Nano8 (as Nano16's here, with 24 slots of one port).
 """

@@ -89,7 +89,7 @@ class ArduinoBoardEnd:
 
     @property
     def uncommitted(self) -> int:
-        """Whole frames since the last swap: with durations, those behind their command."""
+        """Whole frames since the last swap: with durations, those after their command."""
         if not self._firmware.durations:
             return self._patterns
         return self._commanded + (self._patterns > self._patterns_by_then)
@@ -116,7 +116,7 @@ class ArduinoBoardEnd:
         return found
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the next swap or command."""
+        """Return the index after the next swap or command."""
         match = _ACTS.search(data, at)
         return match.end() if match else len(data)
 
