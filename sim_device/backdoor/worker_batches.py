@@ -1,4 +1,4 @@
-"""The pipe from a board to its worker: batches of pickled records, each behind its length."""
+"""The pipe from a board to its worker: batches of pickled records, each after its length."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..board.events import Latch, PulseLatch
 from ..board.settings import BoardSettings
 
 READY: Final = b"ready\n"  # the worker's answer to its job
-# A signal, not a record: a record would wait behind all records that are on their way.
+# A signal, not a record: a record would wait after all records that are on their way.
 SKIP_FIELDS: Final = signal.SIGUSR1
 _LENGTH: Final = struct.Struct("<I")
 

@@ -107,7 +107,7 @@ class BoardUploads:
         ------
         RefusalError
             BAD_VALUE past the end of the upload, BAD_LENGTH for a chunk too long, INCOMPLETE for
-            one behind bytes that have not come.
+            one after bytes that have not come.
         """
         pending = self._expect()
         if len(chunk.data) > self._settings.max_chunk:

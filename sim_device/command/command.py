@@ -137,7 +137,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             if options.as_device:
                 client = _start_board_client(options, heartbeat)
             _announce_board(port.description if client is None else client.device)
-            if options.view:  # its address comes behind that of the port
+            if options.view:  # its address comes after that of the port
                 signals.enter_context(contextlib.closing(ViewProcess(options.backdoor)))
             heartbeat.run()
         except HaptogramError as error:

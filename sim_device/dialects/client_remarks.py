@@ -132,7 +132,7 @@ class ClientRemarks:
         return taken
 
     def pause(self, unfinished: int) -> None:
-        """Remember a pause behind *unfinished* bytes of a frame: it may never go on.
+        """Remember a pause after *unfinished* bytes of a frame: it may never go on.
 
         One that lacks a byte or two has rather lost them on the line.
         """

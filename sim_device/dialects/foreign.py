@@ -118,7 +118,7 @@ class VirtualForeignDialect:
         return self._unit.room_bytes if isinstance(self._unit, HoldsBackUnit) else None
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the first byte of *data* from *at* on that may end a message."""
+        """Return the index after the first byte of *data* from *at* on that may end a message."""
         return self._end.next_frame_end(data, at)
 
     def next_event_us(self) -> int | None:

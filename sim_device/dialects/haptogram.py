@@ -91,7 +91,7 @@ class VirtualHaptogramDialect:
         return None
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the next delimiter that may end a frame."""
+        """Return the index after the next delimiter that may end a frame."""
         begins = not self._link.buffered and data.startswith(DELIMITER, at)
         return end_of_frame(data, at + begins)
 

@@ -50,7 +50,7 @@ class VirtualDialect(Protocol):
         """Bytes that the board takes now; None if nothing holds its client back."""
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the first byte of *data* from *at* on that may end a message."""
+        """Return the index after the first byte of *data* from *at* on that may end a message."""
 
     def receive(self, data: bytes, t_us: int) -> None:
         """Take bytes whose last one is complete at *t_us*."""

@@ -24,7 +24,7 @@ _NS_PER_S: Final = 1_000_000_000
 _NS_PER_US: Final = 1_000
 _MILLION: Final = 1_000_000
 
-# Data and an index to the index behind the first byte from there on that may end a message.
+# Data and an index to the index after the first byte from there on that may end a message.
 NextEnd: TypeAlias = Callable[[bytes, int], int]
 
 
@@ -82,7 +82,7 @@ class Uart:
         return self._in_transit
 
     def send(self, data: bytes, t_ns: int) -> None:
-        """Put *data* on the line at *t_ns*, behind what is there already."""
+        """Put *data* on the line at *t_ns*, after what is there already."""
         if not data:
             return
         received, errors = sample_uart_characters(data, self._ratio)

@@ -1,6 +1,6 @@
 """The patterns that an Arduino board of Ultraino runs along, each for its number of periods.
 
-The firmware counts a pattern's periods and then takes the next pattern, or the first one behind the
+The firmware counts a pattern's periods and then takes the next pattern, or the first one after the
 last duration that is not 0. A swap sets the pointer of the output back and not these two counters,
 so that patterns and durations do not belong together until the list begins anew. A duration of 0 in
 the first place, or one that is shortened below the periods that have passed, lasts until the
@@ -28,7 +28,7 @@ class ArduinoPlaylist:
     Attributes
     ----------
     durations : bytes
-        Periods of each pattern; the first 0 behind the first pattern ends the list.
+        Periods of each pattern; the first 0 after the first pattern ends the list.
     pointer : int
         The pattern that is shown.
     """
