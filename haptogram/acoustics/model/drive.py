@@ -244,7 +244,7 @@ def as_weights(weights: ArrayLike) -> ComplexArray:
     Raises
     ------
     ConfigurationError
-        What is no number, not finite, or a million times what a transducer can follow.
+        A value that is no number, not finite, or a million times what a transducer can follow.
     """
     values = as_complex_array("weights", weights)
     check_array_magnitudes("weights", values, _MAX_WEIGHT)

@@ -126,7 +126,7 @@ class NumbaEngine:
         Raises
         ------
         ConfigurationError
-            What does not fit the model, is not finite, lies within 1 mm of an element or behind
+            Points that do not fit the model, are not finite, within 1 mm of an element or behind
             the baffle of all; a result of more than half of the memory.
         """
         drives = as_drives(weights, self._model.array.count)

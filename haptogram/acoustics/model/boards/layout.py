@@ -36,7 +36,7 @@ class BoardLayout:
     client_axes : tuple of 3 rows
         Our axes in those of the board's own programs: ours = rows @ theirs.
     assumed : str
-        What of it is assumed, and how a user gives the right one; empty: nothing.
+        The assumed part of it, and how a user gives the right one; empty: nothing is assumed.
 
     Examples
     --------

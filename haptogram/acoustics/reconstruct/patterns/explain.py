@@ -45,7 +45,7 @@ class Explanation:
     used : (A,) numpy.ndarray of bool
         The elements that it explains.
     added_rad : (A,) numpy.ndarray
-        What a pattern adds to the phases of a focus.
+        Phases of the pattern relative to those of a focus.
     normal : (3,) numpy.ndarray or None
         Across the plane that splits a twin trap.
     """

@@ -64,7 +64,7 @@ class PatternPointFit:
     speed_share : float
         s: the phases suit a speed of sound lower by this share.
     residual_rad : (A,) numpy.ndarray
-        What each element's phase is off.
+        Phase error of each element.
     """
 
     position_m: FloatArray
