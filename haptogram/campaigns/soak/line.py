@@ -1,6 +1,6 @@
 """One direction of the line: its time, its faults, and what must be found at its far end.
 
-What stands between two delimiters is a *run*.  A run that is, byte by byte, the encoding of a frame
+The bytes between two delimiters are a *run*.  A run that is, byte by byte, the encoding of a frame
 that was sent must be taken for it, whatever was around it (HG-2.1/3); every other one is damage and
 must be counted once (HG-2.2, HG-2.4 to HG-2.6).  That rule, and no decoder, says what to expect.
 
@@ -91,7 +91,7 @@ class Sent:
     due_us : int
         t_apply of a stream frame, device time.
     hit, cause : SoakHit or None
-        What became of it, and why it is late.
+        The fault that hit it, and the one that made it late.
     """
 
     wire: bytes

@@ -100,7 +100,7 @@ class SoakRig:
     ----------
     down, up : SoakLine
     clock : ClockEstimate
-        What the host makes of the board's clock.
+        The host's estimate of the board's clock.
     comparison : SoakComparison
         The board beside its model.
     link, pinger : Link, Pinger

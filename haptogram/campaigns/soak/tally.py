@@ -70,11 +70,11 @@ class SoakTally:
     totals : Counter
         Everything else that is counted, by name.
     violations : Counter
-        What must not happen, by name.
+        Count of each kind of violation, by name.
     examples : list of str
         The first of them, in words.
     course : SoakCourse
-        What was counted in each interval of virtual time.
+        Counts of each interval of virtual time.
     interval : float
         Number of the interval that counts, which a rig keeps up to date; its whole part.
     hits : list of SoakHit

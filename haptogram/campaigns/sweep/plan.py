@@ -74,7 +74,7 @@ class SweepPlan:
     fixed : sequence of str
         The words that all points share, the name of the command first.
     axes : sequence of SweepAxis
-        What differs; in a grid the last one changes fastest.
+        The varied options; in a grid the last one changes fastest.
     """
 
     document: Mapping[str, Any]

@@ -67,7 +67,7 @@ def row_of_point(point: SweepPoint, status: int, content: bytes, said: str) -> R
     content : bytes
         Its result as JSON; empty if it has none.
     said : str
-        What it said on standard error; its last line is the reason for no result.
+        Its text on standard error; the last line is the reason if there is no result.
     """
     row = _row_begin(point) | {"verdict": _VERDICTS.get(status, ERROR)}
     if not content:
