@@ -5,7 +5,7 @@ section, so that of several failures the lowest is the likeliest cause, and the 
 A clause that two cases of its own find broken stands before those that one case happens to touch,
 if that is none of the clauses that stand here themselves.
 A case that asks many clauses at once fails with each of them, and stands after the others.
-What many failures find alike says more of a cause than any of their clauses.
+A finding that many failures share says more about the cause than any of their clauses.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class RuleFindings:
     judged : set of str
         Clauses that a frame was judged by.
     broken : dict of str to str
-        What broke a clause first, in words.
+        The first finding against each clause, in words.
     """
 
     judged: set[str] = field(default_factory=set)

@@ -89,7 +89,7 @@ class BoardClient:
     correction : bytes or None
         Phase correction in force, as far as the host knows; None: it does not.
     standing : RuleFindings or None
-        What all frames of the run have shown so far; None: nobody judges them.
+        Findings about all frames of the run so far; None: they are not judged.
     raise_fault : callable or None
         Lets the hardware of the board fail; None: nothing can.
     restart : callable or None

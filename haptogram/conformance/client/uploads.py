@@ -27,7 +27,7 @@ class UploadForm:
     Attributes
     ----------
     kind : UploadKind
-        What it holds.
+        Content of the frames.
     points : int
         Focal points in a frame; 0: none.
     target : int

@@ -161,7 +161,7 @@ class RawFrameClient:
     heard : int
         Bytes since :meth:`begin_case`.
     counters : Counters or None
-        What the board has counted, by the last STATUS or STATUS_REPLY.
+        Counters of the board, by the last STATUS or STATUS_REPLY.
     on_piece : callable or None
         Is given each piece as it comes.
     on_sent : callable or None

@@ -85,7 +85,7 @@ class DialogueAnswers:
     responses, events : list of FrameInDialogue
         Both in their order.
     base : DialogueBase
-        What the board said before the dialogue.
+        State and counters of the board before the dialogue.
     answered : tuple of int
         Number of responses before each event.
     """
@@ -134,7 +134,7 @@ class DialogueComparison:
     ours, theirs : DialogueAnswers
         Of the board under test and of the model.
     host : DialogueHost
-        What was sent to both.
+        The host whose frames were sent to both.
     near_us : int
         How far apart frames may have arrived.
     """

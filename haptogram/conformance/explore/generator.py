@@ -64,7 +64,7 @@ class DialogueGenerator:
     seed : int
         The same seed gives the same dialogue, after the same dialogues.
     coverage : DialogueCoverage, optional
-        What dialogues before have sent.
+        Inputs that earlier dialogues have sent.
     timed : bool
         Whether timers end in the dialogue: else no slot of it has to be waited for.
     exact : bool

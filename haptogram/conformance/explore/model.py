@@ -183,7 +183,7 @@ class DialogueModels:
         early_us : int
             Device time before which none can have arrived.
         wires : sequence of bytes
-            What was sent, in pieces of which each brings one answer at most.
+            The sent bytes, in pieces that each lead to one answer at most.
         answered_us : sequence of int
             When the board has sent its answers.
 

@@ -136,7 +136,7 @@ class StoredUpload:
     since : float
         Arrival of its commit, in periods.
     begin : UploadBegin
-        What it is.
+        Kind, size and target of the upload.
     data : bytes or None
         Its bytes; None: the analyser did not read them all.
     """

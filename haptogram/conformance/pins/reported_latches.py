@@ -79,7 +79,7 @@ class ReportedLatch:
     due_clause : str
         Clause that says when.
     drive : ShownDrive or None
-        What the pins show; None: not known.
+        The drive that the pins should show; None: not known.
     boot : float
         Begin of the device clock that dates it.
     within : float

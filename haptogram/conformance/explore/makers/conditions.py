@@ -20,7 +20,7 @@ class DialogueCoverage:
     pairs : Counter
         Names of two actions, one after the other: how often they were sent so.
     due : dict of str to list of tuple
-        What of each kind is still to come: scenes by their parts, values of fields.
+        Inputs of each kind that were not sent yet: parts of scenes, values of fields.
     """
 
     pairs: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -38,7 +38,7 @@ class DialogueConditions:
     random : random.Random
         Chance.
     coverage : DialogueCoverage
-        What dialogues before have sent.
+        Inputs that earlier dialogues have sent.
     timed : bool
         Whether slots are waited for, so that timers end and frames may be queued for some slots.
     exact : bool

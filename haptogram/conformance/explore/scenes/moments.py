@@ -1,4 +1,4 @@
-"""Scenes of moments: frames within a carrier period, or one after the other in the same microsecond."""
+"""Scenes of moments: frames within a carrier period, or together in one microsecond."""
 
 from __future__ import annotations
 
