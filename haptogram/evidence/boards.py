@@ -181,7 +181,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
     wait_until_ns : callable
         Lets time pass up to a time of the port's clock.
     model : AcousticModel
-        What it radiates with.
+        Array and air of the board.
     label : str
         Description of the board for the report.
     latches : callable, optional

@@ -46,13 +46,13 @@ class RunRecord:
     Attributes
     ----------
     board : str
-        What it ran on.
+        The board of the run, in words.
     model : AcousticModel
         Array and air that it radiated into, as far as anybody knows.
     intended, observations
         To be joined by their keys.
     about : dict
-        What the board said of itself; of another dialect, what is known of its boards.
+        Identity that the board reported; of another dialect, the known facts about its boards.
     report : StreamReport, PlayReport, DialectReport or None
         The host's side; None if the run did not come to its end.
     cut : Cut or None
@@ -62,15 +62,15 @@ class RunRecord:
     unseen : str or None
         Why a frame may have been latched that nobody saw; None: everything was seen.
     warnings : list of str
-        What was odd.
+        Warnings about the run.
     silences : list of int
         Device times at which the output fell silent.
     losses : BoardLosses or None
-        What is known of frames that the board did not latch; None: on other wires.
+        Records about frames that the board did not latch; None: on other wires.
     fault_counts : dict of str to int, or None
         How often each fault on purpose has fired; None: there was none, or the board did not tell.
     troubles : dict of str to dict of str to int
-        What ``board`` and ``host`` counted of frames that were damaged, lost or out of time, by the
+        Counts by ``board`` and ``host`` of frames that were damaged, lost or out of time, by the
         names of SPEC.md chapter 9; the counts that are not 0.
     """
 

@@ -45,12 +45,12 @@ class VerifiedBoard(ClosedByWith):
     Attributes
     ----------
     port : str
-        What the driver under test opens: in virtual time a URL of pyserial, else the path of a
+        Port for the driver under test: in virtual time a URL of pyserial, else the path of a
         pseudo-terminal.
     is_virtual : bool
         Whether its time is virtual: then it passes while the driver waits for bytes.
     model : AcousticModel
-        What the board radiates with.
+        Array and air of the board.
 
     Examples
     --------

@@ -95,14 +95,14 @@ class VirtualBoard(ClosedByWith):
     Attributes
     ----------
     url : str
-        What a host opens: in virtual time a URL of pyserial for this program, on the wall clock the
+        Port for a host: in virtual time a URL of pyserial for this program, on the wall clock the
         path of a terminal.
     is_virtual : bool
         Whether time is virtual.
     backdoor : Path
         File that it writes its records to, as long as it runs.
     model : AcousticModel
-        What the board radiates with, its calibration included.
+        Array and air of the board, its calibration included.
 
     Raises
     ------
@@ -300,7 +300,7 @@ class VirtualBoard(ClosedByWith):
         Parameters
         ----------
         model : AcousticModel, optional
-            What the host assumes; by default what the board radiates with.
+            Array and air that the host assumes; by default those of the board.
         min_verified : float, optional
             Share of the frames that must be verified for the run to pass; by default all of them in
             virtual time, else 0.9.

@@ -21,7 +21,7 @@ _LONGEST: Final = 2.5  # periods without a pulse: a longer pause is that of a cl
 def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> Capture:
     """Return *capture* up to where samples are missing; as it is if the clock never jumps.
 
-    What comes after a jump has another time, by an amount that nobody knows.
+    The times after a jump are off by an unknown amount.
 
     Parameters
     ----------

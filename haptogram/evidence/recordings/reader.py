@@ -117,7 +117,7 @@ class Recording:
     path : Path
         The file.
     remedy : str, optional
-        What an error of a damaged file advises.
+        Advice in the error about a damaged file.
 
     Attributes
     ----------

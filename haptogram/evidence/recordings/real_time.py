@@ -46,7 +46,7 @@ class ReplayFrameShifter:
     def feed(self, data: bytes) -> bytes:
         """Return the bytes for the board; a frame that has not ended waits.
 
-        What is longer than any frame goes on as it is.
+        Bytes longer than any frame are passed on unchanged.
 
         Raises
         ------
