@@ -30,7 +30,7 @@ class LineProcess:
     command : sequence of str
         Program and arguments.
     name : str
-        What it is, for an error.
+        Name of the process in errors.
     failure : callable
         Makes the exception that :meth:`ask` raises from its text.
     patience_s : float
