@@ -42,7 +42,7 @@ class PublishedFigure:
     Attributes
     ----------
     quantity : str
-        What.
+        Name of the quantity.
     ours : Quantity
         Computes ours from the preset's model.
     published : str
@@ -50,7 +50,7 @@ class PublishedFigure:
     source : str
         Where it is published; "recollection" where no source was at hand.
     remark : str
-        What to know when comparing.
+        Note for the comparison.
     """
 
     quantity: str
