@@ -25,7 +25,7 @@ class PinPulses:
     rises, falls : (P,) numpy.ndarray of float
         Begin and end of each whole pulse, in periods of the carrier, ascending.
     defects : tuple of str
-        What is wrong with the pin whatever was intended: dead, stuck, inverted.
+        Defects of the pin, whatever was intended: dead, stuck, inverted.
     begin : float
         Period from which on the capture knows the level of the pin.
     is_dead : bool
