@@ -126,9 +126,9 @@ class PagePicture:
     svg : bytes
         The picture.
     title : str
-        What it is a picture of; read aloud in its place.
+        Subject of the picture; read aloud in its place.
     caption : str
-        What to see in it.
+        Explanation below the picture.
     """
 
     svg: bytes
@@ -185,15 +185,15 @@ class Document:
     tone : str
         "good", "bad", "doubt" or "plain".
     findings : sequence of Finding
-        What is wrong, the likeliest cause first.
+        Findings, the likeliest cause first.
     lead : sequence of str
         Further sentences, without a full stop.
     sections : sequence of Section
         Figures and pictures.
     checks : sequence of Check
-        What was judged.
+        Checks with their outcomes.
     properties : mapping of str to str
-        What is known of the run, for JUnit XML.
+        Properties of the run, for JUnit XML.
     seconds : float or None
         How long it took; None: not stated.
     template : str

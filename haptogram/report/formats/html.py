@@ -156,7 +156,7 @@ def require_report_packages(result: str, *packages: str) -> None:
     Parameters
     ----------
     result : str
-        What needs them, as the subject of the message in the plural.
+        The result that needs them, as the subject of the message in the plural.
 
     Raises
     ------

@@ -46,7 +46,7 @@ class ViewServer:
     Attributes
     ----------
     address : str
-        What a browser opens.
+        URL for a browser.
 
     Raises
     ------
