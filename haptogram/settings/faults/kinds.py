@@ -16,7 +16,7 @@ class Parameter:
     Attributes
     ----------
     default : float
-        What it is, if nothing is said.
+        Value if none is given.
     least, most : float
         Its limits.
     whole : bool

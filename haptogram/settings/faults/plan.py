@@ -53,7 +53,7 @@ class Fault:
     written : str
         The text that a user wrote, for reports.
     option : str
-        What a refusal of the fault begins with: ``fault``, or ``fault_plan`` and the file.
+        Beginning of a refusal of the fault: ``fault``, or ``fault_plan`` and the file.
     """
 
     name: str
