@@ -39,7 +39,7 @@ class LossJudge:
     Parameters
     ----------
     known : BoardLosses
-        What board and back door say of them.
+        Records of board and back door about them.
     """
 
     def __init__(self, known: BoardLosses) -> None:

@@ -51,7 +51,7 @@ class RunVerdict(Judged):
         were sent, but not due any more when the host ended the run; ``not_sent`` come on
         top, and ``not_kept``, which the driver had dropped from its record.
     effect : RunConsequences or None
-        What lost, late and wrong frames did in space; None: there were none that have a time.
+        Effect of lost, late and wrong frames in space; None: there were none that have a time.
     tolerance : Tolerance
         Which misses passed on top of what rounding makes.
     uncertainty : Uncertainty

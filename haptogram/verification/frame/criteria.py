@@ -61,7 +61,7 @@ def frame_phase_limit_rad(intended: Intended, grain_rad: float = 0.0) -> float:
     Parameters
     ----------
     grain_rad : float
-        What the positions of the elements, whole micrometres on the wire, add: see
+        Error of phases by positions that the wire rounds to whole micrometres: see
         :func:`frame_position_grain_rad`.
     """
     allowance_rad = allowed_frame_codes(intended) * phase_step_rad(REGISTER_BITS)

@@ -89,7 +89,7 @@ class SeveralFociFrame:
     latched : Drive
         Radiated drive.
     ideals : sequence of IdealFrameDrive
-        What the foci ask for, as the host may have known the array: the nearest one counts.
+        Drives that the foci ask for, for each array that the host may know: the nearest one counts.
     known : Uncertainty
         How well array and air are known.
     """

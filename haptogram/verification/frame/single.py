@@ -102,7 +102,7 @@ class SingleFocusFrame:
         seen : FrameVerdict
             Verdict of the frame so far.
         found : Reconstruction or None
-            What is radiated, by somebody who does not know the target; None: that was not searched
+            Reconstruction of the radiated drive without the target; None: that was not searched
             for, as the frame :attr:`is_wrong_without_search`.
         faults : tuple of str
             Faults that the codes prove.

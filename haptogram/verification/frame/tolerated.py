@@ -198,7 +198,7 @@ class ToleratedHost:
     def fitted(self) -> ToleratedHost:
         """Return the host of the least squares; elements that stick out by far do not count.
 
-        What of the tolerance it takes weighs as much as an error by rounding does.
+        A share of the tolerance weighs as much as the same share of the error by rounding.
         """
         host, used = self, self.active
         prior = self.hosts.limit_rad * np.eye(4)

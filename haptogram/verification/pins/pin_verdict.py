@@ -67,7 +67,7 @@ class PinVerdict(Judged):
     reasons : tuple of str
         Why it is no pass.
     findings : dict of str to tuple of str
-        What is wrong, by the checks of :data:`PIN_CHECKS`.
+        Findings, by the checks of :data:`PIN_CHECKS`.
     not_judged : dict of str to str
         Checks that the capture could not answer, and why.
     elements : tuple of int
@@ -77,7 +77,7 @@ class PinVerdict(Judged):
     counts : dict of str to int
         Frames: intended, captured, judged, right, lost, late, silent, torn.
     limits : PinLimits
-        What the capture can show.
+        Resolution of the capture.
     phase_error_rad, amplitude_error : float or None
         Largest error of a pin that is right.
     mute_periods : float or None

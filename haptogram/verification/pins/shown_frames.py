@@ -74,7 +74,7 @@ class FramesShownByPins:
     starts, ends : (F,) numpy.ndarray
         When each frame is due and over in the capture.
     drives : PinDrives
-        What each pin shows of each frame.
+        Measured drive of each pin in each frame.
     steps : PinSteps
         When each pin latched each frame.
     lost : (F,) numpy.ndarray of bool

@@ -30,7 +30,7 @@ class EndOfSound:
     Attributes
     ----------
     findings : tuple of str
-        What is wrong.
+        Findings about the silence.
     not_judged : str
         Why the end cannot be judged; empty: it was.
     spread_periods : float or None

@@ -48,7 +48,7 @@ class DefectFinder:
     Attributes
     ----------
     frames : FrameDefects
-        What codecs counted of frames.
+        Defects of frames by the counts of codecs.
     """
 
     def __init__(self, positions_m: FloatArray, channels: int) -> None:

@@ -58,7 +58,7 @@ class FrameDefects:
     Attributes
     ----------
     remarks : list of str
-        What the board said of its clients.
+        Remarks of the board about its clients.
     """
 
     def __init__(self) -> None:

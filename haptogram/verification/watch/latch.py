@@ -47,15 +47,15 @@ class SeenLatch:
     number : int
         Count of latches since power-up, from 0.
     weights : (N,) numpy.ndarray of complex
-        What each element of the array radiates; not finite: nothing.
+        Radiated weight of each element; not finite: nothing is known.
     steps : int
         Phase steps of the board in a period.
     t_us : int or None
         Device time, microseconds; None without timing.
     cause : str
-        What made the board latch; ``power-up`` is not the client's doing.
+        Cause of the latch; ``power-up`` is not the client's doing.
     counted : mapping of str to int
-        What board and codec could not understand since the latch before, by kind.
+        Counts since the latch before of what board and codec could not understand, by kind.
     stray : tuple of int
         Channels that are driven and have no element.
     evidence : Evidence

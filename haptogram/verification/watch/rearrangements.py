@@ -46,7 +46,7 @@ class Rearrangement:
     sign : int
         -1 if all phases have the opposite sign.
     added_rad : (N,) numpy.ndarray
-        What the phases of the elements have too little.
+        Phase that the drive lacks at each element.
     move : callable
         From (T, 3) targets to the places that the phases were computed for.
     """

@@ -83,11 +83,11 @@ class WatchResult:
     torn : tuple of (int, str)
         Latches that may be torn, and what was counted of each.
     hints : tuple of str
-        What may explain where foci are, and is not proven.
+        Possible explanations of the places of foci that are not proven.
     missing : str or None
         Why latches may be missing, or frames are not judged; None: all are there, and judged.
     remarks : tuple of str
-        What the board said of its clients.
+        Remarks of the board about its clients.
     search_ms : tuple of float
         Median and largest time of a search, in ms.
     expected : bool

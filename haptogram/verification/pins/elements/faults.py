@@ -120,7 +120,7 @@ class PinFault:
     Attributes
     ----------
     kind : PinFaultKind
-        What is wrong.
+        Kind of the fault.
     text : str
         The same in words, with figures.
     other : int or None
