@@ -79,7 +79,7 @@ class Refusal:
     Attributes
     ----------
     defect : str
-        What is wrong.
+        The defect, in words.
     code : ErrorCode
         Code of the answer.
     detail : str

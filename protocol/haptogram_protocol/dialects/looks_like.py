@@ -25,7 +25,7 @@ def looks_like_dialect(data: bytes, dialects: Iterable[Dialect] | None = None) -
     Parameters
     ----------
     data : bytes
-        What a client sent; only its first 4096 bytes count.
+        Bytes of a client; only the first 4096 count.
     dialects : iterable of Dialect, optional
         The dialects in question, by default all. Haptogram's own wire, HTTP/2 and autd3-sdk are
         looked for in any case.

@@ -36,7 +36,7 @@ MESSAGES: Final[dict[int, type[Message]]] = {
 def parse_body(body: bytes) -> tuple[Header, Message]:
     """Return header and message of a frame whose CRC was right.
 
-    What a later minor version adds to a response or event is ignored (HG-11.3).
+    Fields that a later minor version adds to a response or event are ignored (HG-11.3).
 
     Parameters
     ----------

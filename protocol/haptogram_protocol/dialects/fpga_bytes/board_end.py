@@ -46,7 +46,7 @@ class FpgaBoardEnd:
     Parameters
     ----------
     rules : FpgaByteRules
-        What bytes mean.
+        Meaning of the bytes.
     boards : int
         Boards on the line; all listen until the first :class:`~.operations.Select`.
 

@@ -16,7 +16,7 @@ class FpgaDisplay(Display):
     Parameters
     ----------
     rules : FpgaByteRules
-        What bytes mean.
+        Meaning of the bytes.
     steps : int
         Steps of a period.
     boards : int

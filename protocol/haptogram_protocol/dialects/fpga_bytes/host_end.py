@@ -17,7 +17,7 @@ class FpgaHostEnd(OneWayHostEnd):
     Parameters
     ----------
     rules : FpgaByteRules
-        What bytes mean.
+        Meaning of the bytes.
     boards : int
         Boards on the line.
     """

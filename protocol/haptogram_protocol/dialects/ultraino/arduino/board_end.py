@@ -42,7 +42,7 @@ class ArduinoBoardEnd:
     Parameters
     ----------
     firmware : ArduinoFirmware
-        What the boards run.
+        Firmware of the boards.
     boards : int
         Boards in the chain, 1 to 14.
 

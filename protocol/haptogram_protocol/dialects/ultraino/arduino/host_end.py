@@ -15,7 +15,7 @@ class ArduinoHostEnd(OneWayHostEnd):
     Parameters
     ----------
     firmware : ArduinoFirmware
-        What the boards run.
+        Firmware of the boards.
     boards : int
         Boards in the chain.
     """
