@@ -45,7 +45,7 @@ class Blueprint:
     parts : Assembly
         Its parts.
     faults : FaultPlan
-        What is to go wrong.
+        Faults on purpose.
     """
 
     settings: BoardSettings

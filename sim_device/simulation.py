@@ -59,16 +59,16 @@ class Simulation:
     settings : BoardSettings
         The board, with its line.
     *recorders : SimulationRecorder
-        What takes down what the board does.
+        Recorders of what the board does.
     paced : bool, keyword-only
         Whether the line takes its time; not, if the bytes come over a real one.
     parts : Assembly, keyword-only
-        What the board is made of: healthy parts of a board of Haptogram, unless it is a mutant or
+        Parts of the board: healthy parts of a board of Haptogram, unless it is a mutant or
         speaks another dialect.
     faults : FaultPlan or None, keyword-only
-        What is to go wrong with line, clock and transducers.
+        Faults of line, clock and transducers.
     probe : LineProbe or None, keyword-only
-        What takes down the bytes on the lines.
+        Recorder of the bytes on the lines.
 
     Attributes
     ----------

@@ -100,7 +100,7 @@ class PulseLatch:
     pulses : Pulses
         Of every channel of every board, board after board, those without an emitter included.
     cause : str
-        What made the board latch: ``power-up``, or the word of the unit (``swap``, ``frame``,
+        Cause of the latch: ``power-up``, or the word of the unit (``swap``, ``frame``,
         ``durations``, ...).
     index : int
         Place in a sequence that the board runs along; 0 without one.

@@ -19,7 +19,7 @@ class BoardPlayback:
     sequence : int
         Id of the sequence.
     frames : Upload
-        What it holds.
+        The stored sequence.
     start_us, period_us : int
         Frame k is due at start + k period, never accumulated.
     loops : int

@@ -91,7 +91,7 @@ def radiated_drive_of_registers(
     ceiling : int
         Largest amplitude code.
     fade : Fade or None
-        What a ramp leaves.
+        Share of the amplitude that a ramp leaves; None: there is no ramp.
     """
     phases, amplitudes = latched.phase_codes, latched.amplitude_codes
     if correction.count(0) < len(correction):  # soon found, unlike by any()

@@ -42,9 +42,9 @@ class Upload:
     Attributes
     ----------
     begin : UploadBegin
-        What was announced.
+        The announced upload.
     data : bytes
-        What came.
+        The received bytes.
     frame_size : int
         Bytes in one frame.
     """
@@ -85,7 +85,7 @@ class BoardUploads:
         Parameters
         ----------
         begin : UploadBegin
-            What is announced.
+            The announced upload.
         room : int
             Bytes that the board has left to keep it in.
 

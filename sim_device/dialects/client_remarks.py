@@ -73,7 +73,7 @@ class UnshownToClient:
     commit : str
         That command in words; empty for boards that show frames by themselves.
     kinds : collection of str
-        What was counted meanwhile.
+        Kinds of errors that were counted meanwhile.
     """
 
     unfinished: int

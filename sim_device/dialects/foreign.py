@@ -35,7 +35,7 @@ class VirtualForeignDialect:
     end : callable
         Makes the board's end of it.
     unit : Unit
-        What the boards do.
+        The emulated boards.
     channels : (N,) numpy.ndarray of integers
         For each emitter of the array the channel that drives it.
     now_us : int

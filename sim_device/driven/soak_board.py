@@ -36,7 +36,7 @@ class VirtualSoakBoard:
     clock : BoardClock
         The clock of the board.
     parts : BoardAssembly
-        What it is put together from.
+        The parts of the board.
     """
 
     def __init__(self, settings: BoardSettings, clock: BoardClock, parts: BoardAssembly) -> None:

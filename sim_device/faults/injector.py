@@ -1,6 +1,6 @@
 """The faults of a plan at work on one board: what they change, and how often.
 
-What a fault does to a chunk follows from plan, seed, time and chunk alone, so the same traffic
+The effect of a fault on a chunk follows from plan, seed, time and chunk alone, so the same traffic
 meets the same faults again.
 """
 
@@ -74,7 +74,7 @@ class FaultInjector:
     Parameters
     ----------
     plan : FaultPlan
-        What goes wrong.
+        Plan of the faults.
     settings : BoardSettings
         The board.
     clock : BoardClock

@@ -3,7 +3,7 @@
 Times are whole nanoseconds on the clock of the simulation; a byte is there when its stop bit has
 ended. Without a baud rate the line takes no time, as a pseudo-terminal does.
 
-What receives may be more than a wire: :class:`PolledUart` ends in the FIFO of a board's UART,
+A receiver may be more than a wire: :class:`PolledUart` ends in the FIFO of a board's UART,
 :class:`UsbUart` in a USB adapter with its latency timer.
 """
 
@@ -157,7 +157,7 @@ class Uart:
 class PolledUart(Uart):
     """A line to a UART whose firmware empties the receive FIFO every so often.
 
-    What comes while the FIFO is full is lost and counted, as in any UART (``overrun``): bytes in
+    Bytes that arrive while the FIFO is full are lost and counted (``overrun``), often bytes in
     the middle of a frame, whose CRC is wrong then.
 
     Parameters

@@ -28,7 +28,7 @@ class Autd3Memory(Generic[Content, Start]):
     Parameters
     ----------
     content : object
-        What both hold at power-up.
+        Content of both segments at power-up.
     item_bytes : int
         Bytes of one of the 65 536 items that a segment has room for.
     counters : Counter
@@ -39,7 +39,7 @@ class Autd3Memory(Generic[Content, Start]):
     start : Start or None
         Head of what is being written, None between sequences.
     part : bytearray
-        What has come of it.
+        The received part of an operation.
     """
 
     def __init__(self, content: Content, item_bytes: int, counters: Counter[str]) -> None:

@@ -11,7 +11,7 @@ from .unit import SimulatedUnit
 class SimulatedBoard:
     """A simulator at the end of the line; see :class:`~..virtual_dialect.VirtualDialect`.
 
-    What it latches under which number only its own trace tells.
+    Only its own trace tells which number a latch has.
 
     Parameters
     ----------

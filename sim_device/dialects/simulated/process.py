@@ -77,7 +77,7 @@ class SimulatorProcess:
     Attributes
     ----------
     hello : SimulatedHello
-        What it says of its board.
+        The simulator's description of its board.
     now_ns : int
         Time that it has reached.
 

@@ -31,7 +31,7 @@ class Outputs:
     Attributes
     ----------
     firmware : ArduinoFirmware
-        What it has room for.
+        Firmware, with its number of patterns.
     layout : ArduinoSlotLayout
         Where the bit of a channel stands in the bytes of a slot.
     connected : bytes

@@ -24,7 +24,7 @@ class UnsteadyUnit:
     Parameters
     ----------
     unit : Unit
-        What the boards do apart from that.
+        The emulated boards with a steady carrier.
     usual : CarrierState
         The carrier while no byte arrives.
     is_disturbed : bool
