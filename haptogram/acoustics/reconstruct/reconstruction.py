@@ -180,7 +180,7 @@ class Reconstructor:
         return self.step_rad_of_bits(drive.phase_bits, phase_bits)
 
     def step_rad_of_bits(self, bits: int, phase_bits: int | None = None) -> float:
-        """Return the step of the phases of drives of so many *bits*, as :meth:`step_rad`."""
+        """Return the phase step of drives of *bits*, as :meth:`step_rad`."""
         coarser = (known or MAX_PHASE_BITS for known in (self._phase_bits, phase_bits))
         return phase_step_rad(min(bits, *coarser))
 

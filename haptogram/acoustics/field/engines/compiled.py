@@ -120,7 +120,7 @@ def _are_cached() -> bool:
 
 
 def _cache_folders() -> list[Path]:
-    """Return the folders that machine code may lie in; nobody else can write to them."""
+    """Return the folders for machine code, which only this user can write to."""
     if own := os.environ.get("NUMBA_CACHE_DIR"):
         return [Path(own)]
     user = os.path.join(os.environ.get("XDG_CACHE_HOME", "~/.cache"), "numba")
