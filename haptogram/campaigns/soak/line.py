@@ -239,7 +239,7 @@ class SoakLine:
             self._tally.count(f"{self._end}: {verdict}", column="damaged")
 
     def explain_gap(self, sent: Sent) -> int:
-        """Take down the numbered frames before *sent* that nobody found; return their number."""
+        """Count the numbered frames before *sent* that did not arrive; return their number."""
         missing = 0
         while sent in self._numbered and (lost := self._numbered.popleft()) is not sent:
             missing += 1
