@@ -100,7 +100,7 @@ class BoardClient:
     nonces : set of int
         Nonces that it drew for sessions.
     dialogue : tuple or None
-        Pieces and recording of the dialogue of all requests; None: nobody has held it yet.
+        Pieces and recording of the dialogue of all requests; None: it was not run yet.
     """
 
     identity: m.HelloReply
@@ -231,7 +231,7 @@ class BoardClient:
         return point if is_shorter else phases
 
     def bytes_of_frames(self, number: int) -> bytes:
-        """Return as many bytes as so many frames of PHASES and a few requests are on the line."""
+        """Return the size on the line of *number* frames of PHASES and a few requests."""
         return bytes(number * len(self.link.stream_wire(self.flat_phases(), 0, seq=0)) + 300)
 
     def random_registers(self) -> bytes:
@@ -271,7 +271,7 @@ class BoardClient:
     def most_points(self) -> int:
         """Focal points in one frame that a case sends, at most.
 
-        A board takes so many, a frame has room for them, the line carries them in 20 ms and the
+        The board takes them, a frame has room for them, the line carries them in 20 ms and the
         board computes them in 100 ms, one at least; 0 if the board takes points neither in the
         stream nor in a sequence.
         """
@@ -398,7 +398,7 @@ class BoardClient:
         return depth
 
     def times_in_queue(self, number: int, *, others: int = 0, ahead_us: int = 0) -> list[int]:
-        """Return so many times, a millisecond apart, for frames of :meth:`shortest_stream`.
+        """Return *number* times, a millisecond apart, for frames of :meth:`shortest_stream`.
 
         With *others* beside them they come in time; NOT-OBSERVED if the last one lies beyond the
         horizon then.

@@ -93,7 +93,7 @@ class ClockClient:
         return self._begin_exchange(self.device_us() + ahead_us)
 
     def ready_us(self, came_us: int, points: int = 0) -> int:
-        """Return when a frame of so many points that came at *came_us* is ready."""
+        """Return when a frame of *points* points that came at *came_us* is ready."""
         return came_us + self.latch_lead_us + points * self.point_time_us
 
     def timer_ms(self, least_ms: int, size: int = 0) -> int:
@@ -101,7 +101,7 @@ class ClockClient:
         return least_ms + (self._wire.line_us(size) + self.latch_lead_us) // 1000
 
     def can_be_in_time(self, points: int = 0) -> bool:
-        """Return True if a frame of so many points may come in time.
+        """Return True if a frame of *points* points may come in time.
 
         The first t_apply for which it is ready lies beyond the horizon (HG-5.7/4) of some boards.
         """
@@ -116,7 +116,7 @@ class ClockClient:
         return ahead_us if ahead_us < _HALF_TURN_US - _PASSED_US else None
 
     def require_horizon(self, ahead_us: int) -> None:
-        """End the case as NOT-OBSERVED if the board takes no t_apply so far ahead (HG-5.7/4)."""
+        """End the case as NOT-OBSERVED if the board takes no t_apply that far ahead (HG-5.7/4)."""
         if ahead_us > self.horizon_us:
             not_observed(
                 f"the case needs a t_apply {ahead_us} µs ahead; max_horizon_us is {self.horizon_us}"
@@ -171,13 +171,13 @@ class ClockClient:
         self._wire.idle(max(0, left_us))
 
     def wait_computed(self, points: int) -> None:
-        """Wait until the board has computed so many points, which it has received."""
+        """Wait until the board has computed *points* points that it has received."""
         self._wire.idle(points * self.point_time_us)
 
     def wait_latched(self, points: int | None = None) -> None:
         """Wait until the line has brought what was sent, and its frames have been latched.
 
-        The board computes so many points for them; None: as many as it may for any frame.
+        The board computes *points* points for them; None: as many as for any frame.
         """
         self.end_exchange()
         slack_us = self._wire.limits.slack_us

@@ -57,7 +57,7 @@ def client_drive_of_reply(reply: m.DriveReply) -> ClientDrive:
 def read_drive(
     board: BoardClient, kind: m.DriveKind, first: int = 0, count: int = 0xFFFF
 ) -> m.DriveReply:
-    """Ask for the drive of so many transducers."""
+    """Ask for the drive of *count* transducers."""
     return board.link.call(m.ReadDrive(kind, first, count), m.DriveReply)
 
 
@@ -104,7 +104,7 @@ def latch_timed(board: BoardClient, message: m.Message | None = None) -> int:
 
 
 def latch_random(board: BoardClient, number: int) -> list[bytes]:
-    """Latch so many random drives, each as soon as complete, and return their registers."""
+    """Latch *number* random drives, each as soon as complete, and return their registers."""
     drives = [board.random_registers() for _ in range(number)]
     for registers in drives:
         latch_now(board, board.phases(registers))
@@ -112,7 +112,7 @@ def latch_random(board: BoardClient, number: int) -> list[bytes]:
 
 
 def latch_in_time(board: BoardClient, message: m.Message, ahead_us: int = 0) -> int:
-    """Latch a stream frame at its time, so far after a carrier boundary; return that time."""
+    """Latch a stream frame *ahead_us* after a carrier boundary; return its time."""
     size = 2 * len(board.link.stream_wire(message, 0, seq=0)) + _PING_BYTES
     t_us = board.clock.soon_us(bytes(size), ahead_us=ahead_us)
     board.link.stream(message, t_us)
@@ -131,7 +131,7 @@ def time_for_frames(board: BoardClient, messages: Sequence[m.Message], ahead_us:
 
 
 def queue_frames(board: BoardClient, t_us: int, number: int) -> None:
-    """Send so many frames of equal phases for *t_us* and every millisecond behind it."""
+    """Send *number* frames of equal phases for *t_us* and every millisecond after it."""
     for place in range(number):
         board.link.stream(board.flat_phases(), t_us + 1000 * place)
 
@@ -191,7 +191,7 @@ def full_client_drive(registers: bytes) -> bytes:
 
 
 def read_ring(board: BoardClient, first: int = 0, count: int = 0xFFFF) -> m.TraceReply:
-    """Ask for so many records of the trace ring."""
+    """Ask for *count* records of the trace ring."""
     return board.link.call(m.ReadTrace(first, count), m.TraceReply)
 
 

@@ -28,7 +28,7 @@ def send_phases_to_store(board: BoardClient, sequence: int, *, frames: int) -> l
 
 
 def send_phases_that_fit(board: BoardClient, sequence: int, *, frames: int) -> None:
-    """Upload a sequence of random drives to play: so many, or fewer if one upload takes no more."""
+    """Upload a sequence of *frames* random drives, or fewer if one upload takes no more."""
     send_phases_to_store(board, sequence, frames=phases_that_fit(board, frames))
 
 
@@ -61,7 +61,7 @@ def shortest_period_to_play_us(board: BoardClient, least_us: int = 1) -> int:
 
 
 def period_to_play(board: BoardClient, points: int = 0) -> int:
-    """Return the usual period, or a longer one that the board plays with so many points."""
+    """Return the usual period, or the shortest one that the board plays with *points* points."""
     return shortest_period_to_play_us(board, max(PERIOD_US, points * board.identity.point_time_us))
 
 
@@ -140,7 +140,7 @@ def play_later(
     period_us: int | None = None,
     unattended_ms: int | None = None,
 ) -> m.PlayReply:
-    """Let a playback wait for its start so far ahead; NOT-OBSERVED if the horizon is nearer."""
+    """Schedule a playback *ahead_us* ahead; NOT-OBSERVED if the horizon is nearer."""
     start_us = board.clock.ahead_us(ahead_us)
     play = play_request(
         board, sequence, loops=loops, period_us=period_us, unattended_ms=unattended_ms
@@ -156,7 +156,7 @@ def play_out(
     loops: int = 1,
     period_us: int | None = None,
 ) -> m.PlaybackEnded:
-    """Play a stored sequence of so many frames from now on to its end; FAILED if it has none.
+    """Play a stored sequence of *frames* frames now, to its end; FAILED without an end.
 
     NOT-OBSERVED if that outlasts the board, which is left alone meanwhile, or the case.
     """
@@ -169,7 +169,7 @@ def play_out(
 
 
 def let_play(board: BoardClient, periods: int) -> None:
-    """Let a playback that was started with its usual period go on for so many periods.
+    """Let a playback that was started with its usual period go on for *periods* periods.
 
     NOT-OBSERVED if that takes longer than the board plays without a frame from the host.
     """
@@ -179,7 +179,7 @@ def let_play(board: BoardClient, periods: int) -> None:
 
 
 def wait_for_no_latch(board: BoardClient, least_us: int) -> None:
-    """Wait so long that a playback with the usual period would latch again, if it went on."""
+    """Wait until a playback with the usual period would have latched again, had it gone on."""
     board.wire.idle(max(least_us, 2 * period_to_play(board)))
 
 
@@ -189,7 +189,7 @@ def most_periods_to_play(board: BoardClient, period_us: int) -> int:
 
 
 def require_time_to_play(board: BoardClient, lasts_us: int) -> None:
-    """End the case as NOT-OBSERVED if a playback of so long outlasts the board or the case."""
+    """End the case as NOT-OBSERVED if a playback of *lasts_us* outlasts the board or the case."""
     most_ms = board.identity.max_unattended_ms
     if lasts_us >= 1000 * most_ms:
         not_observed(f"{lasts_us / 1000:g} ms of playback; max_unattended_ms is {most_ms}")
@@ -201,7 +201,7 @@ def require_time_to_play(board: BoardClient, lasts_us: int) -> None:
 
 
 def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> m.PlaybackEnded:
-    """Return PLAYBACK_ENDED, from piece *since* on, of a playback of so long; FAILED without it.
+    """Return PLAYBACK_ENDED of a playback of *lasts_us*, from piece *since* on; FAILED without it.
 
     NOT-OBSERVED if the board, which is left alone meanwhile, mutes before the end.
     """
@@ -213,7 +213,7 @@ def await_playback_end(board: BoardClient, since: int, lasts_us: int) -> m.Playb
 def flood_with_traces(board: BoardClient) -> tuple[int, int]:
     """Latch faster than the line can trace; return the numbers of trace events and of latches.
 
-    NOT-OBSERVED if the board plays so slowly that it is not left alone for so long.
+    NOT-OBSERVED if the board plays too slowly for the time that it is left alone.
 
     A port of the system may take bytes faster than any line: there the host does not read
     meanwhile, and the traces are more than the buffers on the way hold.

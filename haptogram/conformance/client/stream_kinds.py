@@ -60,7 +60,7 @@ def _stream_kind_of_points(board: BoardClient, number: int) -> StreamKind:
 
 
 def random_points_to_send(board: BoardClient, number: int = 1) -> m.Points:
-    """Return a frame of so many random focal points."""
+    """Return a frame of *number* random focal points."""
     return m.Points(tuple(random_point_to_send(board, number) for _ in range(number)))
 
 

@@ -40,7 +40,7 @@ HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of 
 
 @runtime_checkable
 class UnreadClientTime(Protocol):
-    """A transport in virtual time that lets time pass while nobody reads."""
+    """A transport in virtual time that lets time pass without a reader."""
 
     def skip_ns(self, duration_ns: int) -> None:
         """Let so much time pass; what the board sends meanwhile waits at the board."""
@@ -410,7 +410,7 @@ class RawFrameClient:
         self.trip_us = max(self.trip_us, self.limits.lead_us // _TRIPS_IN_LEAD + 1)
 
     def note_held_up(self, duration_us: int) -> None:
-        """Note that something between host and board was held up for so long."""
+        """Note that something between host and board was held up for *duration_us*."""
         self.held_up_us = max(self.held_up_us, duration_us)
 
     def _begin_delays(self) -> None:

@@ -111,7 +111,7 @@ class DialogueGenerator:
         return self._apart(self._actions(-len(planned), planned))
 
     def actions(self, slots: int) -> list[DialogueAction]:
-        """Return a random dialogue of so many slots."""
+        """Return a random dialogue of *slots* slots."""
         planned: ActionSlots = []
         if self._makers.configs.with_status:
             planned.append(self._inputs.named("another configuration"))

@@ -64,7 +64,7 @@ class DialogueHost:
         return bool(key.sequence or key.index) and _read_drive_address(key) not in self.inexact
 
     def ramp_codes(self, apart_us: int) -> int:
-        """Return by how many codes an amplitude may differ that is read so far apart."""
+        """Return by how many codes an amplitude may differ in readings *apart_us* apart."""
         return -(-255 * apart_us // self.least_ramp_us) if self.least_ramp_us else 0
 
     def take_unsent(self) -> bytes:

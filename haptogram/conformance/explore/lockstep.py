@@ -82,7 +82,7 @@ class Played:
 
 @dataclass(slots=True)
 class _Arrival:
-    """Bytes that arrive so long after those before, and whether the hardware fails then."""
+    """Bytes that arrive *wait_us* after those before, and whether the hardware fails then."""
 
     wait_us: int
     wires: list[bytes]

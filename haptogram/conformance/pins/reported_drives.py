@@ -202,7 +202,7 @@ class DrivesOfPinDialogue:
         return self._of_stream(frame.header.session, message.key.index, None, at)
 
     def model(self, sound_speed_mm_s: int) -> AcousticModel | None:
-        """Return the model of the board's array at a speed of sound; None: nobody tells it."""
+        """Return the model of the board's array at a speed of sound; None: not known."""
         if self.identity is None or self._array is None:
             return None
         if sound_speed_mm_s not in self._models:

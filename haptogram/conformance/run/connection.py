@@ -78,7 +78,7 @@ class SuiteConnection:
         self.rules = StandingRules(self._findings, is_lossless=access.virtual)
 
     def extend_lead(self, factor: int) -> None:
-        """Send frames so many times as long before their t_apply as usual."""
+        """Send frames *factor* times as long before their t_apply as usual."""
         lead_us = factor * self._usual.lead_us
         self._limits = dataclasses.replace(self._usual, lead_us=lead_us)
         if self._board is not None:

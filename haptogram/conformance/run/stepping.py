@@ -80,7 +80,7 @@ class SteppedAccessTransport:
         return data
 
     def skip_ns(self, duration_ns: int) -> None:
-        """Let time pass while nobody reads: what the board sends has to wait at the board."""
+        """Let time pass without a reader: the board's bytes have to wait at the board."""
         self._now_ns += duration_ns
         self._unread += self._process.advance(self._now_ns // 1000)
 

@@ -76,7 +76,7 @@ class RandomConfigs(DialogueMaker):
     def timed_config(
         self, lease: int | None, hold: int | None, ramp_ms: int | None = None
     ) -> m.Config:
-        """Return a configuration with timers of so many slots and a part; None: they never end."""
+        """Return a configuration with timers of these slots and a part; None: they never end."""
         never = self._random.choice(_NEVER_MS)
         ramps = [length for length in self._ramps if length <= _LONGEST_RAMP_MS]
         self.last = dataclasses.replace(

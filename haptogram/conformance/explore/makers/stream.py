@@ -35,7 +35,7 @@ class RandomStream(RandomFrames):
         self._most_points = min(identity.max_points, fitting) * has_points
 
     def burst(self) -> list[DialogueAction]:
-        """Return so many short frames that a queue fills or a counter of few bits wraps."""
+        """Return enough short frames to fill a queue or wrap a counter of few bits."""
         exact = self.conditions.exact
         most = self._pick((_BURST, _LONG_BURST)) if exact else _BURST
         may_latch = exact or not self.conditions.drives  # the line has to carry what is traced
@@ -53,7 +53,7 @@ class RandomStream(RandomFrames):
     def row(
         self, count: int, first_us: int, step_us: int = 100, *, number: int = 0, session: int = 0
     ) -> list[DialogueAction]:
-        """Return so many frames, of a format that is short."""
+        """Return *count* frames of a short format."""
         kinds = self.kinds
         if self._identity.point_time_us:
             kinds.pop("POINTS", None)
