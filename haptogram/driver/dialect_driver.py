@@ -264,7 +264,7 @@ class DialectDriver(ClosedByWith):
         self._shown_ns = self._line.now_ns()
 
     def hold(self, seconds: float) -> None:
-        """Wait so long: the boards hold by themselves what they were shown last."""
+        """Wait for *seconds*: the boards hold the last frame by themselves."""
         limits.check_hold_duration(seconds)
         self._line.run_until(self._line.now_ns() + round(seconds * _NS_PER_S))
 

@@ -276,7 +276,7 @@ class Driver(ClosedByWith):
         return self._output.focus(frame)
 
     def hold(self, seconds: float) -> None:
-        """Keep the last focus for so long: neither lease nor hold timer expires meanwhile.
+        """Keep the last focus for *seconds*: neither lease nor hold timer expires meanwhile.
 
         After a pause in which they did, before this or in a stall of the host, it sounds again.
 

@@ -40,12 +40,12 @@ def checked_display_channels(channels: Any) -> tuple[int, ...]:
 
 
 def dialect_display_of(dialect: Dialect, boards: int) -> Display:
-    """Return the display of so many boards of *dialect*.
+    """Return the display of *boards* boards of *dialect*.
 
     Raises
     ------
     ConfigurationError
-        If this program does not drive that wire, or not so many boards.
+        If this program does not drive that wire, or not that number of boards.
     """
     if dialect.display is None:
         raise ConfigurationError(
@@ -70,7 +70,7 @@ def assumed_dialect_frames_model(dialect: Dialect, medium: Medium | None = None)
     Raises
     ------
     ConfigurationError
-        If nobody here knows their array.
+        If their array is not known here.
     """
     if dialect.layout not in LAYOUTS:
         raise ConfigurationError(

@@ -41,7 +41,7 @@ def line_round_trip_ns(request: int, reply: int, baudrate: int, latency_timer_ns
     request, reply : int
         Bytes of the two frames.
     latency_timer_ns : int
-        Of a USB adapter at the host: it keeps a reply shorter than its packet for so long.
+        Delay of a USB adapter at the host for a reply shorter than its packet.
     """
     there_and_back = line_transmission_ns(request, baudrate) + line_transmission_ns(reply, baudrate)
     return there_and_back + latency_timer_ns
@@ -79,7 +79,7 @@ def check_line_rate(
 def check_dialect_rate(
     dialect: Dialect, boards: int, *, baudrate: int | None, rate_hz: float
 ) -> None:
-    """Refuse a rate that the line of so many boards cannot carry; without a line there is none.
+    """Refuse a rate that the line of *boards* boards cannot carry; without a line there is none.
 
     Raises
     ------

@@ -312,4 +312,4 @@ def _link_error_name(code: int) -> str:
 
 
 def _ignore_link_event(_: EventReceived | ReplyReceived | FrameDropped) -> None:
-    """Take an event that nobody asked for."""
+    """Ignore an event without a handler."""

@@ -90,7 +90,7 @@ class LeadTrim:
         self.lead_us = self.longest_us
 
     def add(self, delay_us: int, frames: int) -> int:
-        """Take a report, the worst delay of so many frames, and return the lead from now on."""
+        """Take the worst delay of *frames* frames, and return the lead from now on."""
         self._delays_us.append(delay_us)
         self._frames += frames
         needed_us = sufficient_lead_us(

@@ -33,5 +33,5 @@ def check_stream_timing(
 
 
 def check_streamed_frames(total: int) -> int:
-    """Return *total*, the frames of all loops, or refuse so many."""
+    """Return *total*, the frames of all loops, or refuse it."""
     return check_whole("number of frames, all loops of them", total, 1, _MOST_STREAMED)

@@ -61,7 +61,7 @@ class Tick:
 
 
 def check_spin_before_tick(spin_ns: int, period_ns: int) -> None:
-    """Raise unless a loop of this period can spin for so long.
+    """Raise unless a loop of this period can spin for *spin_ns*.
 
     Raises
     ------
