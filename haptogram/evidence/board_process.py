@@ -173,7 +173,7 @@ def _closed_board_port() -> Any:  # the stubs of pyserial know nothing of this p
 
 
 class BoardInProgram:
-    """Powers up a board whose time passes when somebody waits for it.
+    """Powers up a board whose time passes while a caller waits for it.
 
     It has the methods of :class:`BoardProcess`.
 

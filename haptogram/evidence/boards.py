@@ -57,9 +57,9 @@ class BoardUnderTest:
     port : str or Transport
         Name of the port, or the open port.
     model : AcousticModel or None
-        Array and air that it radiates into; None: nobody knows better than the host.
+        Array and air that it radiates into; None: those of the host are the best known.
     unseen : str or None
-        Why a frame may have been latched that nobody saw, once the observations are there; None:
+        Why latches may be missing from the observations, once these are there; None:
         everything is seen.
     is_in_process : bool
         True for a board in this program, whose :meth:`records` costs nothing.

@@ -53,7 +53,7 @@ class DialectBoardsUnderTest:
 
     @property
     def count(self) -> int:
-        """Boards that have so many channels."""
+        """Boards that these channels need."""
         return max(self.channels) // self.dialect.channels + 1
 
     @property

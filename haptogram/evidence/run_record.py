@@ -58,9 +58,9 @@ class RunRecord:
     cut : Cut or None
         How the run ended before its end.
     interrupted : bool
-        Whether it was ended on purpose: nobody is to wait any longer than needed.
+        Whether it was ended on purpose: then waits are as short as possible.
     unseen : str or None
-        Why a frame may have been latched that nobody saw; None: everything was seen.
+        Why latches may be missing from the observations; None: none is missing.
     warnings : list of str
         Warnings about the run.
     silences : list of int

@@ -27,7 +27,7 @@ _POLL_S: Final = 0.01
 
 
 class ShownPortBoardUnderTest(BoardUnderTest):
-    """A board that somebody else started, at a port, seen through its back door.
+    """A board started elsewhere, at a port, seen through its back door.
 
     Parameters
     ----------

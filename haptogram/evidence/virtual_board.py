@@ -227,7 +227,7 @@ class VirtualBoard(ClosedByWith):
         return list(self._records.read())
 
     def wait_for(self, latches: int, timeout_s: float = 60.0) -> bool:
-        """Wait until the back door has shown so many latches; return whether it has."""
+        """Wait until the back door has shown *latches* latches; return whether it has."""
         check_whole("latches", latches, 0, _MOST_LATCHES)
         check_number("timeout_s", timeout_s, 0.0, _LONGEST_WAIT_S)
         return self._records.wait_for_latches(latches, timeout_s)

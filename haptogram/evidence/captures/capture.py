@@ -199,7 +199,7 @@ def _shared_capture_step(
 
 def _refined_capture_step(distances: NDArray[np.float64], step: float) -> float:
     """Return the step near *step* that *distances* are multiples of, if there is one."""
-    # The least distance, and with it the step, is known to a tick: so many steps can be counted.
+    # The least distance, and with it the step, is known to a tick: more cannot be counted.
     least = float(distances[0])
     limit = max(_LEAST_COUNT, _SURE_SHARE * least, least / step)
     while limit < 4.0 * distances[-1] / step:

@@ -1,4 +1,4 @@
-"""Latches that a capture of the drive pins shows, for somebody who does not know what was meant."""
+"""Latches that a capture of the drive pins shows, without knowledge of the intended foci."""
 
 from __future__ import annotations
 

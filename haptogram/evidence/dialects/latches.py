@@ -2,7 +2,7 @@
 
 Those of other dialects carry no number. Latches in which every channel is off are the host's own
 before the first and after the last that sounds, and are left out there; between its frames a board
-that goes dark is a latch that nobody intended.
+that goes dark is a latch without an intended frame.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def has_dialect_latched_all(
 
 
 def upload_loss_text(records: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return the loss of a board while bytes arrive; None: there is none, or nobody saw it.
+    """Return the loss of a board while bytes arrive; None: there is none, or it was not observed.
 
     Frames are judged as they are latched, between the bytes.
     """

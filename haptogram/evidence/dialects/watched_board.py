@@ -1,4 +1,4 @@
-"""A board by the records of its back door, as somebody sees it who does not know what was meant."""
+"""A board by the records of its back door, without knowledge of the intended foci."""
 
 from __future__ import annotations
 
