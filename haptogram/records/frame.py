@@ -182,9 +182,9 @@ class Intended:
         :func:`haptogram.acoustics.solvers.several.solve_foci`.
     t_latest_us : int or None
         Device time by which its last byte had to be at the board, less the error of the clocks;
-        None: at no certain time, or nobody says.
+        None: at no certain time, or not known.
     t_sent_us : int or None
-        Device time at which its last byte left the host; None: it did not, or nobody says.
+        Device time at which its last byte left the host; None: it did not, or not known.
 
     Examples
     --------

@@ -39,7 +39,7 @@ class BoardLosses:
     counters : mapping of str to int
         Growth of the counters of lost and damaged frames during the run.
     latched : int or None
-        Growth of the counter of latches; None: nobody asked.
+        Growth of the counter of latches; None: it was not read.
     is_machine_in_between : bool
         Whether the board is a process that waits for a processor of this machine: then it can read
         late what the host sent in time.
