@@ -16,7 +16,7 @@ from haptogram.acoustics.model.drive import REGISTER_BITS
 from haptogram.records.frame import Observation
 from haptogram.verification import FrameStatus
 
-#: The statuses of a frame that nobody judged: its latch was seen, or only the frame on the line.
+#: The statuses of a frame without a verdict: its latch was seen, or only the frame on the line.
 LATCHED: Final = "latched"
 SENT: Final = "sent"
 STATUSES: Final = (*map(str, FrameStatus), LATCHED, SENT)
@@ -168,7 +168,7 @@ def frame_columns(frames: Sequence[ViewerFrame], count: int) -> dict[str, NDArra
 
 
 def view_drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, NDArray[np.uint8]]:
-    """Return the codes of *drives*, of *count* elements each; None: nobody saw the drive.
+    """Return the codes of *drives*, of *count* elements each; None: the drive was not observed.
 
     Amplitudes that are the same in every drive are said once.
     """

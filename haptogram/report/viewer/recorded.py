@@ -101,7 +101,7 @@ def _viewer_scene_of(
 def _sent_scene(
     recording: Recording, judged: dict[FrameKey, ViewerFrame]
 ) -> tuple[ViewerScene, list[str]]:
-    """Return the scene of a board whose output nobody recorded, with the drives that were sent."""
+    """Return the scene of a recording without the board's output, with the sent drives."""
     path = recording.path
     model = model_of_recorded_answers(recording)
     if model is None:
@@ -124,7 +124,7 @@ def _sent_scene(
 
 
 def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ViewerFrame]:
-    """Yield the frames that nobody saw latched, with the focus of the drive that was sent."""
+    """Yield the frames without an observed latch, with the focus of the drive that was sent."""
     reconstructor, searches = Reconstructor(model), _MOST_SEARCHES
     for number, frame in enumerate(sent):
         field = None
