@@ -127,7 +127,7 @@ def unnamed_losses_reason(
 ) -> str | None:
     """Return the number of frames that the board's counter of latches lacks; None: of none.
 
-    Not where a timer muted the board behind frames that were held up: nobody counts these.
+    Not where a timer muted the board after frames that were held up: these are not counted.
     """
     excused = sum(frame.status is FrameStatus.HELD_UP for frame in frames)
     lost = sum(frame.status is FrameStatus.LOST for frame in frames)

@@ -227,7 +227,7 @@ def _without_earlier(
 
 
 class _MissedFrames:
-    """Judges the frames that nobody saw latched."""
+    """Judges the frames without an observed latch."""
 
     def __init__(
         self,
@@ -247,7 +247,7 @@ class _MissedFrames:
         self._is_told_in_order = losses is not None and losses.is_told_in_order
 
     def judge(self, wanted: Intended, due: DueFrame) -> FrameVerdict:
-        """Return the verdict of a frame that nobody saw latched."""
+        """Return the verdict of a frame without an observed latch."""
         if self._cut is not None and self._cut.cancelled(wanted.t_apply_us):
             return dataclasses.replace(lost_frame_verdict(wanted), status=FrameStatus.CANCELLED)
         is_told = self._is_told_in_order and wanted.number < self._after

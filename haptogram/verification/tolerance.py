@@ -105,7 +105,7 @@ class Uncertainty:
     phase_rad : float
         Of the phase that each element adds, 0 to 3.2.
     is_guess : bool
-        Whether nobody stated those of the elements.
+        Whether those of the elements were not stated.
 
     Raises
     ------

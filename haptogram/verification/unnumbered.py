@@ -50,7 +50,7 @@ def observations_of_unnumbered(
 ) -> list[Observation]:
     """Return *latches*, each with the key of its frame and without the phase that all share.
 
-    A latch that nobody intended has a key of its own.
+    A latch without an intended frame has a key of its own.
     """
     return [
         _unnumbered_observation(latch, frame)

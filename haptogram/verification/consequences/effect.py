@@ -21,7 +21,7 @@ _PAUSE: Final = 2  # periods: a stream ended before a gap that is longer; roundi
 class _HeldStretch:
     """A time in which something else was radiated than was intended.
 
-    Pressures are those at the intended point; None where nobody knows.
+    Pressures are those at the intended point; None where they are not known.
     """
 
     begin_us: int

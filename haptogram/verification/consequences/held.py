@@ -32,7 +32,7 @@ class HeldFocus:
     focus_m : tuple
         Where its focus was found; where that cannot be observed, or was not, where it was wanted.
     t_latch_us : float
-        Device time since when: a silence after it ends it. Infinite: nobody knows.
+        Device time of its begin: a later silence ends it. Infinite: not known.
     """
 
     drive: Drive | None
@@ -104,7 +104,7 @@ def consequence_of_held_focus(
 ) -> Consequence | None:
     """Return the consequence of holding *held* while *intended* was due.
 
-    None as *held*: nothing had been latched yet.  None in return: nobody knows the drive.
+    None as *held*: nothing had been latched yet.  None in return: the drive is not known.
     """
     position = np.array(intended.foci[0].position_m)
     wanted = _held_focus_pressure_rms_pa(model, intended.drive, position)

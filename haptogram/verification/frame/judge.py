@@ -308,7 +308,7 @@ def _drive_of_judged_host(
 
 
 def lost_frame_verdict(intended: Intended) -> FrameVerdict:
-    """Return the verdict of a frame that nobody saw."""
+    """Return the verdict of a frame without an observation."""
     return FrameVerdict(
         number=intended.number,
         key=intended.key,

@@ -101,7 +101,7 @@ class Cut:
     not_sent: int = 0
 
     def cancelled(self, t_apply_us: int | None) -> bool:
-        """Return True if a frame with this time, which nobody saw latched, was never to be."""
+        """Return True if a frame with this time was due after the stream ended."""
         if t_apply_us is None or self.muted_us is None:
             return False
         return t_apply_us > self.muted_us

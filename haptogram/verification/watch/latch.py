@@ -40,7 +40,7 @@ _PLURAL: Final = re.compile(r"\b(frame|code|byte|bit|link|operation)s\b")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SeenLatch:
-    """A latch as somebody saw it who does not know what was meant.
+    """An observed latch, without knowledge of the intended focus.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""The drives that pins hold, one after the other, whoever meant them: without a run."""
+"""The drives that pins hold, one after the other, without knowledge of a run."""
