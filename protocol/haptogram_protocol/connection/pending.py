@@ -99,7 +99,7 @@ class PendingRequests:
     def answered(self, pending: PendingRequest, now_us: int) -> int | None:
         """Forget a request that is answered now; return the round trip in microseconds.
 
-        None if the request was sent more than once: nobody knows which copy was answered.
+        None if the request was sent more than once: the answered copy is not known.
         """
         self.forget(pending)
         if pending.attempts > 1:

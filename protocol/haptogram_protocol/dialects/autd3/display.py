@@ -32,7 +32,7 @@ class Autd3Display(Display):
     def opening(self) -> list[Operation]:
         """Return the handshake, the devices, and twice that they are to forget what they show.
 
-        A device ignores a frame with the message id of the last one, which nobody knows here.
+        A device ignores a frame with the message id of the last one, which is not known here.
         """
         poses = tuple(Pose((_APART_MM * n, 0.0, 0.0), _UPRIGHT) for n in range(self._devices))
         clears = [Clear()] * self._devices
