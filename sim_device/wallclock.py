@@ -114,7 +114,7 @@ class Heartbeat:
     def stop_at_eof(self, descriptor: int) -> None:
         """Let the end of a pipe stop the board: whoever held it open has ended, however it did.
 
-        Nobody waits for fields any more then: what is still to be told goes out without.
+        Fields are not awaited any more then: the remaining records are written without them.
         """
         self._parents.append(descriptor)
 

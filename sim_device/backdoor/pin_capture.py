@@ -289,7 +289,7 @@ class BackdoorPinCapture:
     ) -> Iterator[tuple[float, PinWaveformPulses]]:
         """Yield intervals in which late pins still show the old drive, with the mixed waveform.
 
-        Each pin is so many microseconds *behind* the board.
+        *behind*: delay of each pin against the board, in microseconds.
         """
         passed = 0.0
         for late in np.unique(behind[behind > 0.0]).tolist():

@@ -74,7 +74,7 @@ class BackdoorEstimator:
         self._reconstructor.warm_up()
 
     def pattern(self, latch: events.PulseLatch) -> Pattern:
-        """Return the pattern of the radiated drive: nobody says what was meant."""
+        """Return the pattern of the radiated drive, without knowledge of the intended focus."""
         return _remembered(self._patterns, latch, self._classified)
 
     def _classified(self, latch: events.PulseLatch) -> Pattern:

@@ -17,7 +17,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 @dataclass(slots=True)  # frozen would take four times as long to make
 class Latch:
-    """A drive went from the second buffer to the transducers; nobody changes it.
+    """A drive went from the second buffer to the transducers; it is not changed.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class CarrierState(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class PulseLatch:
-    """The pulses of a board of another dialect changed; nobody knows which frame was meant.
+    """The pulses of a board of another dialect changed; the intended frame is not known.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ class VirtualDialect(Protocol):
 
     @property
     def announce(self) -> Callable[[float, bytes], None] | None:
-        """Takes bytes that the line begins to carry at a device time; None: nobody hears them."""
+        """Takes bytes that the line begins to carry at a device time; None: not recorded."""
         ...
 
     @property

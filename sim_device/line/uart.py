@@ -55,7 +55,7 @@ class Uart:
     Attributes
     ----------
     overrun : int
-        Bytes that were lost because nobody took them in time.
+        Bytes that were lost because they were not read in time.
     framing : int
         Characters without a stop bit: the rates of the two ends differ too much.
     """
@@ -130,7 +130,7 @@ class Uart:
         self._free_ns = 0
 
     def arrival_ns(self, count: int) -> int | None:
-        """Return when *count* more bytes will be there; None: so many were not sent."""
+        """Return when *count* more bytes will have arrived; None: fewer were sent."""
         for burst in self._bursts:
             left = len(burst.data) - burst.taken
             if count <= left:

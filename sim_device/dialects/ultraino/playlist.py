@@ -63,7 +63,7 @@ class ArduinoPlaylist:
         return self.pointer != before
 
     def skip_to(self, period: int) -> None:
-        """Go on to *period*; nobody asks for the changes on the way."""
+        """Go on to *period* without reporting the changes on the way."""
         if not self._counts:
             return
         cycle = self._cycle()
