@@ -297,6 +297,7 @@ def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:
 
 
 def _dialogue_model_failure(text: str) -> Exception:
+    """Return the error that ends a case if the model itself fails."""
     return CaseEndedError(Behaviour.INCONCLUSIVE, f"the model beside the board: {text}")
 
 

@@ -178,11 +178,11 @@ def estimated_capture_step(times: NDArray[np.int64]) -> float:
 
 
 def _shared_capture_step(
-    told: NDArray[np.float64], distances: NDArray[np.float64], times: NDArray[np.int64]
+    distinct: NDArray[np.float64], distances: NDArray[np.float64], times: NDArray[np.int64]
 ) -> float | None:
     """Return the sampling step that divides all *distances* of edges; None if there is none."""
     for share in range(1, _MOST_SHARES + 1):
-        step = _refined_capture_step(told, float(told[0]) / share)
+        step = _refined_capture_step(distinct, float(distinct[0]) / share)
         every = np.diff(times)
         every = every[every < _MOST_STEPS * step]
         if not len(every):
