@@ -219,11 +219,13 @@ def _run_out_lease(board: BoardClient) -> None:
     board.configure()
 
 
-def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> int:
-    """Send frames so far ahead of now, and return the time that this was."""
+def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> tuple[int, int]:
+    """Send frames so far ahead of now, within the timers; return that time and their number."""
     base_us = board.clock.device_us()
-    board.link.send(*(board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us))
-    return base_us
+    frames = (board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us)
+    wires = board.within_timers(frames)
+    board.link.send(*wires)
+    return base_us, len(wires)
 
 
 def _check_margins(
@@ -244,10 +246,10 @@ def _judge_margins_of(board: BoardClient, good: m.Message, margins: Sequence[int
     board.arm()
     board.status()
     _check_margins(board.status(), 0, 0, 0, 0)
-    base_us = _send_ahead(board, good, margins)
+    base_us, number = _send_ahead(board, good, margins)
     board.link.stream(good)  # IMMEDIATE: no margin; flushes
     found = board.status()
-    number = len(margins)
+    margins = margins[:number]
     sent_us = board.wire.period_us((number + 1) * len(board.link.stream_wire(good, 0, seq=0)))
     later_us = board.clock.device_us() - base_us + sent_us
     ready_us = board.clock.ready_us(0)
@@ -324,7 +326,8 @@ def _check_margins_behind(board: BoardClient, messages: list[m.Message]) -> None
     board.arm()
     board.status()
     # The last one is dropped.
-    base_us = _send_ahead(board, board.flat_phases(), (_AHEAD_US, 3 * _AHEAD_US, 2 * _AHEAD_US))
+    ahead_us = (_AHEAD_US, 3 * _AHEAD_US, 2 * _AHEAD_US)
+    base_us, number = _send_ahead(board, board.flat_phases(), ahead_us)
     board.link.barrier()
     passed_us = board.clock.ready_us(board.clock.device_us() - base_us)
     for message in messages:
@@ -332,8 +335,8 @@ def _check_margins_behind(board: BoardClient, messages: list[m.Message]) -> None
             board.hello()
         else:
             board.link.ask_at_once(message)
-    least_us, mean_us = (n * _AHEAD_US - board.clock.ready_us(0) for n in (1, 2))
-    _check_margins(board.status(), 3, least_us, mean_us, passed_us)
+    mean_us = sum(ahead_us[:number]) // number - board.clock.ready_us(0)
+    _check_margins(board.status(), number, _AHEAD_US - board.clock.ready_us(0), mean_us, passed_us)
 
 
 @case("HG-9.3/1-drops", evidence=SELF_REPORTED)
