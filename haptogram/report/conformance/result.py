@@ -7,12 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from haptogram.conformance.causes import common_finding, failures_by_cause
-from haptogram.conformance.verdict import (
-    Behaviour,
-    CaseResult,
-    Recovery,
-    SuiteResult,
-)
+from haptogram.conformance.verdict import Behaviour, CaseResult, Recovery, SuiteResult
 from haptogram.errors import ConfigurationError
 from haptogram.machine import files
 from haptogram.records.frame import Evidence
