@@ -99,7 +99,7 @@ def bench_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[st
 
 
 def _bench_percentiles(result: Mapping[str, Any]) -> dict[str, TimingPercentiles]:
-    return {name: TimingPercentiles.from_dict(stage) for name, stage in result["stages"].items()}
+    return {name: TimingPercentiles(**stage) for name, stage in result["stages"].items()}
 
 
 def _bench_change(
