@@ -10,7 +10,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
-from haptogram.report import run as report
+from haptogram.report.run import result as report
 from haptogram.verification import Cut, RunVerdict, verify_run
 
 SESSION = 0xC0FFEE

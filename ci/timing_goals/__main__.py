@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from haptogram.errors import ConfigurationError
-from haptogram.report.run import write_run_json
+from haptogram.report.run.result import write_run_json
 
 from .measure import measure_goals
 

@@ -6,6 +6,8 @@ Everything else in the host meets a board through a port.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import functools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -82,8 +84,6 @@ def board_behind_url(url: str) -> Iterator[BoardUnderTest]:
     ConfigurationError
         For a URL that gives the back door to somebody else.
     """
-    import dataclasses
-
     from ..settings.board_url import read_board_url
 
     port = read_board_url(url)
@@ -152,8 +152,6 @@ def access_in_program(
     Without a URL its time is virtual; *baudrate* and *seed* hold unless the URL gives others.
     With *boards* every board goes into their recording.
     """
-    import dataclasses
-
     from sim_device.protocol_haptogram import Serial, open_virtual_port
 
     from ..conformance.run.access import VirtualAccess
@@ -240,8 +238,6 @@ def board_without_a_line(mutant: str | None) -> MakeBoard:
     ConfigurationError
         If there is no such mutant.
     """
-    import functools
-
     from sim_device.driven.soak_board import VirtualSoakBoard
     from sim_device.mutants import mutant_parts
 

@@ -14,7 +14,8 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from .. import __version__
-from ..commands.shell.exit_status import EVERY_STATUS, INTERRUPTED, USAGE
+from ..commands.shell.exit_status import INTERRUPTED, USAGE
+from ..commands.shell.help_text import describe_command
 from ..commands.shell.interrupts import exit_at_once, hear_interrupts_in_callbacks
 from ..commands.shell.standard_streams import patient_standard_streams
 from ..errors import HaptogramError, plain_reason
@@ -47,13 +48,6 @@ COMMANDS: Final = {
     "capture": (".recordings.capture", "measure drive pins in a capture of a logic analyser"),
     "presets": (".presets", "list the known systems, with their published figures next to ours"),
 }
-_EXAMPLES: Final = """\
-examples:
-  haptogram verify                          a hemisphere at 1 kHz on the virtual board
-  haptogram conform --port /dev/ttyACM0     firmware in CI: a verdict for every clause
-  haptogram board --link /tmp/board         a serial port without hardware
-  haptogram COMMAND -h                      what matters most of a command; --help: all of it
-"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -150,11 +144,8 @@ def _command_ended_by_signals(heard: list[int]) -> Iterator[None]:
 
 def _command_parser(words: Sequence[str]) -> Parser:
     """Return the parser of all commands; only the command that *words* name has its options."""
-    parser = Parser(
-        prog="haptogram",
-        description="Hardware-in-the-loop test harness for ultrasonic phased arrays.",
-        epilog=f"{_EXAMPLES}\n{EVERY_STATUS}",
-    )
+    parser = Parser(prog="haptogram")
+    describe_command(parser, "haptogram")
     parser.add_argument("--version", action="version", version=f"haptogram {__version__}")
     commands = parser.add_subparsers(
         title="commands", dest="command", required=True, metavar="COMMAND"
@@ -175,7 +166,7 @@ def command_parser(name: str) -> Parser:
 
 
 def _add_command_options(name: str, parser: Parser) -> None:
-    """Let the module of a command describe it, given what only this module knows of boards."""
+    """Let the module of a command add its options, given what only this module knows of boards."""
     parts = {
         "verify": (boards,),
         "conform": (boards.access_in_program,),
@@ -185,5 +176,7 @@ def _add_command_options(name: str, parser: Parser) -> None:
         "watch": (boards.records_of_bytes,),
         _BOARD: (boards.open_recording_of_board,),
     }
+    if name != _BOARD:
+        describe_command(parser, name)
     module = importlib.import_module(COMMANDS[name][0], "haptogram.commands")
     getattr(module, f"set_up_{name}")(parser, *parts.get(name, ()))

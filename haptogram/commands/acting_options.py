@@ -11,6 +11,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import option_word
 from haptogram.settings.board import is_grid_setting
 from haptogram.settings.parser import Acting
+from haptogram.settings.shape import SHAPES
 
 
 def refuse_idle_options(
@@ -38,7 +39,7 @@ def refuse_idle_options(
     words = {name: option_word(name) for name in sorted(arguments.given)}
     keys = {name: f"{file}: {name}" for name in sorted(in_file) if name not in words}
     for name, source in (words | keys).items():
-        acting = arguments.parser.acting.get(name)
+        acting = (_EVERYWHERE | arguments.parser.acting).get(name)
         if acting is not None and not acting.is_there(arguments if settings is None else settings):
             raise ConfigurationError(f"{source} acts only {acting.where}; leave it out")
 
@@ -57,8 +58,6 @@ def without_option(name: str) -> Acting:
 
 def acts_on_a_shape(settings: Any) -> bool:
     """Return True unless the object is a mesh."""
-    from haptogram.settings.shape import SHAPES
-
     return settings.object is None or settings.object in SHAPES
 
 
@@ -90,4 +89,5 @@ def _acts_on_modulation(settings: Any) -> str | None:
     return kind
 
 
-STAMPED: Final = with_option("html", "junit", "summary")
+#: Of every command.
+_EVERYWHERE: Final = {"stamp": with_option("html", "junit", "summary")}

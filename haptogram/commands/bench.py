@@ -5,32 +5,17 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any
 
 from haptogram.campaigns.bench.config import BenchConfig
-from haptogram.settings.command_line import add_command_options, given_options
+from haptogram.settings.command_line import add_command_options, settings_of
 from haptogram.settings.option import Settings, option, options_of
-from haptogram.settings.run.outputs import output_options
+from haptogram.settings.parser import Parser
+from haptogram.settings.run.files import output_options
 
-from .acting_options import STAMPED, refuse_idle_options
+from .acting_options import refuse_idle_options
 from .shell.exit_status import PASS, USAGE
-from .shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
-
-if TYPE_CHECKING:
-    from haptogram.settings.parser import Parser
-
-_EXAMPLES: Final = """\
-examples:
-  haptogram bench
-      1 kHz for 10 s to a virtual board in a process of its own, a control loop beside it
-  haptogram bench --spin-us 150 --realtime --html timing.html
-  haptogram bench --port /dev/ttyUSB0 --json new.json --compare old.json
-
-exit status:
-  0    measured; nothing is judged, since wall-clock figures depend on the machine
-  2    usage or environment error
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
-"""
+from .shell.output_files import FILE_HELP, CommandOutputs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,19 +28,9 @@ class BenchFiles(Settings):
     compare: Path | None = option(None, unit="OLD.json", help="say what changed beyond the noise")
 
 
-_ACTING: Final = {"stamp": STAMPED}
-
-
 def set_up_bench(parser: Parser) -> None:
-    """Describe the command and add its options."""
-    parser.description = (
-        "Stream to a board and measure, for every frame and from its intended time, "
-        "wake, encode and write, line, board and latch; beside a control loop that shows what the "
-        "machine itself does."
-    )
-    parser.epilog = _EXAMPLES
+    """Add the options of the command."""
     parser.main_options = "port rate_hz seconds baud lead_ms spin_us realtime json html compare"
-    parser.acting = _ACTING
     parser.set_defaults(run=run_bench)
     add_command_options(parser, options_of(BenchConfig).values())
     parser.add_argument("--quiet", action="store_true", help="print changes and errors only")
@@ -69,15 +44,16 @@ def run_bench(arguments: argparse.Namespace) -> int:
     from haptogram.campaigns.bench.measure import run_bench
     from haptogram.campaigns.bench.result import bench_dict, read_bench_result
     from haptogram.report.bench.document import bench_document, draw_bench_histograms
+    from haptogram.report.figures import write_figure
     from haptogram.report.formats.console import document_text
-    from haptogram.report.run import write_run_json
+    from haptogram.report.run.result import write_run_json
 
     refuse_idle_options(arguments)
     outputs = CommandOutputs(
         arguments, "json", "html", "summary", "picture", "record", pictures=True
     )
     old = None if arguments.compare is None else read_bench_result(arguments.compare)
-    config = BenchConfig.of(**given_options(arguments, options_of(BenchConfig)))
+    config = settings_of(arguments, BenchConfig)
     with outputs.recording(config.as_dict()) as writer:
         # Without a progress bar: it would draw between the ticks.
         found = run_bench(config, writer)
@@ -95,7 +71,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     written = outputs.write(
         document,
         json=lambda path: write_run_json(path, result),
-        picture=lambda path: write_picture_output(path, draw_bench_histograms(found.stages_us)),
+        picture=lambda path: write_figure(path, draw_bench_histograms(found.stages_us)),
     )
     return PASS if outputs.is_recorded(writer) and written else USAGE
 

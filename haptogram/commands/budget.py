@@ -9,35 +9,21 @@ from typing import TYPE_CHECKING, Final
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_choice
 from haptogram.settings.board import MOST_TRANSDUCERS
-from haptogram.settings.command_line import add_setting_options, given_options
+from haptogram.settings.command_line import add_setting_options, settings_of
 from haptogram.settings.option import Settings, option, option_of, options_of
+from haptogram.settings.parser import Parser
 from haptogram.settings.run.frames import LinkConfig, PaceConfig
 
 from .acting_options import refuse_idle_options, with_option
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench.frame_budget import FrameBudget
-    from haptogram.settings.parser import Parser
 
 _TIMERS_MS: Final = {
     "without a USB adapter": 0,
     "latency timer of 1 ms": 1,
     "latency timer of 16 ms, as it comes": 16,
 }
-_EXAMPLES: Final = """\
-examples:
-  haptogram budget --baud 3000000 --rate-hz 1000
-      256 phases a thousand times a second over 3 Mbaud
-  haptogram budget --baud 921600 --transducers 64
-  haptogram budget --dialect sonicsurface --rate-hz 100
-      a board that somebody else has built
-
-exit status:
-  0    the rate fits the line and the host
-  1    it does not
-  2    usage or environment error
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,14 +48,7 @@ _ACTING: Final = {"boards": with_option("dialect")}
 
 
 def set_up_budget(parser: Parser) -> None:
-    """Describe the command and add its options."""
-    parser.description = (
-        "Say where the time of one frame goes, from the intended moment to the latch, "
-        "and the highest rate that fits, for every frame format. Wake, encode, write and decode "
-        "are medians measured on this machine now; wire and latch are computed. The way back, for "
-        "answers and trace, is computed for USB adapters with a latency timer as well."
-    )
-    parser.epilog = _EXAMPLES
+    """Add the options of the command."""
     parser.acting = _ACTING
     parser.set_defaults(run=run_budget)
     baud = f"{BudgetConfig.baud}, with --dialect: that of its boards"
@@ -81,7 +60,7 @@ def run_budget(arguments: argparse.Namespace) -> int:
     refuse_idle_options(arguments)
     if arguments.dialect is not None:
         return _run_dialect_budget(arguments)
-    return _run_own_budget(BudgetConfig.of(**given_options(arguments, options_of(BudgetConfig))))
+    return _run_own_budget(settings_of(arguments, BudgetConfig))
 
 
 def _run_own_budget(config: BudgetConfig) -> int:
@@ -111,7 +90,7 @@ def _run_dialect_budget(arguments: argparse.Namespace) -> int:
     if arguments.transducers is not None:
         raise ConfigurationError("--transducers acts on frames of Haptogram; leave it out")
     check_choice("--dialect", arguments.dialect, tuple(DIALECTS))
-    config = BudgetConfig.of(**given_options(arguments, options_of(BudgetConfig)))
+    config = settings_of(arguments, BudgetConfig)
     dialect, boards = DIALECTS[arguments.dialect], config.boards
     bauds = dialect.bauds if arguments.baud is None else (config.baud,)
     if not bauds:

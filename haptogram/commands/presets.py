@@ -3,47 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Final
 
 from haptogram.machine.files import write_json_file
-from haptogram.settings.parser import file_name_option
+from haptogram.settings.parser import Parser, add_file_option
 
 from .shell.exit_status import PASS, USAGE
 from .shell.output_files import CommandOutputs
 
-if TYPE_CHECKING:
-    from haptogram.settings.parser import Parser
-
-_EPILOG: Final = """\
-examples:
-  haptogram presets                            all of them
-  haptogram presets tactile-display autd3      these two
-  haptogram presets --json -                   as JSON on standard output
-  haptogram field --preset tactile-display --picture field.png
-                                               the field of its typical focus, as a picture
-
-exit status:
-  0    the figures were printed
-  2    usage or environment error
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
-"""
-
 
 def set_up_presets(parser: Parser) -> None:
-    """Describe the command and add its options."""
-    parser.description = (
-        "List the systems behind the Haptogram paper and open boards: what each is, "
-        "where its geometry is from, and its published figures next to what the model gives. "
-        "Where no source was at hand, it says so."
-    )
-    parser.epilog = _EPILOG
+    """Add the options of the command."""
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help="presets to show, by name [all of them]"
     )
-    parser.add_argument(
+    add_file_option(
+        parser,
         "--json",
-        type=file_name_option,
-        metavar="FILE",
         help="write the figures as JSON instead of text; - is standard output [none]",
     )
     parser.set_defaults(run=run_presets)

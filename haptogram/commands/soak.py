@@ -10,16 +10,17 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from haptogram.campaigns.soak.setup import SoakSetup
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
-from haptogram.settings.command_line import add_command_options, given_options
+from haptogram.settings.command_line import add_command_options, settings_of
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.run.outputs import OutputConfig, output_options
+from haptogram.settings.parser import Parser
+from haptogram.settings.run.files import OutputConfig, output_options
 
-from .acting_options import STAMPED, refuse_idle_options
+from .acting_options import refuse_idle_options
 from .shell.exit_status import FAIL, INTERRUPTED, PASS, USAGE
 from .shell.output_files import FILE_HELP, CommandOutputs
 from .shell.progress import campaign_progress
@@ -28,21 +29,6 @@ if TYPE_CHECKING:
     from haptogram.campaigns.soak.campaign import SoakCampaign
     from haptogram.campaigns.soak.comparison import MakeBoard
     from haptogram.campaigns.soak.segment import Progress
-    from haptogram.settings.parser import Parser
-
-_EPILOG: Final = """\
-examples:
-  haptogram soak --hours 0.1
-      six minutes of virtual time, 1 % of the frames hit
-  haptogram soak --hours 24 --jobs 2 --resume soak.json
-      a day, in two processes; after an interrupt the same command goes on
-
-exit status:
-  0    pass: every fault is accounted for
-  1    fail: something is not explained, or the board or the host was wrong
-  2    usage or environment error
-  130  interrupted, and nothing was wrong until then
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,22 +48,12 @@ class SittingConfig(Settings):
     )
 
 
-_ACTING: Final = {"stamp": STAMPED}
-
-
 def set_up_soak(
     parser: Parser,
     board_maker: Callable[[str | None], MakeBoard],
 ) -> None:
-    """Describe the command and add its options; *board_maker* makes boards."""
-    parser.description = (
-        "Stream to the virtual board at 1 kHz, in virtual time, over a line that "
-        "damages frames, with pauses, outages and new sessions; at the end every fault must be "
-        "explained.  The progress tells how long the rest takes.  See docs/soak.md."
-    )
-    parser.epilog = _EPILOG
+    """Add the options of the command; *board_maker* makes boards."""
     parser.main_options = "hours fault_rate seed jobs resume json junit html record"
-    parser.acting = _ACTING
     parser.set_defaults(run=functools.partial(run_soak, board_maker=board_maker))
     add_command_options(parser, options_of(SoakSetup).values())
     sitting = parser.add_argument_group("sitting and result", FILE_HELP)
@@ -126,7 +102,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
 def _make_soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
     from haptogram.campaigns.soak.campaign import SoakCampaign
 
-    setup = SoakSetup.of(**given_options(arguments, options_of(SoakSetup)))
+    setup = settings_of(arguments, SoakSetup)
     if arguments.resume is None:
         return SoakCampaign(setup)
     return SoakCampaign.load(arguments.resume, setup)

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 from haptogram.machine.files import Kind, kind_of_file
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting, file_name_option
-from haptogram.settings.run.outputs import OutputConfig
+from haptogram.settings.parser import Acting, Parser, add_file_option
+from haptogram.settings.run.files import OutputConfig
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import FAIL, INCONCLUSIVE, INTERRUPTED, PASS, USAGE
@@ -25,22 +25,6 @@ from .shell.progress import campaign_progress
 if TYPE_CHECKING:
     from haptogram.campaigns.sweep.campaign import OpenWorkers, RunWords, SweepCampaign
     from haptogram.campaigns.sweep.plan import ParserOf
-    from haptogram.settings.parser import Parser
-
-_EPILOG: Final = """\
-examples:
-  haptogram sweep sweep.toml --jobs 4 --rows rows.csv --html sweep.html
-      every point of the file, in four processes; after an interrupt the same command goes on
-  haptogram sweep sweep.toml --scheduler tcp://10.0.0.1:8786 --rows rows.parquet
-      the same on the workers of a Dask cluster
-
-exit status:
-  0    every point passed
-  1    a point failed
-  2    usage or environment error, of the sweep or of a point, and no point failed
-  3    a point is inconclusive, and none is worse
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP), and no point failed until then
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,17 +55,10 @@ _ACTING: Final = {
 
 
 def set_up_sweep(parser: Parser, parser_of: ParserOf, run_words: RunWords) -> None:
-    """Describe the command and add its options; *run_words* runs the command of a point."""
-    parser.description = (
-        "Run verify, conform or soak for every point of a grid, or for random points, over any of "
-        "their options, and show where they break. See docs/sweep.md."
-    )
-    parser.epilog = _EPILOG
+    """Add the options of the command; *run_words* runs the command of a point."""
     parser.acting = _ACTING
     parser.set_defaults(run=functools.partial(run_sweep, parser_of=parser_of, run_words=run_words))
-    parser.add_argument(
-        "file", type=file_name_option, metavar="FILE", help="the points, as TOML (docs/sweep.md)"
-    )
+    add_file_option(parser, "file", help="the points, as TOML (docs/sweep.md)")
     group = parser.add_argument_group("workers and result", FILE_HELP)
     add_command_options(group, options_of(WorkersConfig).values())
     parser.add_argument("--quiet", action="store_true", help="no progress")

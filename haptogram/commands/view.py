@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.parser import Acting, checked_option_type, file_name_option
+from haptogram.settings.parser import Acting, Parser, add_file_option, checked_option_type
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import PASS, USAGE
@@ -25,29 +25,12 @@ if TYPE_CHECKING:
     from haptogram.report.formats.document import Document
     from haptogram.report.viewer.live import LiveViewerScene
     from haptogram.report.viewer.server import ViewServer
-    from haptogram.settings.parser import Parser
 
 _PERIOD_S: Final = 0.05  # time between two reads of the back door: 20 pictures a second at most
 _AT_ONCE: Final = 1 << 16
 _NICENESS: Final = 10  # the 1 kHz loop comes first
 _PATIENCE_S: Final = 30.0  # wait for a board that is being started
 _DESKTOPS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
-_EXAMPLES: Final = """\
-examples:
-  haptogram board --link /tmp/board --backdoor unix:/tmp/board.sock &
-  haptogram view unix:/tmp/board.sock
-      the array, its field and its focus, live, while any program drives /tmp/board
-  haptogram view run.mcap
-      a run that --record has written, with its verdicts
-  haptogram view /tmp/board.jsonl --html run.html
-      what a board has written to a file, as a page that needs no server
-
-exit status:
-  0    the page was written, or served until Ctrl-C, SIGTERM or SIGHUP; a script that starts it
-       with & ends it with kill: the shell lets such a job ignore the signal of Ctrl-C
-  2    usage or environment error
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP) before the page was served
-"""
 
 
 _ACTING: Final = dict.fromkeys(
@@ -57,15 +40,7 @@ _ACTING: Final = dict.fromkeys(
 
 
 def set_up_view(parser: Parser) -> None:
-    """Describe the command and add its options."""
-    parser.description = (
-        "Show in a browser what a virtual board radiates, or has radiated in a recording: the "
-        "phase and amplitude of each transducer, the field on a plane, the focus that was found "
-        "and its trail, late latches, counters. Any number of browsers may look; one that is slow "
-        "skips pictures, and none holds the board up. A browser that draws on the processors of a "
-        "1 kHz loop disturbs it: measure times without one."
-    )
-    parser.epilog = _EXAMPLES
+    """Add the options of the command."""
     parser.acting = _ACTING
     parser.set_defaults(run=run_view)
     parser.add_argument(
@@ -93,10 +68,9 @@ def set_up_view(parser: Parser) -> None:
         action="store_true",
         help="end when standard input ends: with the program that started this one",
     )
-    parser.add_argument(
+    add_file_option(
+        parser,
         "--html",
-        type=file_name_option,
-        metavar="FILE",
         help="write the recording, or what the back door holds now, as a page, and serve none "
         "[none]",
     )

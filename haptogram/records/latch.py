@@ -5,12 +5,11 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, Final, Protocol, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 from zlib import crc32
 
 if TYPE_CHECKING:
     from haptogram.acoustics.model.drive import Drive
-    from haptogram_protocol.messages import LatchKey
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,36 +45,6 @@ class Codes:
     def crc(self) -> int:
         """CRC-32 of the drive, as a TRACE event carries it."""
         return crc32(self.phases + self.amplitudes)
-
-
-class LatchSeen(Protocol):
-    """A latch as the virtual board tells it; see ``sim_device.board.events.Latch``."""
-
-    @property
-    def key(self) -> LatchKey: ...  # noqa: D102
-    @property
-    def session(self) -> int: ...  # noqa: D102
-    @property
-    def number(self) -> int: ...  # noqa: D102
-    @property
-    def t_latch_us(self) -> int: ...  # noqa: D102
-    @property
-    def t_received_us(self) -> int | None: ...  # noqa: D102
-    @property
-    def late(self) -> bool: ...  # noqa: D102
-    @property
-    def ramping(self) -> bool: ...  # noqa: D102
-    @property
-    def commanded_bits(self) -> int: ...  # noqa: D102
-    @property
-    def drive(self) -> Drive: ...  # noqa: D102
-    @property
-    def radiated(self) -> Drive: ...  # noqa: D102
-
-
-def is_drive_radiated(latch: LatchSeen) -> bool:
-    """Return True if the latched drive left the transducers as it is."""
-    return latch.radiated is latch.drive or latch.radiated == latch.drive
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,25 +88,6 @@ class LatchRecord:
     def key(self) -> tuple[int, int, int, int]:
         """Join key: session, sequence, loop, index."""
         return self.session, self.sequence, self.loop, self.index
-
-    @classmethod
-    def of(cls, latch: LatchSeen) -> Self:
-        """Return the record of a latch of the virtual board."""
-        key, drive = latch.key, latch.drive
-        return cls(
-            latch.session,
-            key.sequence,
-            key.loop,
-            key.index,
-            latch.number,
-            latch.t_latch_us,
-            latch.t_received_us,
-            latch.late,
-            latch.ramping,
-            latch.commanded_bits,
-            Codes.of(drive),
-            None if is_drive_radiated(latch) else Codes.of(latch.radiated),
-        )
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:

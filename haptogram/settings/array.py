@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from .board import DEFAULT_ARRAY, BoardConfig, check_array_setting
-from .option import Settings, option, options_of
-
-_BOARD: Final = options_of(BoardConfig)
-_LEAST_C: Final = _BOARD["temperature_c"].low
-_MOST_C: Final = _BOARD["temperature_c"].high
+from .option import Settings, option, option_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,19 +19,9 @@ class ArrayConfig(Settings):
         help="grid, or a CSV file of positions in mm",
         absent=f"virtual board: {DEFAULT_ARRAY}; --port: what the board says",
     )
-    pitch_mm: float = option(
-        BoardConfig.pitch_mm,
-        unit="MM",
-        low=_BOARD["pitch_mm"].low,
-        high=_BOARD["pitch_mm"].high,
-        help="pitch of the grid",
-    )
-    temperature_c: float = option(
-        BoardConfig.temperature_c,
-        unit="C",
-        low=_LEAST_C,
-        high=_MOST_C,
-        help="air temperature that the host assumes",
+    pitch_mm: float = option_of(BoardConfig, "pitch_mm", help="pitch of the grid")
+    temperature_c: float = option_of(
+        BoardConfig, "temperature_c", help="air temperature that the host assumes"
     )
 
     def __post_init__(self) -> None:
@@ -55,13 +40,12 @@ class ArrayConfig(Settings):
 class ElementConfig(Settings):
     """The elements as they really are, and the air over the virtual board."""
 
-    board_temperature_c: float | None = option(
-        None,
+    board_temperature_c: float | None = option_of(
+        BoardConfig,
+        "temperature_c",
+        default=None,
         help="air temperature over the virtual board",
         absent="the host's",
-        unit="C",
-        low=_LEAST_C,
-        high=_MOST_C,
     )
     calibration: Path | None = option(
         None,

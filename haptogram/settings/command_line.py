@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Mapping
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-from .option import Option
+from .option import Option, Settings, options_of
 from .parser import checked_option_type
 
+_S = TypeVar("_S", bound=Settings)
 _FLAG: Final = argparse.BooleanOptionalAction
 
 
@@ -56,6 +57,17 @@ def given_options(arguments: argparse.Namespace, rows: Iterable[str]) -> dict[st
     """Return the options that *arguments* hold, by name."""
     values = {name: getattr(arguments, name) for name in rows}
     return {name: value for name, value in values.items() if value is not None}
+
+
+def settings_of(arguments: argparse.Namespace, kind: type[_S]) -> _S:
+    """Return the settings of *kind* that *arguments* hold.
+
+    Raises
+    ------
+    SettingError
+        A value that is refused.
+    """
+    return kind.of(**given_options(arguments, options_of(kind)))
 
 
 def written_options(values: Mapping[str, Any], rows: Mapping[str, Option]) -> list[str]:

@@ -141,14 +141,14 @@ class Option:
             return None
         if self.count is None:
             return self._checked_item(value)
-        is_list = isinstance(value, list | tuple)
-        if is_list and self.count == 0 and all(isinstance(item, str) for item in value):
-            return tuple(map(self._checked_item, value))
-        if not is_list or self.count not in (0, len(value)) or not all(map(self._fits, value)):
-            raise ConfigurationError(
-                f"{self.name} is {shown or shown_argument(value)}, must be {self._list_text}"
-            )
-        return tuple(map(self._checked_item, value))
+        if isinstance(value, list | tuple) and self.count in (0, len(value)):
+            try:
+                return tuple(map(self._checked_item, value))
+            except ConfigurationError:
+                if self.count == 0 and all(isinstance(item, str) for item in value):
+                    raise
+        text = shown or shown_argument(value)
+        raise ConfigurationError(f"{self.name} is {text}, must be {self._list_text}")
 
     @property
     def _list_text(self) -> str:
@@ -161,14 +161,6 @@ class Option:
     def sign(self) -> str:
         """Sign of the unit in messages."""
         return _SIGNS.get(self.unit, "")
-
-    def _fits(self, item: Any) -> bool:
-        """Return True if a value is valid."""
-        try:
-            self._checked_item(item)
-        except ConfigurationError:
-            return False
-        return True
 
     def _checked_item(self, value: Any) -> Any:
         if self.choices:

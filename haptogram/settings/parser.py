@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import itertools
 import os
 import re
 import sys
@@ -222,7 +223,7 @@ class Parser(argparse.ArgumentParser):
     def _check_options(self, words: Sequence[str]) -> None:
         """Refuse unknown options before a value that is missing is complained of."""
         if self._subparsers is not None:  # those after a command are the command's
-            words = words[: next(_command_word_places(words), len(words))]
+            words = list(itertools.takewhile(lambda word: word.startswith("-"), words))
         for word in _options_among_command_words(words):
             if word not in self.option_actions and not self._is_short(word):
                 guess = did_you_mean(word, self.option_actions)
@@ -259,10 +260,6 @@ def _options_among_command_words(words: Sequence[str]) -> Iterator[str]:
                 yield name
 
 
-def _command_word_places(words: Sequence[str]) -> Iterator[int]:
-    return (place for place, word in enumerate(words) if not word.startswith("-"))
-
-
 def attach_negative_option_values(words: Sequence[str]) -> list[str]:
     """Return *words* with values that begin with a minus attached to their options.
 
@@ -291,6 +288,12 @@ def _shown_option_value(value: object) -> str:
 def file_name_option(text: str) -> Path:
     """Return the path of an argument that names a file or a folder."""
     return Path(name_option(text))  # Path("") is the current folder
+
+
+def add_file_option(group: argparse._ActionsContainer, word: str, help: str, **more: Any) -> None:
+    """Add an option, or an argument without one, that names a file."""
+    more.setdefault("metavar", "FILE")
+    group.add_argument(word, type=file_name_option, help=help, **more)
 
 
 def name_option(text: str, what: str = "the name of a file") -> str:

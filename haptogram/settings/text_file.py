@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -77,6 +78,21 @@ def read_json_file(path: Path, option: str) -> Any:
         return document
     except (ValueError, RecursionError) as error:
         raise ConfigurationError(f"{option} '{path}' is no JSON: {plain_reason(error)}") from error
+
+
+def flat_document(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted name and the value of everything in a nested document.
+
+    Examples
+    --------
+    >>> dict(flat_document({"frames": {"sent": 3, "late": 0}, "seed": 1}))
+    {'frames.sent': 3, 'frames.late': 0, 'seed': 1}
+    """
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from flat_document(item, f"{name}.{key}" if name else str(key))
+    else:
+        yield name, value
 
 
 def _check_depth(document: dict[str, Any] | list[Any], left: int = _DEEPEST) -> None:

@@ -13,7 +13,7 @@ from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifie
 from haptogram.acoustics.reconstruct.patterns.found import Pattern
 from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, FrameKey, Observation
-from haptogram.records.latch import LatchRecord, is_drive_radiated
+from haptogram.records.latch import LatchRecord
 
 from ..board import events
 from ..board.settings import BoardSettings
@@ -130,7 +130,7 @@ def _latch_observation(latch: events.Latch, estimate: Reconstruction | None) -> 
         latch.drive,
         latch.drive.digest(),
         estimate,
-        None if is_drive_radiated(latch) else latch.radiated,
+        None if latch.is_unchanged else latch.radiated,
         latch.t_received_us,
     )
 
@@ -185,7 +185,7 @@ class InlineReconstructionWorker:
         """Take down a latch."""
         self._latched += 1
         if self._direct is not None and isinstance(latch, events.Latch):
-            self._direct(LatchRecord.of(latch))
+            self._direct(latch.record())
             return
         if self._told is not None and isinstance(latch, events.Latch):
             self._defer_reconstruction(latch)

@@ -10,7 +10,6 @@ from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics import Reconstruction
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
-from haptogram.records.latch import LatchRecord
 from haptogram.records.model import calibration_record_fields, model_record_fields
 
 from ..board import events
@@ -59,7 +58,7 @@ def backdoor_board_record(settings: BoardSettings) -> Record:
 def backdoor_latch_record(latch: events.Latch, reconstruction: Reconstruction | None) -> Record:
     """Return the record of one latch, with the field that it made where that was rebuilt."""
     estimate = None if reconstruction is None else reconstruction.as_dict()
-    return LatchRecord.of(latch).as_record(estimate)
+    return latch.record().as_record(estimate)
 
 
 def backdoor_brief_record(latch: events.Latch) -> Record:

@@ -10,6 +10,7 @@ from typing import TypeAlias
 from haptogram.acoustics import Drive
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.pulses import PulseDrive
+from haptogram.records.latch import Codes, LatchRecord
 from haptogram.records.remark import About
 from haptogram_protocol.messages import LatchKey
 from haptogram_protocol.state import MuteReason, OutputState
@@ -57,6 +58,28 @@ class Latch:
     def weights(self) -> ComplexArray:
         """Return the (N,) complex weights of what is radiated."""
         return self.radiated.weights()
+
+    @property
+    def is_unchanged(self) -> bool:
+        """True if the latched drive left the transducers as it is."""
+        return self.radiated is self.drive or self.radiated == self.drive
+
+    def record(self) -> LatchRecord:
+        """Return the latch as records hold it."""
+        return LatchRecord(
+            self.session,
+            self.key.sequence,
+            self.key.loop,
+            self.key.index,
+            self.number,
+            self.t_latch_us,
+            self.t_received_us,
+            self.late,
+            self.ramping,
+            self.commanded_bits,
+            Codes.of(self.drive),
+            None if self.is_unchanged else Codes.of(self.radiated),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import functools
 import secrets
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
@@ -20,45 +21,12 @@ if TYPE_CHECKING:
 
 SERIAL_BAUD: Final = 3_000_000
 _CAPTURE: Final = options_of(PinCaptureConfig)
-_EPILOG: Final = """\
-examples:
-  PROGRAM --link /tmp/board            open /tmp/board as a serial port
-  PROGRAM --tcp 7000                   open socket://127.0.0.1:7000
-  PROGRAM --link /tmp/board --backdoor /tmp/board.jsonl
-  PROGRAM --link /tmp/board --baud 3000000 --latency-ms 16
-                     as behind a USB adapter whose latency timer was left alone
-  PROGRAM --link /tmp/board --baud 3000000 --rx-fifo 16 --rx-poll-us 50
-                     a UART of 16 bytes, emptied every 50 µs: one that does not overrun
-  PROGRAM --link /tmp/board --seed 1 --fault "line.flip ber=1e-5" \\
-      --fault "device.stuck column=3 from=2s"
-  PROGRAM --link /tmp/board --dialect sonicsurface
-                     a board that other programs drive: start yours on /tmp/board
-  PROGRAM --link /tmp/board --dialect sonicsurface --simulator obj/Vboard --slow-down 50
-                     its firmware, in a simulator (docs/simulators.md)
-  PROGRAM --link /tmp/board --dialect ultraino-mega64 --dialect-option boards=2 --array tinylev
-  PROGRAM --dialect ultraino-mega64 --as-device -- java -jar AcousticFieldSim.jar
-                     a program that lists serial ports and takes no path
-
-Without --baud the line takes no time, as a pseudo-terminal does, and holds as much as one; that of
-another dialect has the rate of its boards.
-With --baud a byte takes 10 bits, in both directions; the other options give the line the
-imperfections of a real one.  The bytes that it loses by them are counted in the log at the end
-and in the last record of the back door.
-
-The board ends on SIGINT, SIGTERM or SIGHUP: muted, every record written, the link removed.
-
-exit status:
-  0  ended by SIGINT, SIGTERM or SIGHUP, by the program of --as-device or, with --until-eof, by
-     the end of standard input
-  1  the port was lost, or the program of --as-device failed
-  2  usage or environment error
-"""
 
 
 def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) -> None:
     """Describe the command and add its options."""
-    parser.description = "A virtual ultrasonic phased array at the far end of a serial line."
-    parser.epilog = _EPILOG.replace("PROGRAM", parser.prog)
+    text = Path(__file__).with_name("help.txt").read_text("utf-8")
+    parser.description, _, parser.epilog = text.replace("PROGRAM", parser.prog).partition("\n\n")
     parser.listed = _listed_faults_and_dialects
     parser.main_options = "link tcp array dialect baud fault seed backdoor record view"
     where = parser.add_mutually_exclusive_group(required=True)

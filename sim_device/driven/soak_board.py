@@ -9,13 +9,13 @@ from __future__ import annotations
 import dataclasses
 from typing import Final, Self, TypeAlias
 
+from haptogram.records.latch import LatchRecord
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.connection import BoardEvent, StreamReceived
 from haptogram_protocol.connection.events import FrameDropped
 
 from ..assembly import HEALTHY, BoardAssembly
 from ..board.clock import BoardClock
-from ..board.events import Latch
 from ..board.settings import BOOT_US, BoardSettings, board_settings
 from ..faults.clock import faulty_clock
 from ..mutants import mutant_parts
@@ -112,9 +112,9 @@ class VirtualSoakBoard:
         taken, self._verdicts = self._verdicts, []
         return taken
 
-    def take_latches(self) -> list[Latch]:
+    def take_latches(self) -> list[LatchRecord]:
         """Return the latches since the last call."""
-        return self._dialect.take_latches()
+        return [latch.record() for latch in self._dialect.take_latches()]
 
     def _note(self, event: BoardEvent) -> None:
         """Record the board's verdict on a frame."""

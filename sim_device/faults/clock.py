@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.faults.checks import FOR_EVER_NS
+from haptogram.settings.faults.kinds import FOR_EVER_NS
 from haptogram.settings.faults.plan import Fault, FaultPlan
 
 from ..board.clock import BoardClock, ClockChange

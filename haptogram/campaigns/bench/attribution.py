@@ -159,7 +159,7 @@ def attribute_bench_lateness(parts: BenchLatenessParts) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True)
 class LatenessMisses:
-    """Frames that were later than a limit.
+    """Frames that were later than a limit; the fields are those of the JSON.
 
     Attributes
     ----------
@@ -167,19 +167,19 @@ class LatenessMisses:
         The limit, in microseconds.
     count : int
         Number of frames that were later.
-    frames : int
+    n : int
         Number of all frames.
     by_cause : dict of Cause to int
         Number by cause; the sum is *count*.
-    machine : int
+    control_stalled_too : int
         Number of those attributed to scheduling while the control loop was stalled too.
     """
 
     limit_us: float
     count: int
-    frames: int
+    n: int
     by_cause: dict[Cause, int]
-    machine: int
+    control_stalled_too: int
 
 
 def count_late_bench_frames(

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from haptogram.campaigns.bench.percentiles import TimingPercentiles
+from haptogram.settings.text_file import flat_document
 
 _LEVELS: Final = ("p50", "p90", "p99")  # a tenth of a run holds too few frames for p99.9
 _SIGMAS: Final = 4.0  # limit at which none of three dozen comparisons differs by chance
@@ -88,7 +89,7 @@ def bench_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[st
     """Return a line for each setting, version or part of the machine that differs."""
     lines = []
     for part in ("configuration", "environment"):
-        one, other = _flat_bench_fields(old.get(part, {})), _flat_bench_fields(new.get(part, {}))
+        one, other = (dict(flat_document(result.get(part, {}))) for result in (old, new))
         lines += [
             f"{part}: {name} was {one.get(name)}, is {other.get(name)}"
             for name in sorted(one.keys() | other.keys())
@@ -98,7 +99,7 @@ def bench_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[st
 
 
 def _bench_percentiles(result: Mapping[str, Any]) -> dict[str, TimingPercentiles]:
-    return {name: TimingPercentiles.from_dict(stage) for name, stage in result["stages"].items()}
+    return {name: TimingPercentiles(**stage) for name, stage in result["stages"].items()}
 
 
 def _bench_change(
@@ -123,16 +124,4 @@ def _blamed_bench_change(change: BenchChange, control: BenchChange | None) -> Be
         return change
     own, machine = change.after_us - change.before_us, control.after_us - control.before_us
     same = own * machine > 0 and abs(machine) >= abs(own) / 2
-    return BenchChange(
-        change.stage, change.level, change.before_us, change.after_us, change.noise_us, same
-    )
-
-
-def _flat_bench_fields(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            found |= _flat_bench_fields(value, f"{prefix}{name}.")
-        else:
-            found[f"{prefix}{name}"] = value
-    return found
+    return replace(change, machine=same)

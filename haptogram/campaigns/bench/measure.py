@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +16,16 @@ from haptogram.campaigns.bench.control import NoiseFloorLoop
 from haptogram.campaigns.bench.percentiles import TimingPercentiles
 from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
-from haptogram.driver.line.port import Transport, open_transport
 from haptogram.driver.stream import StreamReport
-from haptogram.evidence.boards import PortBoardUnderTest
-from haptogram.evidence.recordings.tap import RecordingTransport
+from haptogram.evidence.boards import BoardUnderTest, PortBoardUnderTest, ProcessBoardUnderTest
+from haptogram.evidence.run_record import recorded_port_of_run
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.machine.fingerprint import (
     fingerprint_cpu_share,
     fingerprint_cpu_times,
     machine_fingerprint,
 )
-from haptogram.records.frame import Intended
+from haptogram.records.frame import Intended, Observation
 from haptogram_protocol.messages import unwrap
 
 if TYPE_CHECKING:
@@ -36,9 +35,6 @@ _RADIUS_M: Final = 0.03
 _HEIGHT_M: Final = 0.12
 _REVOLUTIONS_HZ: Final = 5.0
 _SETTLING_S: Final = 5.0  # the control outlasts the stream by this at most
-
-#: Device time of arrival (None: not known) and of the latch, by unwrapped sequence number.
-Latches: TypeAlias = dict[int, tuple[int | None, int]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +88,15 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
         If the link broke.
     """
     targets_m = bench_circle(max(1, round(config.rate_hz * config.seconds)), config.rate_hz)
-    with _bench_board(config, writer) as (label, port, prepare, collect):
-        with Driver(port, baudrate=config.baud, keep=len(targets_m)) as driver:
-            prepare(driver)
+    with contextlib.ExitStack() as parts:
+        board = _bench_board(config, parts)
+        tap = None
+        if writer is not None:
+            virtual: dict[str, Any] | None = {} if config.port is None else None
+            writer.opened(0, virtual, None, paced=virtual is not None)
+            tap = recorded_port_of_run(board, config.baud, writer)
+        with Driver(tap or board.port, baudrate=config.baud, keep=len(targets_m)) as driver:
+            board.prepare(driver)
             driver.arm()
             control = NoiseFloorLoop(round(1e9 / config.rate_hz), config.seconds + _SETTLING_S)
             before = fingerprint_cpu_times()
@@ -108,52 +110,22 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
                     realtime=config.realtime,
                 )
             processors = fingerprint_cpu_share(before, fingerprint_cpu_times())
-        latches = collect(driver)
-    return _bench_run_of(config, label, driver, report, control, latches, processors)
+        seen = {one.key.index: one for one in board.observations(driver)}
+        if tap is not None:
+            tap.tell(board.records())
+    return _bench_run_of(config, board.label, driver, report, control, seen, processors)
 
 
-_Collect: TypeAlias = Callable[[Driver], Latches]
-_Board: TypeAlias = tuple[str, str | Transport, Callable[[Driver], None], _Collect]
-
-
-@contextlib.contextmanager
-def _bench_board(config: BenchConfig, writer: RecordingWriter | None) -> Iterator[_Board]:
-    """Yield a board: its name, its port, how it is prepared, and how its latches are read."""
+def _bench_board(config: BenchConfig, parts: contextlib.ExitStack) -> BoardUnderTest:
+    """Return the board at the port, else a virtual one, which *parts* end."""
     if config.port is not None:
-        told = PortBoardUnderTest(
+        return PortBoardUnderTest(
             config.port, baudrate=config.baud, rate_hz=config.rate_hz, board_computes=False
         )
-        tap = None if writer is None else _tapped_bench_url(config.port, config, writer)
-        yield config.port, tap or config.port, told.prepare, _self_reported_bench_latches
-        return
-    with VirtualBoard(reconstruct=False, clock="wall") as board:
-        tap = None if writer is None else _tapped_bench_url(board.url, config, writer, {})
-
-        def collect(driver: Driver) -> Latches:
-            board.wait_idle(driver.intended)
-            if tap is not None:
-                tap.tell(board.records())
-            return {
-                record["index"]: (record["t_received_us"], record["t_latch_us"])
-                for record in board.records()
-                if record["kind"] == "latch" and record["session"] == driver.session
-            }
-
-        label = "virtual board, on a pty without a baud rate, in a process of its own"
-        yield label, tap or board.url, lambda _: None, collect
-
-
-def _tapped_bench_url(
-    url: str, config: BenchConfig, writer: RecordingWriter, board: dict[str, Any] | None = None
-) -> RecordingTransport:
-    """Return an open port, written down; *board* has the options of a virtual board."""
-    writer.opened(0, board, None, paced=board is not None)
-    transport = open_transport(url, baudrate=config.baud)
-    return RecordingTransport(transport, writer, offset_ns=-transport.now_ns())  # from 0 on
-
-
-def _self_reported_bench_latches(driver: Driver) -> Latches:
-    return {seen.key.index: (None, seen.t_latch_us) for seen in driver.observations}
+    virtual = parts.enter_context(VirtualBoard(reconstruct=False, clock="wall"))
+    board = ProcessBoardUnderTest(virtual)
+    board.label = "virtual board, on a pty without a baud rate, in a process of its own"
+    return board
 
 
 def _bench_run_of(
@@ -162,22 +134,23 @@ def _bench_run_of(
     driver: Driver,
     report: StreamReport,
     control: NoiseFloorLoop,
-    latches: Latches,
+    seen: Mapping[int, Observation],
     processors: dict[str, float],
 ) -> BenchRun:
     ticks, paced = report.ticks, config.port is not None
     due_us = np.array([i.t_apply_us for i in driver.intended], dtype=np.int64)
-    received_us, latched_us = _bench_device_times(driver.intended, latches)
+    received_us, latched_us = _bench_device_times(driver.intended, seen)
     sent = np.ones(report.frames, dtype=bool)
     sent[list(report.skipped)] = False
-    line_transmission_ns = np.where(sent, _bench_transmission_ns(config, driver), 0)
+    size = frame_bytes_on_line(driver.identity.transducers)
+    transmission_ns = np.where(sent, line_transmission_ns(size, config.baud), 0)
     left_ns = ticks.stamp_ns("line_free" if paced else "done")
     received_ns = _bench_host_times(driver, received_us)
     board_ns = received_ns - left_ns
     parts = attribution.split_bench_lateness(
-        ticks, line_transmission_ns, np.nan_to_num(board_ns).astype(np.int64)
+        ticks, transmission_ns, np.nan_to_num(board_ns).astype(np.int64)
     )
-    stages = _bench_stages(parts, ticks.lateness_us(), line_transmission_ns, sent)
+    stages = _bench_stages(parts, ticks.lateness_us(), transmission_ns, sent)
     stages["board"] = np.maximum(0.0, board_ns) / 1e3
     stages["complete"] = np.where(np.isnan(board_ns), np.nan, parts.total_ns / 1e3)
     stages["margin"] = due_us - received_us
@@ -201,7 +174,7 @@ def _bench_run_of(
 def _bench_stages(
     parts: attribution.BenchLatenessParts,
     lateness_us: NDArray[np.float64],
-    line_transmission_ns: NDArray[np.int64],
+    transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
 ) -> dict[str, NDArray[np.float64]]:
     """Return the host's stages of every frame; those of a skipped frame are nan after its wake."""
@@ -211,7 +184,7 @@ def _bench_stages(
         "overslept": parts.scheduling / 1e3,
         "work": parts.work / 1e3 + unsent,
         "at_port": parts.at_port_ns / 1e3,
-        "line": (parts.line + line_transmission_ns) / 1e3 + unsent,
+        "line": (parts.line + transmission_ns) / 1e3 + unsent,
     }
 
 
@@ -233,17 +206,17 @@ def _bench_misses(
 
 
 def _bench_device_times(
-    intended: Sequence[Intended], latches: Latches
+    intended: Sequence[Intended], seen: Mapping[int, Observation]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (n,) device times of arrival and latch; NaN if not observed."""
     received, latched = np.full((2, len(intended)), np.nan)
     for place, wanted in enumerate(intended):
-        seen = latches.get(wanted.key.index)
-        if seen is None or wanted.t_apply_us is None:
+        latch = seen.get(wanted.key.index)
+        if latch is None or wanted.t_apply_us is None:
             continue
-        latched[place] = unwrap(seen[1] & 0xFFFFFFFF, wanted.t_apply_us, 32)
-        if seen[0] is not None:
-            received[place] = unwrap(seen[0] & 0xFFFFFFFF, wanted.t_apply_us, 32)
+        latched[place] = unwrap(latch.t_latch_us & 0xFFFFFFFF, wanted.t_apply_us, 32)
+        if latch.t_received_us is not None:
+            received[place] = unwrap(latch.t_received_us & 0xFFFFFFFF, wanted.t_apply_us, 32)
     return received, latched
 
 
@@ -251,7 +224,3 @@ def _bench_host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray
     return np.array(
         [np.nan if np.isnan(us) else driver.clock.to_host_ns(int(us)) for us in device_us]
     )
-
-
-def _bench_transmission_ns(config: BenchConfig, driver: Driver) -> int:
-    return line_transmission_ns(frame_bytes_on_line(driver.identity.transducers), config.baud)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,24 +15,24 @@ _LEAST_PER_BLOCK: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class TimingPercentiles:
-    """Percentiles of n values, in microseconds.
+    """Percentiles of n values, in microseconds; the fields are those of the JSON.
 
     Attributes
     ----------
-    count : int
+    n : int
         Number of values.
     levels : dict of str to float
         ``p50`` to ``p99.9``: the smallest value that so many per cent do not exceed.
-    greatest : float
+    max : float
         The largest value.
     blocks : dict of str to list of float
         The percentiles of the ten tenths of the run, in order of time; their scatter is the noise
         of one run.  Empty for less than 200 values.
     """
 
-    count: int
+    n: int
     levels: dict[str, float]
-    greatest: float
+    max: float
     blocks: dict[str, list[float]]
 
     @classmethod
@@ -47,20 +47,6 @@ class TimingPercentiles:
             tenths = [_percentile_levels(block) for block in np.array_split(values, BLOCKS)]
             blocks = {name: [tenth[name] for tenth in tenths] for name in tenths[0]}
         return cls(len(values), _percentile_levels(values), float(values.max()), blocks)
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> TimingPercentiles:
-        """Return the percentiles from the *fields* of :meth:`as_dict`."""
-        return cls(fields["n"], fields["levels"], fields["max"], fields["blocks"])
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON."""
-        return {
-            "n": self.count,
-            "levels": self.levels,
-            "max": self.greatest,
-            "blocks": self.blocks,
-        }
 
 
 def percentiles_with_missed_ticks(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.campaigns.bench.attribution import LatenessMisses
 from haptogram.campaigns.bench.measure import BenchRun
 from haptogram.errors import ConfigurationError
 from haptogram.settings.text_file import read_json_file
@@ -47,23 +47,13 @@ def bench_dict(run: BenchRun) -> dict[str, Any]:
             "lead_moves": report.lead_moves,
         },
         "clock_uncertainty_us": report.clock_uncertainty_us,
-        "stages": {name: found.as_dict() for name, found in run.percentiles().items()},
+        "stages": {name: asdict(found) for name, found in run.percentiles().items()},
         "misses": {
-            place: [_bench_miss(miss) for miss in misses] for place, misses in run.misses.items()
+            place: [asdict(miss) for miss in misses] for place, misses in run.misses.items()
         },
         "processors": run.processors,
         "environment": run.environment,
         "warnings": run.warnings,
-    }
-
-
-def _bench_miss(miss: LatenessMisses) -> dict[str, Any]:
-    return {
-        "limit_us": miss.limit_us,
-        "count": miss.count,
-        "n": miss.frames,
-        "by_cause": {str(cause): count for cause, count in miss.by_cause.items()},
-        "control_stalled_too": miss.machine,
     }
 
 

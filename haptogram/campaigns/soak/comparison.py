@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Protocol, Self
 
 from haptogram.errors import HaptogramError
-from haptogram.records.latch import LatchRecord, LatchSeen
+from haptogram.records.latch import LatchRecord
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol import messages as m
 
@@ -42,7 +42,7 @@ class BoardUnderSoak(Protocol):
     def advance_to(self, t_ns: int) -> None: ...  # noqa: D102
     def take_output(self) -> bytes: ...  # noqa: D102
     def take_verdicts(self) -> list[int | str]: ...  # noqa: D102
-    def take_latches(self) -> Sequence[LatchSeen]: ...  # noqa: D102
+    def take_latches(self) -> Sequence[LatchRecord]: ...  # noqa: D102
 
 
 class MakeBoard(Protocol):
@@ -76,8 +76,8 @@ class SoakComparison:
     ) -> None:
         self._board, self._line, self._tally, self._excerpts = board, line, tally, excerpts
         self._model = board.model()
-        self._seen: deque[LatchSeen] = deque()
-        self._due: deque[LatchSeen] = deque()
+        self._seen: deque[LatchRecord] = deque()
+        self._due: deque[LatchRecord] = deque()
         self._silent = (True, True)  # the board, and the model
         self._last: Sent | None = None
 
@@ -143,9 +143,9 @@ class SoakComparison:
         self._model.advance_to(t_ns)
         self._compare_latches(t_ns)
         for latch in self._seen:
-            self._tally.violate("wrong frame latched", f"frame {latch.key.index}; none was due")
+            self._tally.violate("wrong frame latched", f"frame {latch.index}; none was due")
         for latch in self._due:
-            self._tally.violate("not latched", f"frame {latch.key.index}")
+            self._tally.violate("not latched", f"frame {latch.index}")
         self._seen.clear()
         self._due.clear()
         self._compare_silence(t_ns, requested=requested)
@@ -155,12 +155,12 @@ class SoakComparison:
         latches = self._board.take_latches()
         if self._excerpts is not None:
             for latch in latches:
-                self._excerpts.add(t_ns, None, LatchRecord.of(latch))
+                self._excerpts.add(t_ns, None, latch)
         self._seen += latches
         self._due += self._model.take_latches()
         while self._seen and self._due:
             latch, due = self._seen.popleft(), self._due.popleft()
-            index, wanted = latch.key.index, due.key.index
+            index, wanted = latch.index, due.index
             if (latch.session, index) == (due.session, wanted):
                 self._compare_latch(latch, due)
             elif wanted < index:
@@ -171,14 +171,14 @@ class SoakComparison:
                 self._tally.violate("wrong frame latched", text)
                 self._due.appendleft(due)
 
-    def _compare_latch(self, latch: LatchSeen, due: LatchSeen) -> None:
-        index = due.key.index
+    def _compare_latch(self, latch: LatchRecord, due: LatchRecord) -> None:
+        index = due.index
         self._tally.totals["latched"] += 1
         self._tally.count("late", latch.late, column="late")
         if (latch.t_latch_us, latch.late) != (due.t_latch_us, due.late):
             moved_us = latch.t_latch_us - due.t_latch_us
             self._tally.violate("latched at a wrong time", f"frame {index}, by {moved_us} µs")
-        if latch.drive.digest() != due.drive.digest():
+        if latch.latched != due.latched:
             self._tally.violate("torn latch", f"frame {index} is not the drive that was sent")
 
     def _compare_silence(self, t_ns: int, *, requested: bool) -> None:

@@ -8,12 +8,13 @@ import json
 import re
 import shlex
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from haptogram.errors import ConfigurationError, missing_extra
 from haptogram.machine.files import is_standard_output, write_file_atomically
+from haptogram.settings.text_file import flat_document
 
 from .plan import SweepPoint
 
@@ -80,7 +81,9 @@ def row_of_point(point: SweepPoint, status: int, content: bytes, said: str) -> R
         found: Any = result
         for name in part.split("."):
             found = found[name]
-        columns.update(_row_columns(part, found))
+        fields = flat_document(found, part)
+        # One name for a million rows.
+        columns |= {sys.intern(name): value for name, value in fields if value is not None}
     figures = _row_figures(point.words[0], columns)
     named = zip(MEASURES[point.words[0]], figures, strict=True)
     return row | {measure.column: figure for measure, figure in named} | columns
@@ -94,15 +97,6 @@ def row_of_crash(point: SweepPoint, reason: str) -> Row:
 def _row_begin(point: SweepPoint) -> Row:
     command = shlex.join(["haptogram", *point.words])
     return {"point": point.number, "command": command, **point.values}
-
-
-def _row_columns(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of every scalar in a part of a result."""
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _row_columns(f"{name}.{key}", item)
-    elif value is not None:
-        yield sys.intern(name), value  # one name for a million rows
 
 
 def _row_figures(command: str, columns: Row) -> tuple[float | None, ...]:

@@ -3,76 +3,58 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
 
-from ..shell.captures import read_capture_arguments, wait_for_capture_arguments
-from ..shell.output_files import print_command_error
+from ..shell.captures import read_capture_arguments
 
 if TYPE_CHECKING:
     from haptogram.conformance.verdict import SuiteResult
-    from haptogram.settings.run.captures import CaptureConfig
+    from haptogram.settings.run.files import CaptureConfig
 
 
-def conform_captures_at_port(
+def conform_by_captures(
     config: CaptureConfig,
     suite: SuiteResult,
-    since_s: float,
+    nonces: Collection[int],
+    run: str,
     expected: dict[str, str],
     *,
     simulated: bool = False,
-) -> SuiteResult | None:
-    """Return a run at a port with the results of its captures; as it is if there is none.
-
-    None: a capture did not come, or cannot be judged; that was said.
-    """
-    from haptogram.conformance.pins.judge import (
-        captured_share_of_run,
-        judge_clauses_by_pins,
-        suite_with_clauses_by_pins,
-    )
-
-    if not config.capture:
-        return suite
-    try:
-        if suite.is_interrupted:
-            raise KeyboardInterrupt
-        wait_for_capture_arguments(config, since_s)
-        records = read_capture_arguments(config)
-        shares = [
-            captured_share_of_run(record, suite.nonces, "the one at the port") for record in records
-        ]
-        judged = judge_clauses_by_pins(records, expected)
-        if simulated:
-            judged = tuple(dataclasses.replace(one, evidence=Evidence.SIMULATED) for one in judged)
-        return suite_with_clauses_by_pins(suite, judged, shares)
-    except KeyboardInterrupt:
-        print("haptogram conform: interrupted; --capture was not judged", file=sys.stderr)
-    except ConfigurationError as error:
-        print_command_error("haptogram conform", error)
-    return None
-
-
-def conform_recorded_captures(
-    config: CaptureConfig, path: Path, expected: dict[str, str]
 ) -> SuiteResult:
-    """Return the run in a recording with the results of its captures.
+    """Return the *suite* of a *run*, whose sessions have these *nonces*, with its captures.
 
     Raises
     ------
     ConfigurationError
-        A recording without a result, or of another run than a capture; a capture or a map that
-        cannot be read.
+        A capture of another run; a capture or a map that cannot be read.
     """
     from haptogram.conformance.pins.judge import (
         captured_share_of_run,
         judge_clauses_by_pins,
         suite_with_clauses_by_pins,
     )
+
+    records = read_capture_arguments(config)
+    shares = [captured_share_of_run(record, nonces, run) for record in records]
+    judged = judge_clauses_by_pins(records, expected)
+    if simulated:
+        judged = tuple(dataclasses.replace(one, evidence=Evidence.SIMULATED) for one in judged)
+    return suite_with_clauses_by_pins(suite, judged, shares)
+
+
+def recorded_suite(path: Path) -> tuple[SuiteResult, set[int]]:
+    """Return the run in a recording, and the nonces of its sessions.
+
+    Raises
+    ------
+    ConfigurationError
+        A recording without a result.
+    """
     from haptogram.evidence.recordings.channels import SUMMARY
     from haptogram.evidence.recordings.reader import Recording
     from haptogram.evidence.recordings.sent_frames import recorded_sessions
@@ -87,10 +69,6 @@ def conform_recorded_captures(
             "writes one that does, at the end of its run"
         )
     try:
-        suite = suite_of_conformance_json(found[-1])
+        return suite_of_conformance_json(found[-1]), recorded_sessions(recording)
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigurationError(f"{path}: its result is none of haptogram conform") from error
-    records = read_capture_arguments(config)
-    asked = recorded_sessions(recording)
-    shares = [captured_share_of_run(record, asked, str(path)) for record in records]
-    return suite_with_clauses_by_pins(suite, judge_clauses_by_pins(records, expected), shares)

@@ -9,16 +9,19 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
-from haptogram.settings.command_line import given_options
-from haptogram.settings.option import options_of
+from haptogram.errors import ConfigurationError, LinkError
+from haptogram.settings.arguments import did_you_mean
+from haptogram.settings.board import BoardConfig
+from haptogram.settings.command_line import settings_of
+from haptogram.settings.parser import Parser
 
 from ..acting_options import refuse_idle_options
+from ..shell.captures import judge_captures_at_port
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import CommandOutputs, announce_interrupted_output
 from ..shell.progress import progress_bar
-from .captures import conform_captures_at_port, conform_recorded_captures
+from .captures import conform_by_captures, recorded_suite
 from .options import (
-    EXAMPLES,
     PULSE,
     PinConfig,
     add_conform_options,
@@ -32,7 +35,6 @@ if TYPE_CHECKING:
     from haptogram.conformance.verdict import SuiteResult
     from haptogram.evidence.recordings.tap import RecordedBoards
     from haptogram.evidence.recordings.writer import RecordingWriter
-    from haptogram.settings.parser import Parser
 
 #: Given URL (None: the default board), line rate, seed and the recording of its boards or None,
 #: returns a board in this program.
@@ -40,22 +42,11 @@ Virtual: TypeAlias = "Callable[[str | None, int, int, RecordedBoards | None], Ac
 
 
 def set_up_conform(parser: Parser, virtual: Virtual) -> None:
-    """Describe the command and add its options; *virtual* makes a board inside this program."""
+    """Add the options of the command; *virtual* makes a board inside this program."""
     from haptogram.conformance.verdict import suite_verdict_meaning_table
 
-    parser.description = (
-        "Run a case or more for every clause of SPEC.md against a board on any serial "
-        "URL, a pty, TCP, or the virtual board.  The board is driven at full output: keep clear "
-        "of it."
-    )
-    parser.epilog = (
-        f"{EXAMPLES}\nverdicts:\n{suite_verdict_meaning_table()}\n\nexit status:\n"
-        "  0    no verdict has 1 or 3 in the table above\n"
-        "  1    a verdict has 1\n"
-        "  2    usage or environment error\n"
-        "  3    no verdict has 1, and one has 3\n"
-        "  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)\n"
-    )
+    epilog = str(parser.epilog)
+    parser.epilog = epilog.replace("{verdicts}", suite_verdict_meaning_table())
     parser.main_options = "port baud spawn port_regex reset_cmd clause quick full junit html"
     parser.set_defaults(run=functools.partial(run_conform, virtual=virtual))
     add_conform_options(parser)
@@ -69,7 +60,7 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
     refuse_idle_options(arguments)
     if arguments.compare:
         return _compare_conform_results(arguments)
-    captures = PinConfig.of(**given_options(arguments, options_of(PinConfig)))
+    captures = settings_of(arguments, PinConfig)
     for name in arguments.clause:
         if not any(select(all_cases(), [name])):
             _refuse_unknown_clause(name, all_cases())
@@ -77,18 +68,11 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
     if arguments.list:
         return _list_conform_cases(cases)
     outputs = CommandOutputs(
-        arguments,
-        "json",
-        "junit",
-        "html",
-        "summary",
-        "write_baseline",
-        "record",
+        arguments, "json", "junit", "html", "summary", "write_baseline", "record"
     )
-    if captures.from_recording is not None:
-        suite = conform_recorded_captures(
-            captures, captures.from_recording, _expected_to_conform(arguments)
-        )
+    if (path := captures.from_recording) is not None:
+        expected = _expected_to_conform(arguments)
+        suite = conform_by_captures(captures, *recorded_suite(path), str(path), expected)
         outputs.print(suite_text(suite, verbose=arguments.verbose))
         return suite.exit_status if _write_conform_results(suite, outputs) else USAGE
     given = {name: getattr(arguments, name) for name in sorted(arguments.given)}
@@ -100,8 +84,6 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
 def _refuse_unknown_clause(name: str, cases: Sequence[Case]) -> NoReturn:
     """Raise the error that names the clause or case most like *name*."""
     from haptogram.conformance.cases import select
-    from haptogram.errors import ConfigurationError
-    from haptogram.settings.arguments import did_you_mean
 
     known = [*dict.fromkeys(case.clause for case in cases), *(case.id for case in cases)]
     whole = f"HG-{name.upper().removeprefix('HG').lstrip('-_ ')}"
@@ -119,7 +101,6 @@ def _run_conform(
     outputs: CommandOutputs,
     writer: RecordingWriter | None,
 ) -> int:
-    from haptogram.errors import LinkError
     from haptogram.report.conformance.text import suite_text
 
     begin_s = time.time()
@@ -134,13 +115,22 @@ def _run_conform(
         raise LinkError(suite.cut_short)  # no board answered: nothing was judged
     if suite.is_interrupted:
         announce_interrupted_output("haptogram conform")
-    judged = conform_captures_at_port(
-        captures,
-        suite,
-        begin_s,
-        _expected_to_conform(arguments),
-        simulated=arguments.simulator is not None,
-    )
+    judged: SuiteResult | None = suite
+    if captures.capture:
+        judged = judge_captures_at_port(
+            "haptogram conform",
+            captures,
+            begin_s,
+            lambda: conform_by_captures(
+                captures,
+                suite,
+                suite.nonces,
+                "the one at the port",
+                _expected_to_conform(arguments),
+                simulated=arguments.simulator is not None,
+            ),
+            interrupted=suite.is_interrupted,
+        )
     suite = judged or suite
     # Before the files: a full disk must not cost it.
     outputs.print(suite_text(suite, verbose=arguments.verbose))
@@ -217,7 +207,6 @@ def _conform_url(arguments: argparse.Namespace) -> str | None:
     """Return the URL of a board in this program; None: the usual one."""
     if arguments.simulator is None:
         return None if arguments.port is None else str(arguments.port)
-    from haptogram.settings.board import BoardConfig
     from haptogram.settings.board_url import PortConfig, write_board_url
 
     capture = next(iter(arguments.capture), None)
@@ -261,7 +250,6 @@ def _list_conform_cases(cases: tuple[Case, ...]) -> int:
 
 
 def _compare_conform_results(arguments: argparse.Namespace) -> int:
-    from haptogram.errors import ConfigurationError
     from haptogram.report.conformance.document import suite_comparison_document
     from haptogram.report.conformance.result import read_suite_json
 

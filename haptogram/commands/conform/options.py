@@ -11,36 +11,16 @@ from typing import Final
 from haptogram.errors import ConfigurationError
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting, Parser, file_name_option
-from haptogram.settings.run.captures import CaptureConfig
+from haptogram.settings.parser import Acting, Parser, add_file_option
+from haptogram.settings.run.files import CaptureConfig, output_options
 from haptogram.settings.run.frames import LimitConfig, LinkConfig, PaceConfig
-from haptogram.settings.run.outputs import output_options
 
-from ..acting_options import STAMPED, with_option
+from ..acting_options import with_option
 from ..shell.output_files import FILE_HELP
 
 _SCHEME: Final = "haptogram://"
 PULSE: Final = "pulse"
 _LEVELS: Final = ("0", "1", PULSE)
-EXAMPLES: Final = """\
-examples:
-  haptogram conform
-      the virtual board, in virtual time
-  haptogram conform --port /dev/ttyACM0 --junit conform.xml --html conform.html
-      a board; every case, every byte of what failed
-  haptogram conform --spawn ./build/firmware --port-regex 'PTY is (/dev/pts/[0-9]+)'
-      a native build on a pty, restarted for the clauses about a reset
-  haptogram conform --simulator obj/Vboard
-      firmware in a simulator, in virtual time
-  haptogram conform --spawn ./build/firmware --quick
-      what takes no time, for every commit; --full before a release
-  haptogram conform --port /dev/ttyACM0 --clause HG-2 --clause HG-3.4/1
-      one chapter and one clause
-  haptogram conform --from-recording run.mcap --capture pins.sr --channels map.toml
-      by its drive pins, what the board's own words in a run with --record run.mcap cannot prove
-  haptogram conform --compare a.json b.json --html matrix.html
-      two devices side by side
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +148,6 @@ _ACTING: Final = {
         lambda a: not a.compare and a.from_recording is None,
     ),
     "html": Acting("without --list", lambda a: not a.list),
-    "stamp": STAMPED,
     "list": Acting("without --compare", lambda a: not a.compare),
 }
 
@@ -198,16 +177,11 @@ def _add_conform_choice(group: argparse._ArgumentGroup) -> None:
 
 def _add_conform_results(group: argparse._ArgumentGroup) -> None:
     add_command_options(group, output_options("junit json html summary stamp record"))
-    group.add_argument(
-        "--write-baseline",
-        type=file_name_option,
-        metavar="FILE",
-        help="write today's failures as expected [none]",
-    )
+    add_file_option(group, "--write-baseline", help="write today's failures as expected [none]")
     group.add_argument("--verbose", action="store_true", help="print every case")
-    group.add_argument(
+    add_file_option(
+        group,
         "--compare",
-        type=file_name_option,
         nargs="+",
         metavar="JSON",
         help="run nothing: put results of several devices side by side, in --html",

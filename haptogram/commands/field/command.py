@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from haptogram.settings.command_line import add_command_options, add_setting_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting
+from haptogram.settings.parser import Acting, Parser
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig
 
@@ -22,37 +22,13 @@ from ..acting_options import (
 )
 from ..shell.array_options import add_array_options
 from ..shell.exit_status import PASS, USAGE
-from ..shell.output_files import FILE_HELP, CommandOutputs, write_picture_output
-from ..shell.positions import Position, position_argument_mm
+from ..shell.output_files import FILE_HELP, CommandOutputs
+from ..shell.positions import Position, add_position_option
 from ..shell.progress import progress_bar
-
-if TYPE_CHECKING:
-    from haptogram.settings.parser import Parser
 
 PLANES: Final = ("xy", "xz", "yz")
 QUANTITIES: Final = ("pressure", "phase", "force")
 EAR_MM: Final[Position] = (0.0, -300.0, 400.0)  # someone who sits before an array that looks up
-
-_EPILOG: Final = """\
-examples:
-  haptogram field --focus-mm 20,0,120
-      the figures of a focus: pressure, place of the maximum, spot, force, levels
-  haptogram field --focus-mm 20,0,120 --picture field.png
-      and |p| in the plane y = 0 through it as a picture
-  haptogram field --focus-mm 20,0,120 --plane xy --quantity phase --picture phase.svg
-  haptogram field --preset autd3 --picture autd3.png
-  haptogram field --object circle --radius-mm 20 --plane xy --picture circle.png
-      what a hand feels over one pass: mean square over the sequence, with narrow transducers
-  haptogram field --ear-mm --modulation am
-      what reaches an ear of a focus that is modulated at 200 Hz, in dB SPL
-  haptogram field --drive drive.csv --at-mm 10,0,120 --plane xy --picture drive.svg
-      a drive as codes, a header phase,amplitude and one line for each element, around a place
-
-exit status:
-  0    the figures were printed, and the picture was written
-  2    usage or environment error
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,14 +102,7 @@ _ACTING: Final = {
 
 
 def set_up_field(parser: Parser) -> None:
-    """Describe the command and add its options."""
-    parser.description = (
-        "Draw the sound field of a focus, of a tactile object or of a drive: |p|, its "
-        "phase or the radiation pressure on a plane. Axes are in mm; the target is marked by a "
-        "cross, the peak by a ring. What a modulation makes of a focus is shown by 'haptogram "
-        "modulation'."
-    )
-    parser.epilog = _EPILOG
+    """Add the options of the command."""
     parser.main_options = "focus_mm object drive rate_hz array picture plane quantity at_mm ear_mm"
     _add_field_source(parser)
     add_array_options(parser.add_argument_group("array and air"))
@@ -145,12 +114,7 @@ def set_up_field(parser: Parser) -> None:
 def _add_field_source(parser: Parser) -> None:
     group = parser.add_argument_group("source of the field")
     source = group.add_mutually_exclusive_group()
-    source.add_argument(
-        "--focus-mm",
-        type=position_argument_mm,
-        metavar="X,Y,Z",
-        help="one focus [0,0,150, or that of the preset]",
-    )
+    add_position_option(source, "--focus-mm", help="one focus [0,0,150, or that of the preset]")
     rows = options_of(VerifyConfig)
     add_setting_options(source, [rows["object"]], object="one focus")
     own = options_of(FieldConfig)
@@ -164,19 +128,17 @@ def _add_field_picture(parser: Parser) -> None:
     group = parser.add_argument_group("picture", FILE_HELP)
     rows = options_of(FieldConfig)
     add_command_options(group, [rows[name] for name in _PICTURE])
-    group.add_argument(
+    add_position_option(
+        group,
         "--at-mm",
-        type=position_argument_mm,
-        metavar="X,Y,Z",
         help="place to look at: its pressure is printed, and a picture is centred there [the "
         "focus, the centre of the object; of --drive, where it is loudest]",
     )
-    group.add_argument(
+    add_position_option(
+        group,
         "--ear-mm",
-        type=position_argument_mm,
         nargs="?",
         const=EAR_MM,
-        metavar="X,Y,Z",
         help="also print the levels at an ear [0,-300,400: before the array, bent over it], next "
         "to a guideline; a focus is modulated",
     )
@@ -185,6 +147,8 @@ def _add_field_picture(parser: Parser) -> None:
 
 def run_field(arguments: argparse.Namespace) -> int:
     """Draw, write and print; return the exit status."""
+    from haptogram.report.figures import write_figure
+
     from .scene import FieldScene, describe_field_levels
     from .views import check_field_picture_size, describe_field_scene, draw_field_picture
 
@@ -201,6 +165,6 @@ def run_field(arguments: argparse.Namespace) -> int:
     def write_picture(path: Path) -> None:
         with progress_bar("field", quiet=arguments.quiet, unit="points") as progress:
             figure = draw_field_picture(arguments, scene, progress)
-        write_picture_output(path, figure)
+        write_figure(path, figure)
 
     return PASS if outputs.write_files(picture=write_picture) else USAGE

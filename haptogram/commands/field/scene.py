@@ -33,8 +33,7 @@ from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.objects.run_frames import sample_object_of_run
 from haptogram.objects.shapes import Circle
 from haptogram.published import find_preset
-from haptogram.settings.command_line import given_options
-from haptogram.settings.option import options_of
+from haptogram.settings.command_line import settings_of
 from haptogram.settings.shape import ShapeConfig
 
 from ..shell.array_options import array_model
@@ -88,7 +87,7 @@ class FieldScene:
                 model, weights[None], np.empty((0, 3)), look, frame_s, place, drive.phase_bits
             )
         if arguments.object:
-            targets = sample_object_of_run(_field_shape_config(arguments))
+            targets = sample_object_of_run(settings_of(arguments, ShapeConfig))
             look = metres_of_position(arguments.center_mm)
         else:
             look = _field_focus(arguments)
@@ -158,10 +157,6 @@ def _field_focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
     if arguments.focus_mm is None and arguments.preset:
         return find_preset(arguments.preset).focus_m
     return metres_of_position(arguments.focus_mm or (0.0, 0.0, 150.0))
-
-
-def _field_shape_config(arguments: argparse.Namespace) -> ShapeConfig:
-    return ShapeConfig.of(**given_options(arguments, options_of(ShapeConfig)))
 
 
 def _scene_peak(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from haptogram.machine.files import write_json_file
+from haptogram.machine.files import write_file_atomically, write_json_file
 from haptogram.settings.command_line import add_command_options, add_setting_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting
-from haptogram.settings.run.outputs import OutputConfig
-from haptogram.settings.run.verify import VerifyConfig
-from haptogram.settings.run.verify_file import load_verify_config
+from haptogram.settings.parser import Acting, Parser
+from haptogram.settings.run.files import OutputConfig
+from haptogram.settings.run.verify import VerifyConfig, load_verify_config
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
 
 from ..acting_options import (
@@ -29,35 +28,13 @@ from ..acting_options import (
 from ..shell.array_options import add_array_options, array_model
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs
-from ..shell.positions import metres_of_position, position_argument_mm
-
-if TYPE_CHECKING:
-    from haptogram.settings.parser import Parser
+from ..shell.positions import add_position_option, metres_of_position
 
 HOLD: Final = "dwell"
 KINDS: Final = ("am", "lm", "stm", HOLD)
 _OUTPUTS: Final = ("csv", "json")
 _CENTER_MM: Final = (0.0, 0.0, 150.0)
 _RADIUS_MM: Final = 20.0
-_EPILOG: Final = """\
-examples:
-  haptogram modulation am
-      a standing focus, full depth, 200 Hz at 1000 frames/s: what of it arrives, and what else
-  haptogram modulation am --depth 0.5 --rate-hz 8000
-  haptogram modulation lm --shift-mm 0,4,0
-  haptogram modulation stm --modulation-hz 50 --object circle --radius-mm 20
-      a circle, 50 rounds per second
-  haptogram modulation dwell --object circle --dwell-ms 5
-  haptogram modulation am --csv am.csv
-      the frames, for any other program: time, focus and amplitude
-  haptogram verify --object point --center-mm 0,0,150 --modulation am --mode points --repeat 200
-      the same, sent to a board, frame by frame verified
-
-exit status:
-  0    the figures were printed
-  2    usage or environment error
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,13 +73,7 @@ _ACTING: Final = {
 
 
 def set_up_modulation(parser: Parser) -> None:
-    """Describe the command and add its options."""
-    parser.description = (
-        "Sample a modulation to frames and print what they make at a point on the "
-        "skin: mean and swing of the radiation pressure (on a totally reflecting surface), every "
-        "line of its spectrum, and which of them come from the steps between frames."
-    )
-    parser.epilog = _EPILOG
+    """Add the options of the command."""
     parser.main_options = "modulation_hz depth object rate_hz center_mm array at_mm csv json"
     parser.add_argument(
         "kind",
@@ -136,12 +107,7 @@ def _add_modulation_skin(parser: Parser) -> None:
     skin = parser.add_argument_group("array, air and skin")
     add_array_options(skin)
     add_command_options(skin, [options_of(ModulationResultConfig)["bandwidth_hz"]])
-    skin.add_argument(
-        "--at-mm",
-        type=position_argument_mm,
-        metavar="X,Y,Z",
-        help="where it is felt [the first focus]",
-    )
+    add_position_option(skin, "--at-mm", help="where it is felt [the first focus]")
 
 
 def _add_modulation_outputs(parser: Parser) -> None:
@@ -153,7 +119,6 @@ def _add_modulation_outputs(parser: Parser) -> None:
 def run_modulation(arguments: argparse.Namespace) -> int:
     """Compute, print and write; return the exit status."""
     from haptogram.acoustics import NumpyEngine, Resonator
-    from haptogram.machine.files import write_file_atomically
     from haptogram.objects.run_frames import frames_of_run
 
     from .result import ModulationResult, describe_felt, felt_csv, felt_dict

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
-from haptogram.settings.parser import file_name_option
+from haptogram.machine.files import write_json_file
+from haptogram.settings.parser import Parser, add_file_option
 
 from ..shell.exit_status import INCONCLUSIVE, USAGE
 from ..shell.output_files import CommandOutputs
@@ -15,42 +16,13 @@ from ..shell.output_files import CommandOutputs
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from haptogram.settings.parser import Parser
-
-_EPILOG: Final = """\
-examples:
-  haptogram capture pins.sr --map map.toml
-      what a logic analyser saw at the drive pins: a line for each channel and each latch
-  haptogram capture pins.vcd --map map.toml --json - --quiet
-
-The map is TOML: reference = "D0" names the channel that phases are relative to (a carrier clock, or
-an element), latch = "D1" one that rises at each latch, [elements] the elements: D2 = 0.
-docs/captures.md tells the rest.
-
-exit status:
-  0    nothing is wrong
-  1    a dead, stuck or inverted pin, or a torn latch
-  2    usage or environment error: also a capture without edges, or with too few samples a period
-  3    nothing wrong was found, and the file was cut off
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
-"""
-
 
 def set_up_capture(parser: Parser) -> None:
-    """Describe the command and add its options."""
-    parser.description = (
-        "Measure the drive pins in a capture of a logic analyser (VCD, or .sr of sigrok and "
-        "PulseView): phase, duty, period and jitter of each channel, and each latch."
-    )
-    parser.epilog = _EPILOG
+    """Add the options of the command."""
     parser.set_defaults(run=run_capture)
-    parser.add_argument("file", type=file_name_option, metavar="FILE", help="the capture")
-    parser.add_argument(
-        "--map", type=file_name_option, required=True, metavar="FILE", help="TOML of its channels"
-    )
-    parser.add_argument(
-        "--json", type=file_name_option, metavar="FILE", help="write every drive as JSON"
-    )
+    add_file_option(parser, "file", help="the capture")
+    add_file_option(parser, "--map", required=True, help="TOML of its channels")
+    add_file_option(parser, "--json", help="write every drive as JSON")
     parser.add_argument("--quiet", action="store_true", help="no table, findings only")
 
 
@@ -60,7 +32,6 @@ def run_capture(arguments: argparse.Namespace) -> int:
     from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
     from haptogram.evidence.captures.pin_record import pin_record_of_capture
-    from haptogram.machine.files import write_json_file
     from haptogram.verification.pins.held.drives import held_pin_drives
 
     outputs = CommandOutputs(arguments, "json")

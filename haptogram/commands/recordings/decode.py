@@ -7,36 +7,14 @@ import json
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
-from haptogram.settings.parser import file_name_option
+from haptogram.settings.parser import Parser, add_file_option
 
 from .sources import FORMATS, Source, open_recorded_source
 
 if TYPE_CHECKING:
-    from haptogram.settings.parser import Parser
     from haptogram_protocol.annotation.frames import Annotated, Annotator
-
-_EPILOG: Final = """\
-examples:
-  haptogram decode run.mcap
-      every frame of a recording, of both directions, with the host's times
-  haptogram decode dump.bin --verbose
-      bytes as they were on a line, every field in full
-  echo 0002440201010101010402010701010101010105dd341d6100 | haptogram decode -
-      hex text from standard input
-  haptogram decode client.bin --dialect sonicsurface --json
-      what another board's program sent, as JSON lines
-
-A line for each frame: its first byte in the stream, from 0, its length without delimiters, and its
-meaning; of a recording also the time since its begin and who sent it.  Bytes that are no frame have
-a line too.  With another board's dialect there is a line for each operation.
-
-exit status:
-  0    the input was read to its end, whatever was in it
-  2    usage or environment error
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
-"""
 
 
 class _WireNames:
@@ -50,19 +28,9 @@ class _WireNames:
 
 
 def set_up_decode(parser: Parser) -> None:
-    """Describe the command and add its options."""
-    parser.description = (
-        "Print the bytes of a recording, a dump or hex text as annotated frames: of Haptogram's "
-        "wire, or of the wire of another board."
-    )
-    parser.epilog = _EPILOG
+    """Add the options of the command."""
     parser.set_defaults(run=run_decode)
-    parser.add_argument(
-        "file",
-        type=file_name_option,
-        metavar="FILE",
-        help="recording, dump or hex text; - is standard input",
-    )
+    add_file_option(parser, "file", help="recording, dump or hex text; - is standard input")
     parser.add_argument(
         "--dialect",
         choices=_WireNames(),

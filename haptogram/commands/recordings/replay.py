@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.errors import ConfigurationError
 from haptogram.machine.files import write_json_file
-from haptogram.settings.board import BoardConfig
+from haptogram.settings.board import DEFAULT_ARRAY, BoardConfig
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import file_name_option
+from haptogram.settings.parser import Parser, add_file_option
+from haptogram.settings.run.files import OutputConfig
 from haptogram.settings.run.frames import LinkConfig
-from haptogram.settings.run.outputs import OutputConfig
 
 from ..acting_options import refuse_idle_options, with_option, without_option
 from ..shell.exit_status import USAGE
@@ -25,32 +25,11 @@ from ..shell.output_files import FILE_HELP, CommandOutputs
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.replay import RecordingReplayBoard, ReplayResult
-    from haptogram.settings.parser import Parser
 
 #: Given the options of a virtual board, and whether a simulated line carries its bytes.
 MakeBoard: TypeAlias = "Callable[[Mapping[str, Any], bool], RecordingReplayBoard]"
 
 _FAULTY: Final = ("mutant", "fault", "fault_plan", "fault_seed")
-_EPILOG: Final = """\
-examples:
-  haptogram replay run.mcap
-      the board of the recording again, in virtual time: does it do the same?
-  haptogram replay bug.mcap --healthy
-      the same bytes to a board without its mutant and its faults
-  haptogram replay run.mcap --port /dev/ttyUSB0
-      the same bytes in real time to a board, the times of its frames moved to its clock
-
-A recording of the virtual board on its own clock (haptogram board --record, virtual time) runs
-again byte for byte, and every field is compared.  In one by the host's clock, and at a port, the
-fields that depend on the moment are left out: times of replies, counters, periodic reports.
-
-exit status:
-  0    the board did what was recorded
-  1    something differs
-  2    usage or environment error
-  3    there was nothing to compare
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP)
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,15 +51,10 @@ _ACTING: Final = {
 
 
 def set_up_replay(parser: Parser, make_board: MakeBoard) -> None:
-    """Describe the command and add its options; *make_board* powers up virtual boards."""
-    parser.description = (
-        "Feed the bytes of a recording to a board, and compare its frames and latches with those "
-        "of the recording."
-    )
-    parser.epilog = _EPILOG
+    """Add the options of the command; *make_board* powers up virtual boards."""
     parser.acting = _ACTING
     parser.set_defaults(run=functools.partial(run_replay, make_board=make_board))
-    parser.add_argument("file", type=file_name_option, metavar="FILE", help="the recording")
+    add_file_option(parser, "file", help="the recording")
     board = parser.add_argument_group("board")
     rows = options_of(ReplayConfig)
     add_command_options(board, [rows["port"], rows["baud"]])
@@ -135,7 +109,6 @@ def _changed_replay_options(
 
 def _check_replay_array(options: Mapping[str, Any], array: str) -> None:
     from haptogram.acoustics import TransducerArray
-    from haptogram.settings.board import DEFAULT_ARRAY
 
     before = TransducerArray.parse(str(options.get("array", DEFAULT_ARRAY))).count
     after = TransducerArray.parse(array).count

@@ -10,7 +10,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import option_word
 from haptogram.settings.array import ArrayConfig
 from haptogram.settings.board import DEFAULT_ARRAY
-from haptogram.settings.command_line import add_setting_options, given_options
+from haptogram.settings.command_line import add_setting_options, settings_of
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import name_option
 
@@ -46,8 +46,7 @@ def array_model(arguments: argparse.Namespace) -> AcousticModel:
     from haptogram.published import find_preset
 
     if not arguments.preset:
-        given = given_options(arguments, options_of(ArrayConfig))
-        return host_model_of_run_frames(ArrayConfig.of(**given))
+        return host_model_of_run_frames(settings_of(arguments, ArrayConfig))
     for name in _OWN:
         if getattr(arguments, name) is not None:
             raise ConfigurationError(

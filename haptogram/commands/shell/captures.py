@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import Progress
+
+from .output_files import print_command_error
 
 if TYPE_CHECKING:
     from haptogram.records.pins import PinRecord
-    from haptogram.settings.arguments import Progress
-    from haptogram.settings.run.captures import CaptureConfig
+    from haptogram.settings.run.files import CaptureConfig
 
+_Verdict = TypeVar("_Verdict")
 _PATIENCE_S: Final = 120.0  # wait after a run for an analyser that still writes
 _QUIET_S: Final = 1.0  # time without a change after which a file is complete
 _POLL_S: Final = 0.1
@@ -43,7 +47,31 @@ def read_capture_arguments(
     return records
 
 
-def wait_for_capture_arguments(config: CaptureConfig, since_s: float) -> None:
+def judge_captures_at_port(
+    program: str,
+    config: CaptureConfig,
+    since_s: float,
+    judge: Callable[[], _Verdict],
+    *,
+    interrupted: bool,
+) -> _Verdict | None:
+    """Wait for the captures of a run that began at *since_s*; return what *judge* makes of them.
+
+    None: a capture did not come, or cannot be judged; that was said, and the run stands alone.
+    """
+    try:
+        if interrupted:
+            raise KeyboardInterrupt
+        _wait_for_captures(config, since_s)
+        return judge()
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted; --capture was not judged", file=sys.stderr)
+    except ConfigurationError as error:
+        print_command_error(program, error)
+    return None
+
+
+def _wait_for_captures(config: CaptureConfig, since_s: float) -> None:
     """Wait until every capture was written after *since_s*, and is complete.
 
     Raises

@@ -26,8 +26,6 @@ from haptogram.settings.board import is_grid_setting
 from haptogram.settings.shape import SHAPES
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from haptogram.evidence.recordings.writer import RecordingWriter
     from haptogram.report.formats.document import Document
 
@@ -98,8 +96,10 @@ class CommandOutputs:
             self.provenance = Provenance.of_run(settings.command_line, stamp)
 
     def _check_formats(self, *, pictures: bool) -> None:
-        if "--picture" in self.paths:
-            _check_output_picture(self.paths["--picture"])
+        if self.paths.get("--picture", STANDARD_OUTPUT) != STANDARD_OUTPUT:
+            from haptogram.report.figures import check_picture_format
+
+            check_picture_format(self.paths["--picture"])
         if "--html" in self.paths:
             from haptogram.report.formats.html import check_html_page
 
@@ -229,26 +229,3 @@ def announce_interrupted_output(program: str) -> None:
     """Say on standard error that the result so far is worked out, which may take seconds."""
     what = "the result of what was seen is worked out and written; Ctrl-C again ends at once"
     print(f"{program}: interrupted; {what}", file=sys.stderr, flush=True)
-
-
-def _check_output_picture(path: Path) -> None:
-    """Raise unless the suffix of *path* names a format of pictures."""
-    from haptogram.report.figures import check_picture_format
-
-    if path != STANDARD_OUTPUT:
-        check_picture_format(path)
-
-
-def write_picture_output(path: Path, figure: Figure) -> None:
-    """Write *figure* in the format of the suffix of *path*; to standard output, as PNG.
-
-    Raises
-    ------
-    ConfigurationError
-        A path that cannot be written.
-    """
-    from haptogram.machine.files import write_file_atomically
-    from haptogram.report.figures import encode_figure
-
-    suffix = ".png" if is_standard_output(path) else path.suffix.lower()
-    write_file_atomically(path, encode_figure(figure, suffix))

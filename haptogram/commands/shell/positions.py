@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import checked_option_type
@@ -20,6 +21,13 @@ _ROW: Final = options_of(ShapeConfig)["center_mm"]
 position_argument_mm: Final[Callable[[str], Position]] = checked_option_type(
     _ROW.checked_item, _ROW.name
 )
+
+
+def add_position_option(
+    group: argparse._ActionsContainer, word: str, help: str, **more: Any
+) -> None:
+    """Add an option that is a position in mm."""
+    group.add_argument(word, type=position_argument_mm, metavar="X,Y,Z", help=help, **more)
 
 
 def metres_of_position(position: Position) -> Position:

@@ -8,6 +8,7 @@ import dataclasses
 import functools
 import math
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -15,16 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 from haptogram.errors import LinkError
+from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url, write_board_url
 from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
-from haptogram.settings.run.verify import VerifyConfig
-from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
+from haptogram.settings.run.verify import VerifyConfig, load_verify_config
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
     from haptogram.evidence.dialect_run import DialectBoardsUnderTest
-    from haptogram.settings.board import BoardConfig
 
 _LAST_MOMENTS_S: Final = 2.0  # wait for the last records of a board that has closed its port
 _PTYS: Final = "/dev/pts/"
@@ -86,15 +86,9 @@ class RunBoards:
         from haptogram.driver.line.budget import check_dialect_rate
 
         boards = made.boards_of_dialect(config)
-        given = given_options(arguments, options_of(VerifyConfig))
         dialect_display_of(boards.dialect, boards.count)  # refuses one that cannot be driven
-        named = {*given, *(read_settings_table(arguments.config) if arguments.config else ())}
-        usual = {
-            name: value
-            for name, value in _usual_dialect_rates(config, boards).items()
-            if name not in named
-        }
-        config = load_verify_config(arguments.config, given | usual)
+        given = given_options(arguments, options_of(VerifyConfig))
+        config = load_verify_config(arguments.config, given, _usual_dialect_rates(config, boards))
         check_dialect_rate(
             boards.dialect,
             boards.count,
@@ -182,3 +176,27 @@ def _usual_dialect_rates(config: VerifyConfig, boards: DialectBoardsUnderTest) -
     baud = boards.dialect.bauds[0] if is_usual else config.link.baud
     highest_hz = highest_line_rate_hz(boards.frame_bytes, baud)
     return {"baud": baud, "rate_hz": max(1.0, min(_MOST_HZ, float(math.floor(highest_hz))))}
+
+
+@contextlib.contextmanager
+def live_view(*, wanted: bool) -> Iterator[Show]:
+    """Give what shows the board whose records a back door gets; on a terminal it stays.
+
+    It stays until Ctrl-C, and shows nothing unless that is *wanted*.
+    """
+    if not wanted:
+        yield lambda _: None
+        return
+    from haptogram.machine.view_process import ViewProcess
+
+    with contextlib.ExitStack() as stack:
+        shown: list[ViewProcess] = []
+
+        def show(backdoor: Path) -> None:
+            shown.append(ViewProcess(str(backdoor)))
+            stack.callback(shown[0].close)
+
+        yield show
+        if shown and sys.stderr.isatty():
+            print("the view stays; Ctrl-C ends it", file=sys.stderr)
+            shown[0].wait()

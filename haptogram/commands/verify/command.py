@@ -3,86 +3,47 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import functools
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any
 
-from haptogram.errors import (
-    DeviceError,
-    HaptogramError,
-    LinkError,
-    VersionMismatchError,
-    WrongProtocolError,
-)
+from haptogram.errors import DeviceError, LinkError, VersionMismatchError, WrongProtocolError
 from haptogram.machine.files import check_file_has_content
 from haptogram.machine.process import process_without_garbage_collector
+from haptogram.settings.arguments import Progress
+from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
-from haptogram.settings.run.outputs import OutputConfig
-from haptogram.settings.run.verify import VerifyConfig
-from haptogram.settings.run.verify_file import load_verify_config, read_settings_table
+from haptogram.settings.parser import Parser
+from haptogram.settings.run.files import OutputConfig
+from haptogram.settings.run.verify import VerifyConfig, load_verify_config, read_settings_table
 from haptogram.settings.shape import SHAPES
 
 from ..acting_options import refuse_idle_options
-from ..shell.exit_status import EXIT_STATUS, INCONCLUSIVE, INTERRUPTED, USAGE
-from ..shell.output_files import (
-    CommandOutputs,
-    announce_interrupted_output,
-    print_command_error,
-)
+from ..shell.captures import judge_captures_at_port
+from ..shell.exit_status import INCONCLUSIVE, INTERRUPTED, USAGE
+from ..shell.output_files import CommandOutputs, announce_interrupted_output, print_command_error
 from ..shell.progress import progress_bar
-from .boards import ProgramBoards, RunBoards, Show
-from .captures import verified_captures_at_port, verify_recorded_captures
-from .files import verify_seen_by_number, write_run_files
-from .live_view import live_view
+from .boards import ProgramBoards, RunBoards, Show, live_view
 from .options import add_verify_options
+from .results import (
+    verify_recorded_captures,
+    verify_run_by_captures,
+    verify_seen_by_number,
+    write_run_files,
+)
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
     from haptogram.evidence.recordings.writer import RecordingWriter
     from haptogram.evidence.run_record import RunRecord
-    from haptogram.settings.arguments import Progress
-    from haptogram.settings.board import BoardConfig
     from haptogram.settings.faults.plan import FaultPlan
-    from haptogram.settings.parser import Parser
     from haptogram.verification import RunVerdict
 
 
-class _BrokenByPlanError(HaptogramError):
-    """The planned faults let no session come up: nothing could be judged."""
-
-
-_EXAMPLES: Final = """\
-examples:
-  haptogram verify
-      the hemisphere at 1 kHz on a virtual board, over a pty
-  haptogram verify --virtual-time --resolution-mm 2
-      the same job, finer, without a wall clock: exact and repeatable
-  haptogram verify --port /dev/ttyUSB0
-      a real board, by its own trace
-  haptogram verify --from-recording run.mcap --capture pins.sr --channels map.toml
-      the same board, by its drive pins: what a logic analyser saw of a run with --record run.mcap
-  haptogram verify --object shape.stl --mode sequence --html out.html
-      a mesh, uploaded once and played on the board's clock
-  haptogram verify --object point --modulation am --mode points --repeat 200
-      a standing focus, modulated by 200 Hz, for a second
-  haptogram verify --dialect sonicsurface --port /dev/ttyUSB0 --object circle
-      a board of another maker; it tells nothing, so that the evidence is the wire
-  haptogram verify --fault "line.flip ber=1e-5" --fault "device.stuck column=3 from=2s"
-      what a bad line and a broken column do to the focus
-"""
-
-
 def set_up_verify(parser: Parser, made: ProgramBoards) -> None:
-    """Describe the command and add its options; *made* makes boards."""
-    parser.description = (
-        "Display a tactile object point by point and verify, frame by frame, where the "
-        "focus of what the board latched really is."
-    )
-    parser.epilog = _EXAMPLES + "\n" + EXIT_STATUS
+    """Add the options of the command; *made* makes boards."""
     parser.main_options = (
         "object rate_hz array port dialect virtual_time fault tolerance_mm junit html"
     )
@@ -111,8 +72,8 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
         *(name for name in options_of(OutputConfig) if name != "stamp"),
         pictures=bool(config.captures.capture),
     )
-    if config.captures.from_recording is not None:
-        return verify_recorded_captures(config, outputs, quiet=arguments.quiet)
+    if (recorded := config.captures.from_recording) is not None:
+        return verify_recorded_captures(config, recorded, outputs, quiet=arguments.quiet)
     boards = RunBoards.of(config, arguments, made)
     boards.virtual  # noqa: B018  it checks, before anything starts
     if config.shape.object not in SHAPES:
@@ -136,25 +97,26 @@ def _run_verify(
     writer: RecordingWriter | None,
 ) -> int:
     """Run the job on the board that the settings name; write and print its result."""
-    from haptogram.report import run as report
+    from haptogram.report.run.wording import run_faults_wording
     from haptogram.verification import Verdict, tolerance_of, uncertainty_of
 
-    config, virtual = boards.config, boards.virtual
+    config, virtual, quiet = boards.config, boards.virtual, arguments.quiet
+    begin_s, broken = time.time(), ""
     if writer is not None:
         _begin_verify_recording(writer, config, virtual)
-    quiet = arguments.quiet
-    planned = virtual.plan
-    begin_s = time.time()
-    try:
-        with (
-            boards.open(show) as board,
-            progress_bar("displaying", quiet=quiet) as progress,
-            progress_bar("waiting for what the board saw", quiet=quiet) as settling,
-            _blaming_planned_faults(planned, board),
-        ):
+    with (
+        boards.open(show) as board,
+        progress_bar("displaying", quiet=quiet) as progress,
+        progress_bar("waiting for what the board saw", quiet=quiet) as settling,
+    ):
+        try:
             found = _measured_by_verify(boards, board, progress, settling, writer)
-    except _BrokenByPlanError as error:
-        print_command_error("haptogram verify", error)
+        except (LinkError, DeviceError) as error:
+            broken = _broken_by_planned_faults(error, virtual.plan, board)
+            if not broken:
+                raise
+    if broken:
+        print_command_error("haptogram verify", broken)
         return INCONCLUSIVE
     if found.interrupted:
         announce_interrupted_output("haptogram verify")
@@ -165,37 +127,27 @@ def _run_verify(
             uncertainty=uncertainty_of(config.uncertainty, at_port=config.link.port is not None),
             progress=progress,
         )
-    result = report.run_result_dict(
-        verdict,
-        configuration=config.result_options(),
-        seed=config.limits.seed,
-        board=_verified_board_dict(found),
-        warnings=found.warnings,
-        cut_short=None if found.cut is None else found.cut.reason,
-        faults=_verified_faults_dict(planned, found.fault_counts)
-        if config.link.port is None
-        else None,
-        troubles=found.troubles,
-        host=None if config.link.virtual_time else _verified_host_dict(found),
-        environment=None if config.link.virtual_time else report.run_environment(),
-    )
+    result = _verify_result(config, virtual.plan, found, verdict)
     if writer is not None:
-        from haptogram.evidence.recordings.recorded_run import record_intended
-
-        record_intended(writer, found.model, found.intended)
-        _record_verify_verdicts(writer, verdict, result)
+        _record_verify_result(writer, found, verdict, result)
     # Before the files: a full disk must not cost the result.
     outputs.print(str(verdict))
-    for line in report.run_faults_wording(result):
+    for line in (*run_faults_wording(result), *(f"warning   {text}" for text in found.warnings)):
         outputs.print(f"  {line}")
-    for warning in found.warnings:
-        outputs.print(f"  warning   {warning}")
     captures = None
     if config.captures.capture:
-        captures = verified_captures_at_port(config, found, begin_s, quiet=quiet)
+        captures = judge_captures_at_port(
+            "haptogram verify",
+            config.captures,
+            begin_s,
+            lambda: verify_run_by_captures(config, found.model, found.intended, quiet=quiet),
+            interrupted=found.interrupted,
+        )
     if captures is not None:
+        from haptogram.report.run.pins import run_result_with_captures
+
         outputs.print(f"drive pins\n{captures}")
-        result = report.run_result_with_captures(result, captures, is_run_judged=True)
+        result = run_result_with_captures(result, captures, is_run_judged=True)
     is_shown = config.outputs.html is not None
     seen = verify_seen_by_number(found.intended, found.observations) if is_shown else {}
     is_written = write_run_files(config, verdict, result, found.model, seen, outputs, captures)
@@ -224,16 +176,39 @@ def _measured_by_verify(
     return measure_run(config, board, progress, settling, faulty=faulty, writer=writer)
 
 
-def _record_verify_verdicts(
-    writer: RecordingWriter, verdict: RunVerdict, result: dict[str, object]
+def _verify_result(
+    config: VerifyConfig, planned: FaultPlan, found: RunRecord, verdict: RunVerdict
+) -> dict[str, Any]:
+    """Return the result for JSON; in virtual time it does not depend on the machine."""
+    from haptogram.report.run.result import run_environment, run_result_dict
+
+    is_virtual, is_at_port = config.link.virtual_time, config.link.port is not None
+    return run_result_dict(
+        verdict,
+        configuration=config.result_options(),
+        seed=config.limits.seed,
+        board=_verified_board_dict(found),
+        warnings=found.warnings,
+        cut_short=None if found.cut is None else found.cut.reason,
+        faults=None if is_at_port else _verified_faults_dict(planned, found.fault_counts),
+        troubles=found.troubles,
+        host=None if is_virtual else _verified_host_dict(found),
+        environment=None if is_virtual else run_environment(),
+    )
+
+
+def _record_verify_result(
+    writer: RecordingWriter, found: RunRecord, verdict: RunVerdict, result: dict[str, Any]
 ) -> None:
     from haptogram.evidence.recordings.channels import SUMMARY
+    from haptogram.evidence.recordings.recorded_run import record_intended
     from haptogram.evidence.recordings.scene import ERROR, WARNING
-    from haptogram.report import run as report
+    from haptogram.report.run.result import run_frame_dict
 
+    record_intended(writer, found.model, found.intended)
     for frame in verdict.frames:
         t_us = frame.t_apply_us if frame.t_latch_us is None else frame.t_latch_us
-        writer.verdict(t_us, report.run_frame_dict(frame))
+        writer.verdict(t_us, run_frame_dict(frame))
     for line, frames in verdict.findings():
         first = frames[0].t_latch_us or frames[0].t_apply_us
         writer.log(writer.host_ns(first), line, ERROR if frames[0].is_wrong else WARNING)
@@ -250,29 +225,22 @@ def _begin_verify_recording(
     writer.opened(0, options, boot_ns, paced=options is not None)
 
 
-@contextlib.contextmanager
-def _blaming_planned_faults(planned: FaultPlan, board: BoardUnderTest) -> Iterator[None]:
-    """Add a note on injected faults to errors of the session, if any fault fired.
+def _broken_by_planned_faults(
+    error: LinkError | DeviceError, planned: FaultPlan, board: BoardUnderTest
+) -> str:
+    """Return how injected faults ended the session; empty: something else did.
 
-    Not of a board that has died, nor if no fault has fired: then something else did it.
+    It did if the board has died, or no fault has fired.
     """
-    try:
-        yield
-    except (LinkError, DeviceError) as error:
-        if not planned.faults or not board.give_up():
-            raise
-        fired = board.fault_counts
-        if fired is not None and not any(fired.values()):
-            raise
-        raise _BrokenByPlanError(
-            _planned_faults_text(error, _verified_faults_dict(planned, fired))
-        ) from error
+    from haptogram.report.run.wording import run_faults_wording
 
-
-def _planned_faults_text(error: HaptogramError, faults: dict[str, object] | None) -> str:
-    from haptogram.report import run as report
-
-    counts = next(report.run_faults_wording({"faults": faults, "troubles": {}}))
+    if not planned.faults or not board.give_up():
+        return ""
+    fired = board.fault_counts
+    if fired is not None and not any(fired.values()):
+        return ""
+    faults = _verified_faults_dict(planned, fired)
+    counts = next(run_faults_wording({"faults": faults, "troubles": {}}))
     # What is at the other end is known: no guess at another device or version.
     is_guess = isinstance(error, WrongProtocolError | VersionMismatchError)
     seen = "no frame came whole" if is_guess else error

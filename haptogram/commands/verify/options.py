@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from haptogram.settings import command_line
 from haptogram.settings.array import ArrayConfig, ElementConfig
 from haptogram.settings.board import FaultWords
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import Acting, file_name_option
-from haptogram.settings.run.captures import CaptureConfig
+from haptogram.settings.parser import Acting, Parser, add_file_option
+from haptogram.settings.run.files import CaptureConfig, OutputConfig
 from haptogram.settings.run.frames import LinkConfig
-from haptogram.settings.run.outputs import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
 from haptogram.settings.tolerance import ToleranceConfig, UncertaintyConfig
 
-from ..acting_options import AM, LM, MESH, RADIUS, RESOLUTION, STAMPED, acts_on_a_grid, with_option
+from ..acting_options import AM, LM, MESH, RADIUS, RESOLUTION, acts_on_a_grid, with_option
 from ..shell.output_files import FILE_HELP
-
-if TYPE_CHECKING:
-    from haptogram.settings.parser import Parser
 
 _TOLERANCE: Final = (
     "A tolerance decides which miss passes, on top of what rounding of the phases makes; the "
@@ -114,7 +110,6 @@ def _acts_on_a_run(row: Acting | None) -> Acting:
 
 _ACTING: Final = {
     **{name: _acts_on_a_run(_ACTING_ON_A_RUN.get(name)) for name in sorted(_OF_A_RUN)},
-    "stamp": STAMPED,
 }
 
 
@@ -125,12 +120,7 @@ def add_verify_options(verify: Parser) -> None:
     for title, names in GROUPS.items():
         group = verify.add_argument_group(title, _DESCRIPTIONS.get(title))
         command_line.add_setting_options(group, [rows[name] for name in names])
-    verify.add_argument(
-        "--config",
-        type=file_name_option,
-        metavar="FILE",
-        help="TOML file with a [verify] table of these options",
-    )
+    add_file_option(verify, "--config", help="TOML file with a [verify] table of these options")
     verify.add_argument("--quiet", action="store_true", help="no progress bar")
     verify.add_argument(
         "--view",

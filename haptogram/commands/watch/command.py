@@ -19,11 +19,11 @@ from haptogram.machine.files import STANDARD_OUTPUT, write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import Acting, name_option
-from haptogram.settings.run.outputs import output_options
+from haptogram.settings.parser import Acting, Parser, name_option
+from haptogram.settings.run.files import output_options
 from haptogram.settings.tolerance import ToleranceConfig
 
-from ..acting_options import STAMPED, refuse_idle_options, with_option
+from ..acting_options import refuse_idle_options, with_option
 from ..shell.exit_status import USAGE
 from ..shell.output_files import (
     FILE_HELP,
@@ -31,7 +31,7 @@ from ..shell.output_files import (
     announce_interrupted_output,
     announce_output_file,
 )
-from ..shell.positions import position_argument_mm
+from ..shell.positions import add_position_option
 from .expected import (
     WATCHED_BOARD_OPTIONS,
     Foci,
@@ -43,34 +43,11 @@ from .lines import LatchLines
 from .records import Record, Replay, WatchedRecords, is_watched_latch, open_watched_records
 
 if TYPE_CHECKING:
-    from haptogram.settings.parser import Parser
     from haptogram.verification.watch import Watch, WatchedLatch, WatchResult
 
 _WriteLine: TypeAlias = Callable[[str], None]
 _REST_S: Final = 3.0  # time after an interrupt to judge the latches that have arrived
 _FILES: Final = ("json", "junit", "html", "summary")
-_EXAMPLES: Final = """\
-examples:
-  haptogram watch --dialect sonicsurface --link /tmp/board
-      starts a board; point your own program at /tmp/board
-  haptogram watch --dialect sonicsurface --link /tmp/board --expect 0,120,0 --latches 1
-      passes if the first focus is at (0, 120, 0) mm, in the axes of SonicSurface's programs
-  haptogram watch --dialect ultraino-mega64 --as-device -- java -jar AcousticFieldSim.jar
-      starts a board and a program that lists serial ports; ends with the program
-  haptogram watch capture.bin --dialect ultraino-fpga
-      bytes that a program wrote to its port
-  haptogram watch --dialect sonicsurface --capture pins.sr --channels map.toml
-      what a logic analyser saw at the drive pins of a real board
-  haptogram watch unix:/tmp/board.sock --frames latches.jsonl
-      the back door of a board that runs
-
-exit status:
-  0  nothing is wrong: every focus is where it was expected, no defect has a name
-  1  a focus that is not where it was expected, or a defect with a name
-  2  usage or environment error: nothing was judged, or a result could not be written
-  3  not verified: nothing was latched, latches are missing, or a focus cannot be told
-  130  interrupted (Ctrl-C, SIGTERM, SIGHUP) before anything was watched; later the summary comes
-"""
 
 
 _OWN_BOARD: Final = Acting(
@@ -78,21 +55,13 @@ _OWN_BOARD: Final = Acting(
     lambda s: s.source is None or (s.dialect is not None and not s.source.startswith("unix:")),
 )
 _ACTING: Final = {
-    "stamp": STAMPED,
     **dict.fromkeys(WATCHED_BOARD_OPTIONS, _OWN_BOARD),
     **dict.fromkeys(options_of(ToleranceConfig), with_option("expect", "expect_file")),
 }
 
 
 def set_up_watch(parser: Parser, replay: Replay) -> None:
-    """Describe the command and add its options; *replay* hands bytes to a board."""
-    parser.description = (
-        "Tell what a board radiates, latch by latch, while any program drives it: one focus and "
-        "where, several, a twin trap, a vortex, off, uniform, or none of these. Nobody has to say "
-        "what was meant. Defects that the latches prove are named; with expected foci each latch "
-        "gets the verdict of haptogram verify, for the steps that the board has."
-    )
-    parser.epilog = _EXAMPLES
+    """Add the options of the command; *replay* hands bytes to a board."""
     parser.main_options = (
         "dialect array link expect expect_file tolerance_mm frames json junit html"
     )
@@ -125,11 +94,10 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
     own = options_of(WatchConfig)
     add_setting_options(board, [own["capture"], own["channels"]])
     expected = parser.add_argument_group("expected foci")
-    expected.add_argument(
+    add_position_option(
+        expected,
         "--expect",
-        type=position_argument_mm,
         action="append",
-        metavar="X,Y,Z",
         help="focus that is expected, in the axes of the board's own programs; may be repeated: "
         "one a frame, and after the last the first again [none]",
     )
@@ -202,7 +170,7 @@ class _WatchRun:
         self._is_raw = arguments.source is not None and arguments.dialect is not None
         evidence = Evidence.WIRE if self._is_raw else Evidence.EXTERNAL
         self._records, self._frames = records, frames
-        self._board = WatchedBoard(records.first(), evidence=evidence, timed=not self._is_raw)
+        self._board = WatchedBoard(next(iter(records)), evidence=evidence, timed=not self._is_raw)
         expectation = make_watch_expectation(arguments, frames_mm, self._board)
         self._expected_m = expectation.frames if expectation is not None else ()
         self._report = WatchReport(
@@ -241,8 +209,11 @@ class _WatchRun:
 
     def _take_all(self) -> None:
         """Process all records until the stream ends or the requested count is reached."""
-        while self._records.hand_over(self._take_record):
-            pass
+        # Closed here: an interrupt that waited for the last record is heard here, too.
+        with contextlib.closing(iter(self._records)) as records:
+            for record in records:
+                if not self._take_record(record):
+                    break
 
     def _take_record(self, record: Record) -> bool:
         """Process one record; return False after the last one requested."""

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.command_line import given_options
-from haptogram.settings.option import Settings, option, options_of
+from haptogram.settings.command_line import settings_of
+from haptogram.settings.option import Settings, option
 from haptogram.settings.tolerance import ToleranceConfig
 
 if TYPE_CHECKING:
@@ -53,8 +53,7 @@ def make_watch_expectation(
 
     if not frames_mm:
         return None
-    given = given_options(arguments, options_of(ToleranceConfig))
-    tolerance = tolerance_of(ToleranceConfig.of(**given))
+    tolerance = tolerance_of(settings_of(arguments, ToleranceConfig))
     frames_m = [board.ours_m(np.array(foci) / _MM) for foci in frames_mm]
     return Expectation(board.model, frames_m, tolerance=tolerance)
 

@@ -53,7 +53,7 @@ class LatchLines:
         if (
             self._is_terminal
             and now_s - self._printed_s < _PERIOD_S
-            and not _is_strange_latch(seen)
+            and not (seen.defects or seen.latch.torn)
         ):
             self._left_out += 1
             return
@@ -77,14 +77,13 @@ class LatchLines:
             print(line, file=self._stream, flush=True)
 
 
-def _is_strange_latch(seen: WatchedLatch) -> bool:
-    """Return True if a latch shows a defect."""
-    return bool(seen.defects or seen.latch.torn)
-
-
 def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
     """Return number, time, pattern, place, verdict and defects of a latch."""
-    from haptogram.report.watch import watched_pattern_text, watched_status_text
+    from haptogram.report.watch import (
+        watched_defect_texts,
+        watched_pattern_text,
+        watched_status_text,
+    )
 
     latch = seen.latch
     parts = [f"{latch.number:>6}"]
@@ -95,7 +94,4 @@ def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
     parts.append(watched_pattern_text(seen.pattern, board))
     if seen.verdict is not None:
         parts.append(watched_status_text(seen.verdict))
-    parts += [str(defect) for defect in seen.defects]
-    if seen.torn_text:
-        parts.append(f"torn: {seen.torn_text}")
-    return "  ".join(parts)
+    return "  ".join([*parts, *watched_defect_texts(seen)])

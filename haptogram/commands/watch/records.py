@@ -8,14 +8,14 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.errors import ConfigurationError, unreadable_file
 from haptogram.machine.interrupts import DelayedInterrupts
-from haptogram.settings.board import BoardConfig
-from haptogram.settings.command_line import given_options
+from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
+from haptogram.settings.command_line import given_options, written_options
 
 from .expected import WATCHED_BOARD_OPTIONS
 
@@ -71,40 +71,27 @@ class WatchedRecords:
         self._interrupts.remove()
 
     def end(self) -> None:
-        """Let :meth:`hand_over` come to an end: with the board, or with what has come by now."""
+        """Let the records come to an end: with the board, or with what has come by now."""
         self._is_ending = True
         if self._end is not None:
             self._end()
 
-    def first(self) -> Record:
-        """Wait for the first record and return it."""
-        taken: list[Record] = []
-
-        def take(record: Record) -> bool:
-            taken.append(record)
-            return True
-
-        self.hand_over(take)
-        return taken[0]
-
-    def hand_over(self, take: Callable[[Record], bool]) -> bool:
-        """Wait for the next record and hand it to *take*; return what it returns.
-
-        False also comes if there is none, and none will come.
-        """
-        while not self._come:
+    def __iter__(self) -> Generator[Record, None, None]:
+        """Yield the records as they come; an interrupt is heard when one has been looked at."""
+        while True:
+            while not self._come:
+                with self._interrupts:
+                    records = self._read()
+                    self._come.extend(records or ())
+                if not self._come and self._is_over(records):
+                    return
+            self._patient_until_s = None
             with self._interrupts:
-                records = self._read()
-                self._come.extend(records or ())
-            if not self._come and self._is_over(records):
-                return False
-        self._patient_until_s = None
-        with self._interrupts:
-            return take(self._come.popleft())
+                yield self._come.popleft()
 
     @property
     def latches_left(self) -> int:
-        """Latches that have come and were not handed over."""
+        """Latches that have come and were not looked at."""
         return sum(map(is_watched_latch, self._come))
 
     def _is_over(self, records: list[Record] | None) -> bool:
@@ -206,8 +193,6 @@ def _started_watched_board(arguments: argparse.Namespace) -> Iterator[WatchedRec
     from haptogram.evidence.backdoor_stream import BackdoorReader
     from haptogram.evidence.board_process import BoardProcess
     from haptogram.machine.working_folder import WorkingFolder
-    from haptogram.settings.board import BOARD_OPTIONS
-    from haptogram.settings.command_line import written_options
 
     values = _watched_board_settings(arguments).non_default()
     folder = WorkingFolder("haptogram-watch-")

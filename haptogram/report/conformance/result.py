@@ -2,23 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from haptogram.conformance.causes import common_finding, failures_by_cause
-from haptogram.conformance.verdict import (
-    Behaviour,
-    CaseResult,
-    Recovery,
-    SuiteResult,
-)
+from haptogram.conformance.verdict import Behaviour, CaseResult, Recovery, SuiteResult
 from haptogram.errors import ConfigurationError
 from haptogram.machine import files
 from haptogram.records.frame import Evidence
 from haptogram.settings import text_file
 
 FORMAT: Final = "haptogram-conformance/1"
+
+
+def _recovery_as_json(recovery: Recovery | None) -> dict[str, Any] | None:
+    if recovery is None:
+        return None
+    return {"clean": recovery.clean, "frames": recovery.frames, "text": recovery.text}
+
+
+def _recovery_of_json(found: dict[str, Any] | None) -> Recovery | None:
+    return None if found is None else Recovery(found["frames"], found["text"])
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+#: The fields of a case in JSON: the field of its result, how it is written, and how it is read.
+_FIELDS: Final[Mapping[str, tuple[str, Callable[[Any], Any], Callable[[Any], Any]]]] = {
+    "case": ("case", _same, _same),
+    "clause": ("clause", _same, _same),
+    "requirement": ("requirement", _same, _same),
+    "what": ("summary", _same, _same),
+    "behaviour": ("behaviour", str, Behaviour),
+    "evidence": ("evidence", str.upper, lambda text: Evidence(text.lower())),
+    "detail": ("detail", _same, _same),
+    "recovery": ("recovery", _recovery_as_json, _recovery_of_json),
+    "expected": ("expected", _same, _same),
+    "seen": ("seen", lambda seen: [*map(str, seen)], lambda seen: tuple(map(Behaviour, seen))),
+    "transcript": ("transcript", list, tuple),
+    "traceback": ("traceback", _same, _same),
+}
+
+
+def _case_as_json(result: CaseResult) -> dict[str, Any]:
+    return {key: write(getattr(result, name)) for key, (name, write, _) in _FIELDS.items()}
+
+
+def _case_of_json(item: Mapping[str, Any]) -> CaseResult:
+    known = {"traceback": "", **item}  # results before it lack it
+    return CaseResult(**{name: read(known[key]) for key, (name, _, read) in _FIELDS.items()})
 
 
 def suite_dict(suite: SuiteResult) -> dict[str, Any]:
@@ -34,27 +69,7 @@ def suite_dict(suite: SuiteResult) -> dict[str, Any]:
         "failures": [result.case for result in failures],
         "in_common": None if alike is None else alike._asdict(),
         "counts": {behaviour.value: suite.count(behaviour) for behaviour in Behaviour},
-        "results": [_conformance_case_dict(result) for result in suite.results],
-    }
-
-
-def _conformance_case_dict(result: CaseResult) -> dict[str, Any]:
-    recovery = result.recovery
-    return {
-        "case": result.case,
-        "clause": result.clause,
-        "requirement": result.requirement,
-        "what": result.summary,
-        "behaviour": result.behaviour.value,
-        "evidence": result.evidence.upper(),
-        "detail": result.detail,
-        "recovery": None
-        if recovery is None
-        else {"clean": recovery.clean, "frames": recovery.frames, "text": recovery.text},
-        "expected": result.expected,
-        "seen": [behaviour.value for behaviour in result.seen],
-        "transcript": list(result.transcript),
-        "traceback": result.traceback,
+        "results": [_case_as_json(result) for result in suite.results],
     }
 
 
@@ -96,23 +111,5 @@ def suite_of_conformance_json(found: Mapping[str, Any]) -> SuiteResult:
     """
     if found["format"] != FORMAT:
         raise ValueError(f"format is {found['format']!r}, known is {FORMAT!r}")
-    results = tuple(_conformance_case_from_json(item) for item in found["results"])
+    results = tuple(_case_of_json(item) for item in found["results"])
     return SuiteResult(results, found["device"], found["settings"], found["cut_short"])
-
-
-def _conformance_case_from_json(item: Mapping[str, Any]) -> CaseResult:
-    recovery = item["recovery"]
-    return CaseResult(
-        case=item["case"],
-        clause=item["clause"],
-        requirement=item["requirement"],
-        summary=item["what"],
-        behaviour=Behaviour(item["behaviour"]),
-        evidence=Evidence(item["evidence"].lower()),
-        detail=item["detail"],
-        recovery=None if recovery is None else Recovery(recovery["frames"], recovery["text"]),
-        transcript=tuple(item["transcript"]),
-        expected=item["expected"],
-        seen=tuple(Behaviour(name) for name in item["seen"]),
-        traceback=item.get("traceback", ""),  # results before it lack it
-    )

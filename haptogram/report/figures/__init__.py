@@ -14,4 +14,4 @@ from haptogram.report.figures.plane_picture import (
 )
 from haptogram.report.figures.planes import PicturePlane
 from haptogram.report.figures.quantities import QUANTITIES, figure_quantity_and_label
-from haptogram.report.figures.style import check_picture_format, encode_figure
+from haptogram.report.figures.style import check_picture_format, encode_figure, write_figure

@@ -14,7 +14,6 @@ from haptogram.acoustics import AcousticModel, Drive, FieldEngine, choose_engine
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
-from haptogram.machine.files import write_file_atomically
 from haptogram.report.figures.planes import PicturePlane, sample_picture_points
 from haptogram.report.figures.quantities import LEAST_DB, figure_quantity_and_label
 from haptogram.report.figures.style import (
@@ -22,10 +21,10 @@ from haptogram.report.figures.style import (
     PHASE_MAP,
     check_picture_format,
     draw_figure_mark,
-    encode_figure,
     figure_legend,
     figure_title,
     new_figure,
+    write_figure,
 )
 from haptogram.settings.arguments import Progress
 
@@ -101,7 +100,7 @@ class PictureField:
         figure = draw_plane_figure(
             self, quantity=quantity, decibels=decibels, targets_m=targets_m, title=title
         )
-        write_file_atomically(file, encode_figure(figure, file.suffix.lower()))
+        write_figure(file, figure)
 
 
 def sample_picture_plane(

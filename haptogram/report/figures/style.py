@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.machine.files import is_standard_output, write_file_atomically
 
 from ..formats.document import PagePicture
 from ..formats.html import require_report_packages
@@ -112,6 +113,18 @@ def encode_figure(figure: Figure, suffix: str, *, transparent: bool = False) -> 
             buffer, format=suffix[1:], dpi=DPI, metadata=metadata, transparent=transparent
         )
     return buffer.getvalue()
+
+
+def write_figure(path: Path, figure: Figure) -> None:
+    """Write *figure* in the format of the suffix of *path*; to standard output, as PNG.
+
+    Raises
+    ------
+    ConfigurationError
+        A path that cannot be written.
+    """
+    suffix = ".png" if is_standard_output(path) else path.suffix.lower()
+    write_file_atomically(path, encode_figure(figure, suffix))
 
 
 def figure_title(title: str, detail: str) -> str:

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from haptogram.acoustics import AcousticModel
 from haptogram.records.frame import Observation
+from haptogram.settings.text_file import flat_document
 from haptogram.verification import RunVerdict
 
 from ..formats import document
@@ -80,7 +81,7 @@ def run_document(
         lead=[*wording.run_summary_sentences(result), *effect],
         sections=list(_run_sections(result)),
         checks=checks,
-        properties=dict(_flat_properties("", _run_properties(result))),
+        properties=_run_properties(result),
         seconds=seconds,
         template="run.html",
         content=lambda: _run_page_content(run, result, model, observations or {}),
@@ -135,23 +136,15 @@ def _run_key_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, str]
             yield text, run_figure_wording(value, digits), unit
 
 
-def _run_properties(result: Mapping[str, Any]) -> dict[str, Any]:
-    names = ("verdict", "evidence", "seed", "frames", "faults")
+def _run_properties(result: Mapping[str, Any]) -> dict[str, str]:
+    """Return what is set of the run as dotted names with texts."""
+    names = ("verdict", "evidence", "seed", "frames", "faults", "configuration", "board")
     named = {name: result[name] for name in names if name in result}
-    asked = {f"configuration.{name}": value for name, value in result["configuration"].items()}
-    made_by = {"board": result["board"], "environment": result.get("environment", {})}
-    return named | asked | made_by
-
-
-def _flat_properties(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Yield nested settings as dotted names with texts; skip unset ones."""
-    if value is None or value == []:
-        return
-    if isinstance(value, Mapping):
-        for name, item in value.items():
-            yield from _flat_properties(f"{prefix}.{name}" if prefix else str(name), item)
-    else:
-        yield prefix, value if isinstance(value, str) else json.dumps(value)
+    return {
+        name: value if isinstance(value, str) else json.dumps(value)
+        for name, value in flat_document(named | {"environment": result.get("environment", {})})
+        if value is not None and value != []
+    }
 
 
 def _run_page_content(
@@ -167,17 +160,16 @@ def _run_page_content(
         "Host": result.get("host") or {},
         "Environment": result.get("environment") or {},
     }
+    kinds = result["evidence"]
     return {
         "tested": list(wording.run_tested_rows(result, model)),
         "scene": run_viewer_scene(run, model, seen).embedded() if run.frames else None,
         "frames": run_frame_table(run),
         "judged": any(frame.criteria for frame in run.frames),
         "criteria": wording.CRITERIA,
-        "evidence": list(wording.run_evidence_sentences(result)),
-        "limits": [
-            *wording.run_limits_sentences(result),
-            *wording.run_finite_amplitude(run, model),
-        ],
+        "evidence": [kinds] if isinstance(kinds, str) else kinds,
+        "limits": list(wording.run_limits_sentences(result)),
+        "strained": list(wording.run_finite_amplitude(run, model)),
         "circumstances": {n: html_setting_rows(values) for n, values in circumstances.items()},
     }
 

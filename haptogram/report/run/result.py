@@ -31,9 +31,9 @@ def run_result_dict(
     seed: int,
     board: Mapping[str, Any],
     warnings: list[str],
-    cut_short: str | None,
-    host: Mapping[str, Any] | None,
-    environment: Mapping[str, Any] | None,
+    cut_short: str | None = None,
+    host: Mapping[str, Any] | None = None,
+    environment: Mapping[str, Any] | None = None,
     faults: Mapping[str, Any] | None = None,
     troubles: Mapping[str, Mapping[str, int]] | None = None,
 ) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from haptogram import verification
 from haptogram.acoustics import AcousticModel, NumpyEngine, focus_phases
 from haptogram.acoustics.levels.harmonic import finite_amplitude_text
 from haptogram.acoustics.model.lattice import find_lattice
-from haptogram.records.frame import Evidence
 from haptogram.verification.frame.criteria import CRITERIA as FRAME_CRITERIA
 from haptogram.verification.pins.pin_verdict import captured_elements_text
 
@@ -92,41 +91,14 @@ def _run_fired_faults_wording(faults: Mapping[str, Any]) -> str:
     return f"{', '.join(times)}; seed {faults['seed']}"
 
 
-_EVIDENCE: Final = {
-    Evidence.EXTERNAL: "External: what was radiated was recorded beside the board's own answers "
-    "(the back door of the virtual board, or a capture of the drive pins).",
-    Evidence.SELF_REPORTED: "Self-reported: the board's firmware says what it latched. A firmware "
-    "that reports one drive and outputs another would not be found out.",
-    Evidence.SIMULATED: "Simulated: what was radiated is what the pins of the firmware did in a "
-    "simulator. No hardware was seen.",
-    Evidence.WIRE: "Wire: the frames were seen on the line. Whether the board latched them was not "
-    "seen.",
-}
-
 CRITERIA: Final = (
     *(f"{name}: {of_one}." for name, (of_one, _) in FRAME_CRITERIA.items()),
     "Several foci in a frame: each against what the ideal drive for these foci makes of it. "
     + "; ".join(f"{name}: {each}" for name, (_, each) in FRAME_CRITERIA.items() if each)
     + ".",
-    "Efficiency of several foci: the squares of their pressures, each over what the same output "
-    "would make of that focus alone, added up. 1: they share it without loss; less: they take from "
-    "each other; more: they are so near that one beam serves several.",
 )
 
 _SIZED: Final = ("hemisphere", "sphere", "circle", "line")  # shapes that have a radius
-
-_LIMITS: Final = (
-    "The field is computed from the latched drive, in linear acoustics and a free field: no hand, "
-    "no reflections, no streaming, no nonlinear losses. No pressure was measured in air.",
-    "Every transducer is taken to be the one of the model, or of the calibration. How real ones "
-    "scatter in phase and level, or fail after the driver stage, does not show in the latched "
-    "drive.",
-    "Positions of the elements and the state of the air are those of the configuration or of the "
-    "board's own description.",
-    "The force is an estimate: the radiation pressure on a rigid, reflecting disc of 10 mm radius "
-    "at the focus. What a person feels is not part of it.",
-    "Times are those of the board's clock.",
-)
 
 
 def run_tested_rows(result: Mapping[str, Any], model: AcousticModel) -> Iterator[tuple[str, str]]:
@@ -218,17 +190,8 @@ def run_capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
         yield f"by the pins alone there is no field and no focus: {captures['no_field']}"
 
 
-def run_evidence_sentences(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the kinds of evidence of the verdict, each explained."""
-    found = result["evidence"]
-    kinds = [found] if isinstance(found, str) else found
-    if not kinds:
-        yield "None: no latch of the board was observed."
-    yield from (_EVIDENCE[Evidence(kind)] for kind in kinds)
-
-
 def run_limits_sentences(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the limits of the result, those of this run first."""
+    """Yield the limits of this run; the template of the page has those of every run."""
     frames = result["frames"]
     due = frames["sent"] - frames["cancelled"]
     unseen = due - frames["verified"]
@@ -243,7 +206,6 @@ def run_limits_sentences(result: Mapping[str, Any]) -> Iterator[str]:
         )
     if result["axial_error_mm"]["max"] is None and result["lateral_error_mm"]["max"] is not None:
         yield "The error along the beam: this array cannot observe it."
-    yield from _LIMITS
 
 
 def run_finite_amplitude(run: verification.RunVerdict, model: AcousticModel) -> Iterator[str]:

@@ -80,14 +80,11 @@ class ViewerScene:
     def pack(self) -> bytes:
         """Return the bytes of the scene."""
         named = {name: np.ascontiguousarray(values) for name, values in self.columns.items()}
-        layout = [
-            [name, _viewer_value_type(values), values.shape] for name, values in named.items()
-        ]
+        layout = [[name, values.dtype.str[1:], values.shape] for name, values in named.items()]
         header = json.dumps({**self.header, "columns": layout}, allow_nan=False).encode()
         start = MAGIC + struct.pack("<I", len(header)) + header
-        return b"".join(
-            _padded_viewer_data(part) for part in (start, *(v.tobytes() for v in named.values()))
-        )
+        parts = (start, *(values.tobytes() for values in named.values()))
+        return b"".join(part + bytes(-len(part) % _ALIGNMENT) for part in parts)
 
     def embedded(self) -> str:
         """Return the scene for a page: compressed, in base64."""
@@ -140,17 +137,6 @@ def _viewer_elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
 def _viewer_rectangle(model: AcousticModel) -> RectangularPiston | None:
     directivity = model.transducer.directivity
     return directivity if isinstance(directivity, RectangularPiston) else None
-
-
-def _viewer_value_type(values: NDArray[Any]) -> str:
-    for name, kind in _TYPES.items():
-        if values.dtype == kind:
-            return name
-    raise TypeError(f"a column of {values.dtype}, must be one of {', '.join(_TYPES)}")
-
-
-def _padded_viewer_data(data: bytes) -> bytes:
-    return data + bytes(-len(data) % _ALIGNMENT)
 
 
 def view_document(

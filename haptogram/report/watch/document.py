@@ -162,18 +162,19 @@ class WatchReport:
 
     def _row(self, seen: WatchedLatch) -> tuple[str, ...]:
         latch, verdict = seen.latch, seen.verdict
-        strange = [
-            *map(str, seen.defects),
-            *([f"torn: {seen.torn_text}"] if seen.torn_text else []),
-        ]
         return (
             str(latch.number),
             "" if latch.t_us is None else f"{latch.t_us / 1e6:.6f}",
             latch.cause,
             watched_pattern_text(seen.pattern, self._board),
             "" if verdict is None else watched_status_text(verdict),
-            "; ".join(strange),
+            "; ".join(watched_defect_texts(seen)),
         )
+
+
+def watched_defect_texts(seen: WatchedLatch) -> list[str]:
+    """Return the defects of a latch, and the reason why it may be torn."""
+    return [*map(str, seen.defects), *([f"torn: {seen.torn_text}"] if seen.torn_text else [])]
 
 
 def watched_status_text(verdict: FrameVerdict) -> str:

@@ -13,18 +13,20 @@ from haptogram.errors import ConfigurationError
 
 from ..arguments import check_texts
 from ..text_file import read_toml_file
-from .checks import (
+from .kinds import (
+    FAULT_KINDS,
     FOR_EVER_NS,
     check_fault_direction,
     check_fault_name,
     check_fault_values,
     check_fault_window,
     fault_number,
+    fault_number_text,
     fault_time_ns,
     fault_time_text,
+    fault_words,
     usual_fault_direction,
 )
-from .kinds import FAULT_KINDS, fault_number_text, fault_words
 
 #: The largest seed of chance that a plan takes.
 MOST_FAULT_SEED: Final = 2**64 - 1

@@ -151,6 +151,7 @@ def test_only_options_that_are_there_say_when_they_act(command: str) -> None:
 
 def test_every_option_that_does_not_always_act_is_tried_in_both_kinds_of_modes() -> None:
     sometimes = {(command, name) for command, rows in ACTING.items() for name in rows}
+    sometimes |= {(command, "stamp") for command in ACTING if "stamp" in actions_of(command)}
     assert {(command, name) for command, name, *_ in ROWS} == sometimes
 
 
@@ -198,7 +199,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
     monkeypatch.setattr("haptogram.commands.budget._run_dialect_budget", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._list_conform_cases", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._compare_conform_results", stop)
-    monkeypatch.setattr("haptogram.commands.conform.command.conform_recorded_captures", stop)
+    monkeypatch.setattr("haptogram.commands.conform.command.recorded_suite", stop)
     with pytest.raises(Passed):
         raise SystemExit(main([command, *acts.split(), *words]))
 

@@ -10,7 +10,7 @@ from haptogram.cli import main
 from haptogram.errors import HaptogramError
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.option import Option, options_of
-from haptogram.settings.run.outputs import OutputConfig
+from haptogram.settings.run.files import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig
 from sim_device.protocol_haptogram import Serial
 

@@ -15,8 +15,9 @@ import pytest
 pytest.importorskip("mcap")
 
 from haptogram.cli import main
-from haptogram.commands.conform.captures import conform_captures_at_port
+from haptogram.commands.conform.captures import conform_by_captures
 from haptogram.commands.conform.options import PinConfig
+from haptogram.commands.shell.captures import judge_captures_at_port
 from haptogram.conformance.verdict import SuiteResult
 from haptogram.evidence.recordings.writer import RecordingWriter
 
@@ -139,9 +140,12 @@ def test_a_capture_of_another_run_is_no_evidence(capsys):
 def test_a_capture_of_another_run_is_no_evidence_at_a_port_either(capsys):
     os.utime("pins.vcd", (1.0, 1.0))
     config = PinConfig.of(capture=(Path("pins.vcd"),), channels=(Path("map.toml"),))
-    assert (
-        conform_captures_at_port(config, SuiteResult((), nonces=frozenset({1, 2})), 0.0, {}) is None
-    )
+
+    def judge():
+        return conform_by_captures(config, SuiteResult(()), {1, 2}, "the one at the port", {})
+
+    program = "haptogram conform"
+    assert judge_captures_at_port(program, config, 0.0, judge, interrupted=False) is None
     said = capsys.readouterr().err
     assert "pins.vcd shows another run than the one at the port: 0 of its" in said
     assert said.count("\n") == 1

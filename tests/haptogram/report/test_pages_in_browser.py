@@ -12,7 +12,7 @@ from haptogram.acoustics import AcousticModel
 from haptogram.cli import main
 from haptogram.machine.provenance import UNSTATED
 from haptogram.report.formats.html import write_document_page
-from haptogram.report.run import run_document
+from haptogram.report.run.document import run_document
 from haptogram.report.viewer.server import ViewServer
 from judged_runs import aim, delay, lose, make_result, make_run, targets
 

@@ -138,5 +138,5 @@ def test_every_miss_has_exactly_one_cause(before, sleep, work, room, queue, boar
         parts.total_ns, attribute_bench_lateness(parts), limit_us=limit, stalled=stalled
     )
     assert found.count == sum(found.by_cause.values()) == (parts.total_ns > limit * 1e3).sum()
-    assert found.machine <= found.by_cause[Cause.SCHEDULING]
-    assert found.frames == 12
+    assert found.control_stalled_too <= found.by_cause[Cause.SCHEDULING]
+    assert found.n == 12

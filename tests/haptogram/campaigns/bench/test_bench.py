@@ -53,8 +53,8 @@ def test_every_miss_has_a_cause(run):
 
 def test_a_board_at_a_port_is_measured_by_its_own_word(board):
     run = run_bench(BenchConfig(port=board.url, rate_hz=200, seconds=0.5, lead_ms=600))
-    assert run.percentiles()["board"].count == 0
-    assert run.percentiles()["latch"].count == run.latched > 0
+    assert run.percentiles()["board"].n == 0
+    assert run.percentiles()["latch"].n == run.latched > 0
 
 
 def test_the_command_writes_compares_and_draws(run, tmp_path, capsys):

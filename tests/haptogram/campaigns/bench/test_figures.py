@@ -1,6 +1,7 @@
 """Percentiles, comparisons, the control loop, the fingerprint."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -25,18 +26,18 @@ from haptogram.machine.fingerprint import (
 def test_percentiles_are_values_that_occurred(values):
     found = TimingPercentiles.of(values)
     ranked = sorted(values)
-    assert found.count == len(values)
-    assert found.greatest == ranked[-1]
+    assert found.n == len(values)
+    assert found.max == ranked[-1]
     for level, value in found.levels.items():
         share = float(level[1:]) / 100
         assert value in ranked
         assert sum(v <= value for v in ranked) >= share * len(ranked) - 1e-6
         assert sum(v < value for v in ranked) <= share * len(ranked)
-    assert TimingPercentiles.from_dict(json.loads(json.dumps(found.as_dict()))) == found
+    assert TimingPercentiles(**json.loads(json.dumps(asdict(found)))) == found
 
 
 def test_what_nobody_saw_is_left_out():
-    assert TimingPercentiles.of([np.nan, 1.0]).count == 1
+    assert TimingPercentiles.of([np.nan, 1.0]).n == 1
     assert TimingPercentiles.of([np.nan]) == TimingPercentiles(0, {}, 0.0, {})
 
 
@@ -66,7 +67,7 @@ def a_result(seed, **shift_us):
     stages = {}
     for name in ("wake", "work", "control"):
         values = random.gamma(4.0, 10.0, 5000) + shift_us.get(name, 0.0)
-        stages[name] = TimingPercentiles.of(values).as_dict()
+        stages[name] = asdict(TimingPercentiles.of(values))
     return {"stages": stages, "configuration": {"rate_hz": 1000}, "environment": {"cpu": "x"}}
 
 

@@ -11,8 +11,8 @@ from haptogram.machine.provenance import UNSTATED
 from haptogram.records.frame import FrameKey
 from haptogram.report.formats.document import Outcome
 from haptogram.report.formats.junit import write_document_junit
-from haptogram.report.run import run_document
 from haptogram.report.run.checks import NAMED_FRAMES, run_checks
+from haptogram.report.run.document import run_document
 from haptogram.verification import Cut, RunVerdict, Verdict
 from judged_runs import (
     Change,

@@ -13,7 +13,7 @@ from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
 from haptogram.machine.provenance import UNSTATED
 from haptogram.report.formats.html import write_document_page
-from haptogram.report.run import run_document
+from haptogram.report.run.document import run_document
 from haptogram.verification import RunVerdict
 from judged_runs import damage, delay, hurry, lose, make_result, make_run, targets
 

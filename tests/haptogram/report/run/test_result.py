@@ -10,7 +10,7 @@ import pytest
 
 from haptogram.acoustics import AcousticModel
 from haptogram.errors import ConfigurationError
-from haptogram.report import run as report
+from haptogram.report.run import result as report
 from haptogram.report.run import wording
 from haptogram.verification import Cut, RunVerdict, Verdict
 from judged_runs import lose, make_result, make_run, targets
@@ -126,11 +126,11 @@ def test_a_host_that_was_held_up_says_so(model: AcousticModel) -> None:
     host = {"tick_lateness_us_max": 2_003_000.0}
     result = make_result(run, host=host)
     said = "this machine, not the board, was held up, its loop by up to 2003 ms (1 frame: the host"
-    (line,) = report.run_faults_wording(result)
+    (line,) = wording.run_faults_wording(result)
     assert line.startswith(f"host: {said} ")
     assert any(said[1:] in sentence for sentence in wording.run_summary_sentences(result))
     lost = make_result(make_run(model, targets(3), {1: lose}), host=host)
-    assert list(report.run_faults_wording(lost)) == []
+    assert list(wording.run_faults_wording(lost)) == []
 
 
 def test_a_run_that_a_busy_machine_left_inconclusive_says_what_to_do(model: AcousticModel) -> None:
@@ -139,7 +139,7 @@ def test_a_run_that_a_busy_machine_left_inconclusive_says_what_to_do(model: Acou
     virtual, real = {"port": None}, {"port": "/dev/ttyACM0"}
 
     def told(**result: Any) -> list[str]:
-        lines = report.run_faults_wording(make_result(run, **result))
+        lines = wording.run_faults_wording(make_result(run, **result))
         return [line for line in lines if line.startswith("to do: ")]
 
     assert told(host=host, configuration=real) == [

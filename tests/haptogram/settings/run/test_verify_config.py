@@ -11,8 +11,7 @@ from haptogram.acoustics.solvers.several import METHODS
 from haptogram.errors import ConfigurationError
 from haptogram.settings.option import SettingError
 from haptogram.settings.run.frames import SOLVERS
-from haptogram.settings.run.verify import VerifyConfig
-from haptogram.settings.run.verify_file import load_verify_config
+from haptogram.settings.run.verify import VerifyConfig, load_verify_config
 
 
 def _file(tmp_path: Path, text: str) -> Path:

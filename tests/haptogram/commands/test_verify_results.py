@@ -6,7 +6,7 @@ import pytest
 
 import sim_device
 from haptogram import Driver, Evidence
-from haptogram.commands.verify.files import verify_seen_by_number
+from haptogram.commands.verify.results import verify_seen_by_number
 
 
 @pytest.fixture(scope="module")
