@@ -183,10 +183,8 @@ class Heartbeat:
     def _check_rate(self) -> None:
         """Say once of each rate that a client has set that real boards do not have it."""
         settings = self._simulation.settings
-        if settings.wiring is None:
-            return
-        baud = self._port.client_baud  # asks the system
-        if baud is None or baud == self._client_baud:
+        baud = None if settings.wiring is None else self._port.client_baud  # asks the system
+        if settings.wiring is None or baud is None or baud == self._client_baud:
             return
         self._client_baud = baud
         known = [*settings.wiring.bauds, settings.line.baud or baud]
