@@ -48,13 +48,18 @@ class CPrograms:
             process.kill()
             process.wait()
 
-    def round_trips_us(self, *, there: int, back: int, count: int) -> NDArray[np.float64]:
-        """Return (count,) round trips over a pseudo-terminal, in microseconds."""
-        numbers = (there, back, count)
+    def round_trips_us(
+        self, *, there: int, back: int, count: int, period_ns: int = 0
+    ) -> NDArray[np.float64]:
+        """Return (count,) round trips over a pseudo-terminal, in microseconds.
+
+        With a period: the times from each deadline to the last byte at the other end.
+        """
+        numbers = (there, back, count, period_ns)
         done = subprocess.run(
             [self.ping_pong, *map(str, numbers)],
             stdout=subprocess.PIPE,
-            timeout=_GRACE_S + count * 0.01,
+            timeout=_GRACE_S + count * (0.01 + period_ns / 1e9),
             check=True,
         )
         return _microseconds(done.stdout)

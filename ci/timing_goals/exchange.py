@@ -56,8 +56,9 @@ _LOWEST_HZ: Final = 1000.0
 _HIGHEST_HZ: Final = 40_000.0  # of the carrier: a board latches no faster
 _TRIES: Final = 3
 _WAIT_NS: Final = 2_000_000_000
-_WINDOWS: Final = (32, 48, 64, 80, 96)  # frames on their way; the queue of a virtual board has 128
-_LEAD_US: Final = 8_000  # of each: what the board's process may stall without a loss
+_LEADS_US: Final = (8_000, 7_000, 6_000, 5_000, 4_000)  # what the board may stall without a loss
+_ROOM: Final = 8  # frames for which the board's queue keeps room
+_SMALL: Final = 4  # parts of the queue: a slow machine decodes no more within its lead
 _LOST_NS: Final = 20_000_000  # after which frames on their way count as lost
 
 
@@ -115,7 +116,7 @@ class Exchanger:
         self._streamer = Streamer(
             link, self._pinger, identity, intended=self._intended, status=lambda: None
         )
-        self._depth = identity.queue_depth
+        self.queue_depth = identity.queue_depth
         self._carrier_us = -(-1_000_000 // identity.carrier_hz)
         self._traced: dict[int, tuple[int, int]] = {}  # by index: CRC, when it came
         self._newest = 0  # index of the last one
@@ -152,7 +153,7 @@ class Exchanger:
             seconds = (link.now_ns() - begin_ns) / 1e9
         return Exchange(count, self._verified(), seconds, np.array(trips_ns) / 1e3)
 
-    def pipelined(self, count: int, window: int) -> Exchange:
+    def pipelined(self, count: int, window: int, lead_us: int = _LEADS_US[0]) -> Exchange:
         """Send *count* frames as fast as they are confirmed, *window* of them on their way.
 
         Each frame is due at a time of its own, no two within one carrier period, or the board would
@@ -162,7 +163,7 @@ class Exchanger:
         with real_time_process():
             begin_ns = link.now_ns()
             for number in range(count):
-                soon_us = self._clock.to_device_us(link.now_ns()) + _LEAD_US
+                soon_us = self._clock.to_device_us(link.now_ns()) + lead_us
                 due_us = max(due_us + self._carrier_us, soon_us)
                 frame = self._frames[number % len(self._frames)]
                 sent = self._streamer.send_for(frame, due_us).key.index
@@ -183,7 +184,7 @@ class Exchanger:
         """Stream *count* frames at *rate_hz*, and wait for the traces of their latches."""
         link = self._begin()
         frames = [self._frames[number % len(self._frames)] for number in range(count)]
-        schedule = Schedule.at_rate(rate_hz, None, queue_depth=self._depth)
+        schedule = Schedule.at_rate(rate_hz, None, queue_depth=self.queue_depth)
         begin_ns = link.now_ns()
         self._streamer.stream(
             frames, schedule, StreamPacing(), None, lambda: link.request(GetStatus(), StatusReply)
@@ -224,10 +225,12 @@ class Exchanger:
 def fastest_pipeline(exchanger: Exchanger, count: int) -> Exchange:
     """Return the fastest of the exchanges of *count* frames that verified the most frames.
 
-    The best window depends on the board: with too few frames on their way, the board waits for the
-    host; with more than the board decodes within their lead, frames come too late.
+    The rate is at most the window over the lead. So the window is the queue of the board, and the
+    lead as short as the machine allows: with a shorter one frames come too late.
     """
-    tried = (exchanger.pipelined(count, window) for window in _WINDOWS)
+    depth = exchanger.queue_depth
+    ways = [(depth // _SMALL, _LEADS_US[0]), *((depth - _ROOM, lead_us) for lead_us in _LEADS_US)]
+    tried = (exchanger.pipelined(count, window, lead_us) for window, lead_us in ways)
     return max(tried, key=lambda done: (done.verified, done.rate_hz))
 
 

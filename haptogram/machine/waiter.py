@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import selectors
 import time
 from collections.abc import Sequence
@@ -15,11 +16,7 @@ _NAP_S: Final = 1e-4
 
 
 class DescriptorWaiter:
-    """Waits again and again, mostly for the same descriptors, and keeps its selector."""
-
-    def __init__(self) -> None:
-        self._events: dict[int, int] = {}
-        self._selector: selectors.BaseSelector = selectors.SelectSelector()
+    """Waits for descriptors: in one system call where their numbers allow it."""
 
     def wait(
         self, reading: Sequence[int], writing: Sequence[int] = (), timeout_s: float | None = None
@@ -38,25 +35,17 @@ class DescriptorWaiter:
         OSError, ValueError
             For a descriptor below 1024 that is closed; a higher one counts as ready.
         """
+        # select, where it can: its timeout has microseconds where that of poll has milliseconds.
+        if max((*reading, *writing), default=0) < _SELECT_LIMIT:
+            readable, writable, _ = select.select(reading, writing, (), timeout_s)
+            return {*readable, *writable}
         events = dict.fromkeys(reading, selectors.EVENT_READ)
         for fd in writing:
             events[fd] = events.get(fd, 0) | selectors.EVENT_WRITE
-        if events != self._events:
-            self._prepare(events)
-        selector = self._selector
-        is_fine = isinstance(selector, selectors.SelectSelector)
-        ready = selector.select(timeout_s) if is_fine else _polled_descriptors(selector, timeout_s)
-        return {key.fd for key, _ in ready}
-
-    def _prepare(self, events: dict[int, int]) -> None:
-        # select, where it can: its timeout has microseconds where that of poll has milliseconds.
-        # Neither knows descriptors but by their numbers, so one may be closed and come again.
-        is_fine = max(events, default=0) < _SELECT_LIMIT
-        self._events = {}
-        self._selector = selectors.SelectSelector() if is_fine else selectors.PollSelector()
-        for fd, mask in events.items():
-            self._selector.register(fd, mask)
-        self._events = events
+        with selectors.PollSelector() as selector:
+            for fd, mask in events.items():
+                selector.register(fd, mask)
+            return {key.fd for key, _ in _polled_descriptors(selector, timeout_s)}
 
 
 def _polled_descriptors(selector: selectors.BaseSelector, timeout_s: float | None) -> _Ready:

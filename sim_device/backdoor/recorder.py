@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
@@ -20,7 +19,6 @@ from ..board.settings import BoardSettings
 from . import records
 
 _Estimate = TypeVar("_Estimate")
-_Latch = TypeVar("_Latch", events.Latch, events.PulseLatch, events.AnyLatch)
 
 _AT_ONCE: Final = 512  # latches whose fields are rebuilt together
 MEMORY_DRIVES: Final = 4096  # a few megabytes: an object of 4 s at 1 kHz, shown again and again
@@ -36,18 +34,20 @@ class BackdoorEstimator:
     def __init__(self, model: AcousticModel, phase_steps: int | None = None) -> None:
         self._reconstructor = Reconstructor(model)
         self._phase_steps = phase_steps
-        self._seen: OrderedDict[Hashable, Reconstruction] = OrderedDict()
+        self._seen: dict[Hashable, Reconstruction] = {}
         self._model = model
         self._classifiers: dict[int, PatternClassifier] = {}
-        self._patterns: OrderedDict[Hashable, Pattern] = OrderedDict()
+        self._patterns: dict[Hashable, Pattern] = {}
 
     def estimate(self, latch: events.AnyLatch) -> Reconstruction:
         """Return the reconstruction of the radiated drive, which knows no target."""
+        if isinstance(latch, events.Latch):
+            return self.estimate_all([latch])[0]
         return _remembered(self._seen, latch, self._reconstruct)
 
     def estimate_all(self, latches: Sequence[events.Latch]) -> list[Reconstruction]:
         """Return the result of :meth:`estimate` for each; new drives are rebuilt at once."""
-        keys = [_radiated_by_latch_record(latch) for latch in latches]
+        keys = [_drive_of_latch_record(latch) for latch in latches]
         known = self._seen
         new = {key: latch for key, latch in zip(keys, latches, strict=True) if key not in known}
         step_rad = functools.cache(self._reconstructor.step_rad_of_bits)
@@ -62,11 +62,7 @@ class BackdoorEstimator:
         ]
         known.update(zip(new, self._reconstructor.reconstruct_all(asked), strict=True))
         found = [known[key] for key in keys]
-        if len(new) < len(keys):
-            for key in keys:
-                known.move_to_end(key)
-        while len(known) > MEMORY_DRIVES:
-            known.popitem(last=False)
+        _forget_oldest(known)
         return found
 
     def warm_up(self) -> None:
@@ -87,36 +83,38 @@ class BackdoorEstimator:
         known = (latch.pulses.steps, self._phase_steps, latch.phase_steps)
         return min(steps for steps in known if steps is not None)
 
-    def _reconstruct(self, latch: events.AnyLatch) -> Reconstruction:
-        if isinstance(latch, events.Latch):
-            return self._reconstructor.reconstruct(
-                latch.radiated, ramping=latch.ramping, phase_bits=latch.commanded_bits
-            )
+    def _reconstruct(self, latch: events.PulseLatch) -> Reconstruction:
         return self._reconstructor.reconstruct_weights(
             latch.weights(), step_rad=math.tau / self._coarsest(latch)
         )
 
 
 def _remembered(
-    known: OrderedDict[Hashable, _Estimate], latch: _Latch, estimate: Callable[[_Latch], _Estimate]
+    known: dict[Hashable, _Estimate],
+    latch: events.PulseLatch,
+    estimate: Callable[[events.PulseLatch], _Estimate],
 ) -> _Estimate:
     """Return the cached estimate of a drive."""
-    key = _radiated_by_latch_record(latch)
+    key = _drive_of_latch_record(latch)
     if key not in known:
+        _forget_oldest(known)
         known[key] = estimate(latch)
-    known.move_to_end(key)
-    if len(known) > MEMORY_DRIVES:
-        known.popitem(last=False)
     return known[key]
 
 
-def _radiated_by_latch_record(latch: events.AnyLatch) -> Hashable:
-    """Return the key that latches with the same radiated drive share."""
-    if isinstance(latch, events.Latch):
-        drive = latch.radiated  # as bytes, whose hash is computed once
-        codes = (drive.phase_codes.tobytes(), drive.amplitude_codes.tobytes(), drive.phase_bits)
-        return *codes, latch.commanded_bits, latch.ramping
-    return latch.weights().tobytes(), latch.pulses.steps
+def _forget_oldest(known: dict[Hashable, Any]) -> None:
+    """Keep within the bounds of the memory."""
+    while len(known) > MEMORY_DRIVES:
+        del known[next(iter(known))]
+
+
+def _drive_of_latch_record(latch: events.AnyLatch) -> tuple[Hashable, ...]:
+    """Return the key that latches share whose drives, latched and radiated, are the same."""
+    if isinstance(latch, events.PulseLatch):
+        return latch.weights().tobytes(), latch.pulses.steps
+    drives = [latch.radiated] if latch.radiated is latch.drive else [latch.radiated, latch.drive]
+    codes = [part.tobytes() for one in drives for part in (one.phase_codes, one.amplitude_codes)]
+    return *codes, latch.radiated.phase_bits, latch.commanded_bits, latch.ramping
 
 
 def _latch_observation(latch: events.Latch, estimate: Reconstruction | None) -> Observation:
@@ -171,6 +169,7 @@ class InlineReconstructionWorker:
         steps = None if wiring is None else wiring.steps
         self._estimator = BackdoorEstimator(settings.truth, steps) if reconstruct else None
         self._latched = self._reconstructed = 0
+        self._texts: dict[Hashable, str] = {}  # of drives seen lately, as their records have them
         self._faults: events.FaultsCounted | None = None
         self._line: events.LineCounted | None = None
         self._modulation: events.Modulation | None = None
@@ -201,6 +200,26 @@ class InlineReconstructionWorker:
             )
         else:
             self._write(records.backdoor_latch_record(latch, estimate))
+
+    def lines_of_latches(self, latches: Sequence[events.Latch]) -> bytes:
+        """Take down latches at once; return their records as lines.
+
+        The text of a drive is remembered: it takes most of the time.
+        """
+        known, estimator = self._texts, self._estimator
+        keys = [(estimator is None, *_drive_of_latch_record(latch)) for latch in latches]
+        new = {key: latch for key, latch in zip(keys, latches, strict=True) if key not in known}
+        estimates: Sequence[Reconstruction | None] = [None] * len(new)
+        if estimator is not None:
+            estimates = estimator.estimate_all([*new.values()])
+            self._reconstructed += len(latches)
+        texts = map(records.backdoor_drive_text, new.values(), estimates)
+        known.update(zip(new, texts, strict=True))
+        self._latched += len(latches)
+        lines = map(records.backdoor_latch_line, latches, [known[key] for key in keys])
+        text = "".join(lines).encode()
+        _forget_oldest(known)
+        return text
 
     def _defer_reconstruction(self, latch: events.Latch) -> None:
         """Write the record of a latch; reconstruct its field later, in batches."""

@@ -19,6 +19,8 @@ VERSION: Final = 1
 
 Record: TypeAlias = dict[str, Any]
 
+_written: Final = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+
 #: Event of each notice in an ``output`` record, and the fields of the notice that it holds.
 _OUTPUT_EVENTS: Final[dict[type[events.Notice], tuple[str, ...]]] = {
     events.SessionOpened: ("session", "session"),
@@ -62,7 +64,7 @@ def backdoor_latch_record(latch: events.Latch, reconstruction: Reconstruction | 
 
 
 def backdoor_brief_record(latch: events.Latch) -> Record:
-    """Return the first fields of the record of one latch: its key and time."""
+    """Return the first fields of the record of one latch, which say nothing of its drive."""
     key = latch.key
     return {
         "kind": "latch",
@@ -72,6 +74,8 @@ def backdoor_brief_record(latch: events.Latch) -> Record:
         "index": key.index,
         "number": latch.number,
         "t_latch_us": latch.t_latch_us,
+        "late": latch.late,
+        "t_received_us": latch.t_received_us,
     }
 
 
@@ -161,7 +165,18 @@ def backdoor_end_record(
 
 def backdoor_record_line(record: Record) -> bytes:
     """Return *record* as one line of JSON."""
-    return json.dumps(record, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+    return _written(record).encode() + b"\n"
+
+
+def backdoor_latch_line(latch: events.Latch, rest: str) -> str:
+    """Return the record of a latch as one line; its *rest* tells of the drive."""
+    return f"{_written(backdoor_brief_record(latch))[:-1]},{rest}\n"
+
+
+def backdoor_drive_text(latch: events.Latch, reconstruction: Reconstruction | None) -> str:
+    """Return the rest of the record of a latch: the drive, and the field that it made."""
+    record = backdoor_latch_record(latch, reconstruction)
+    return _written(dict([*record.items()][len(backdoor_brief_record(latch)) :]))[1:]
 
 
 def _backdoor_base64(data: bytes) -> str:

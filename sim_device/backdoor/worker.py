@@ -169,11 +169,7 @@ class ReconstructionWorker:
             self._drain(deadline_s)
         self._alive = False
         _close_worker_pipe(self._input)
-        try:
-            self._process.wait(max(0.0, deadline_s - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._end_process(max(0.0, deadline_s - time.monotonic()))
         answers: Any = self._process.stdout
         if not answers.closed:
             self._failure = _read_worker_line(answers, 0.0).decode(errors="replace").strip()
@@ -208,8 +204,11 @@ class ReconstructionWorker:
         """Wait for an unneeded worker to exit, lest it write late."""
         for pipe in (self._input, self._process.stdout):
             _close_worker_pipe(pipe)
+        self._end_process(STOP_TIMEOUT_S)
+
+    def _end_process(self, timeout_s: float) -> None:
         try:
-            self._process.wait(STOP_TIMEOUT_S)
+            self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

@@ -44,14 +44,12 @@ class RecordsEnd:
 
 def packed_worker_batch(items: list[object]) -> bytes:
     """Return *items* as bytes for the pipe."""
-    stream = io.BytesIO(bytes(_LENGTH.size))
-    stream.seek(_LENGTH.size)
+    stream = io.BytesIO()
     pickler = pickle.Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL)
     pickler.dispatch_table = _REDUCERS
     pickler.dump(items)
-    data = stream.getbuffer()
-    _LENGTH.pack_into(data, 0, len(data) - _LENGTH.size)
-    return bytes(data)
+    data = stream.getvalue()
+    return _LENGTH.pack(len(data)) + data
 
 
 def _worker_reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...]]:
@@ -74,8 +72,8 @@ _REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {
 }
 
 
-def unpacked_worker_batches(buffer: bytearray) -> Iterator[Any]:
-    """Yield the whole items at the front of *buffer*, and take them off it."""
+def unpacked_worker_batches(buffer: bytearray) -> Iterator[list[Any]]:
+    """Yield the whole batches at the front of *buffer*, and take them off it."""
     size = _LENGTH.size
     while len(buffer) >= size:
         (length,) = _LENGTH.unpack_from(buffer)
@@ -83,4 +81,4 @@ def unpacked_worker_batches(buffer: bytearray) -> Iterator[Any]:
             return
         batch = bytes(buffer[size : size + length])
         del buffer[: size + length]
-        yield from pickle.loads(batch)
+        yield pickle.loads(batch)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import select
 import selectors
@@ -31,8 +32,8 @@ def run_reconstruction_worker() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # the board ends the worker, by closing its input
     signal.signal(SKIP_FIELDS, signal.SIG_IGN)  # until there is something to leave out
-    items = _received_items(_READ_BYTES)
-    job = next((item for item in items if item is not None), None)
+    batches = _received_batches(_READ_BYTES)
+    job = next((item for batch in batches for item in batch), None)
     if job is None or not _is_board_alive():
         return  # the board has ended before it began
     try:
@@ -53,7 +54,7 @@ def run_reconstruction_worker() -> None:
         is_ready = True
         with contextlib.suppress(OSError):  # from here the board and its host come first
             os.nice(_NICENESS)
-        _record_items(items, recorder, sink)
+        _record_batches(batches, recorder, sink)
         _drain_sink(sink)
     except HaptogramError as error:  # the disc is full: the board goes on, and counts what it lost
         text = f"{error}\n".encode()
@@ -77,17 +78,20 @@ def _send_to_board(to: int, text: bytes) -> None:
         os.write(to, text)
 
 
-def _record_items(
-    items: Iterator[Any], recorder: InlineReconstructionWorker, sink: RecordSink
+def _record_batches(
+    batches: Iterator[list[Any]], recorder: InlineReconstructionWorker, sink: RecordSink
 ) -> None:
-    for item in items:
-        if isinstance(item, Latch | PulseLatch):
-            recorder.latch(item)
-        elif isinstance(item, RecordsEnd):
-            recorder.finish(dropped=item.dropped, notices_dropped=item.notices_dropped)
-            return
-        elif item is not None:
-            recorder.notice(item)
+    for batch in batches:
+        for kind, items in itertools.groupby(batch, type):
+            if kind is Latch:
+                sink.write(recorder.lines_of_latches(list(items)))
+                continue
+            for item in items:
+                if isinstance(item, RecordsEnd):
+                    recorder.finish(dropped=item.dropped, notices_dropped=item.notices_dropped)
+                    return
+                record = recorder.latch if kind is PulseLatch else recorder.notice
+                record(item)
         sink.serve()
     recorder.finish(clean=False)  # the board ended without saying so
 
@@ -100,14 +104,14 @@ def _drain_sink(sink: RecordSink) -> None:
         sink.serve()
 
 
-def _received_items(chunk: int) -> Iterator[Any]:
-    """Yield the items of the board, None now and then while it is silent; end when it ends."""
+def _received_batches(chunk: int) -> Iterator[list[Any]]:
+    """Yield the batches of the board, empty ones while it is silent; end when it ends."""
     buffer = bytearray()
     with selectors.DefaultSelector() as selector:
         selector.register(0, selectors.EVENT_READ)
         while True:
             if not selector.select(_IDLE_S):
-                yield None
+                yield []
                 continue
             data = os.read(0, chunk)
             if not data:

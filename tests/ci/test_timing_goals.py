@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import time
 
 import pytest
 
@@ -41,6 +42,11 @@ def test_the_c_programs_measure_what_they_say():
         trips = programs.round_trips_us(there=276, back=28, count=50)
         assert trips.shape == (50,)
         assert (trips > 0).all()
+        begin_s = time.monotonic()
+        paced = programs.round_trips_us(there=276, back=28, count=50, period_ns=2_000_000)
+        assert paced.shape == (50,)
+        assert (paced > 0).all()
+        assert time.monotonic() - begin_s >= 0.1
         with programs.running_loop(period_ns=1_000_000, count=60, spin_ns=100_000) as lateness:
             pass
         assert lateness[0].shape == (60,)

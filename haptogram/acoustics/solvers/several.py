@@ -182,9 +182,9 @@ def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
     """Return the drive from a compiled solver for parallel pistons; None if not applicable."""
-    if model.calibration is not None or ParallelPistons.why_not(model) is not None:
+    pistons = _pistons_to_solve(model)
+    if pistons is None:
         return None
-    pistons = _kept_pistons(model)
     count = model.array.count
     re, im = np.empty((2, len(points), count), np.float32)
     x, y = np.empty((2, count), np.float32)
@@ -197,9 +197,10 @@ def _solved_for_pistons(
 
 
 @lru_cache(maxsize=8)
-def _kept_pistons(model: AcousticModel) -> ParallelPistons:
-    """Return the cached kernel data of parallel pistons."""
-    return ParallelPistons.of(model)
+def _pistons_to_solve(model: AcousticModel) -> ParallelPistons | None:
+    """Return the cached kernel data of parallel pistons; None if not applicable."""
+    is_served = model.calibration is None and ParallelPistons.why_not(model) is None
+    return ParallelPistons.of(model) if is_served else None
 
 
 def weighted_gerchberg_saxton(
