@@ -201,7 +201,7 @@ class SuiteConnection:
         """Close the transport; keep its elapsed time."""
         if self._transport is not None:
             self._spent_us = self.elapsed_us
-            self._transport.close()
+            self.board.wire.close()
         self._transport = None
 
     def _answers(self) -> bool:
