@@ -182,8 +182,10 @@ class Heartbeat:
 
     def _check_rate(self) -> None:
         """Say once of each rate that a client has set that real boards do not have it."""
-        settings, baud = self._simulation.settings, self._port.client_baud
-        if settings.wiring is None or baud is None or baud == self._client_baud:
+        settings = self._simulation.settings
+        if settings.wiring is None:
+            return
+        if (baud := self._port.client_baud) is None or baud == self._client_baud:
             return
         self._client_baud = baud
         known = [*settings.wiring.bauds, settings.line.baud or baud]
