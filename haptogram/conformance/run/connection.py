@@ -43,6 +43,8 @@ class SuiteConnection:
         Seed of nonces and contents.
     thorough : bool
         Whether cases cover the whole of a product.
+    exhaustive : bool
+        Whether there is time for many random dialogues.
     explore_s : float
         How long random dialogues go on; 0: a fixed number of them.
 
@@ -61,13 +63,20 @@ class SuiteConnection:
     """
 
     def __init__(
-        self, access: Access, *, timeout_s: float, seed: int, thorough: bool, explore_s: float = 0
+        self,
+        access: Access,
+        *,
+        timeout_s: float,
+        seed: int,
+        thorough: bool,
+        exhaustive: bool = False,
+        explore_s: float = 0,
     ) -> None:
         self.lost = ""
         self.device: dict[str, object] = {}
         self.baudrate = access.baudrate
         self.nonces: set[int] = set()
-        self._access, self._thorough = access, thorough
+        self._access, self._thorough, self._exhaustive = access, thorough, exhaustive
         self._explore_us = round(explore_s * 1e6)
         self._limits = self._usual = ClientWaitLimits.of(timeout_s, virtual=access.virtual)
         self._random = random.Random(seed)
@@ -188,7 +197,7 @@ class SuiteConnection:
         self._connected_us = wire.now_us()
         self._board = BoardClient(wire, self._random, booted=booted)
         self._board.nonces = self.nonces
-        self._board.thorough = self._thorough
+        self._board.thorough, self._board.exhaustive = self._thorough, self._exhaustive
         self._board.standing, wire.on_piece = self._findings, self.rules.take
         wire.on_sent = self.rules.take_sent
         self.rules.begin_board(wire.line_us)
