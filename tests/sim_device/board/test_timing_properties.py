@@ -9,6 +9,7 @@ import random
 from dataclasses import dataclass
 from itertools import pairwise
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -212,7 +213,7 @@ def test_a_board_that_was_idle_is_powered_down_at_the_time_it_is_and_not_at_its_
 def heard(config, play, rest_ms, *recorders):
     """Store three frames and play them; return what the host heard, when, and the counters."""
     simulation = Simulation(board_settings(array="4x4", baud=3_000_000), *recorders)
-    link = armed(simulation)
+    armed(simulation)
     data = bytes(range(48))
     requests = [
         UploadBegin(UploadKind.PHASES, 0, 7, len(data), binascii.crc32(data)),
@@ -235,24 +236,19 @@ def heard(config, play, rest_ms, *recorders):
     return heard, simulation.dialect.counters, simulation.device_us(simulation.now_ns)
 
 
-@given(
-    st.builds(
-        Config,
-        hold_ms=st.sampled_from([1, 2, 20, 200]),
-        ramp_ms=st.sampled_from([0, 1, 50]),
-        status_period_ms=st.sampled_from([0, 10, 11]),
-        trace_mode=st.sampled_from(TraceMode),
-    ),
-    st.builds(
-        Play,
-        sequence=st.just(7),
-        period_us=st.sampled_from([100, 1000, 1999, 30_000]),
-        loops=st.sampled_from([0, 1, 2, 9]),
-        unattended_ms=st.sampled_from([1, 25, 1000]),
-    ),
+@pytest.mark.parametrize("trace", TraceMode)
+@pytest.mark.parametrize("status_ms", [0, 11])
+@pytest.mark.parametrize("hold_ms", [1, 200])
+@pytest.mark.parametrize(
+    ("period_us", "loops", "alone_ms"), [(100, 0, 1000), (100, 0, 25), (1999, 9, 1000)]
 )
-def test_a_playback_is_heard_alike_whether_its_latches_are_recorded_or_not(config, play):
-    recorder = Takes()
+def test_a_playback_is_heard_alike_whether_its_latches_are_recorded_or_not(
+    trace, status_ms, hold_ms, period_us, loops, alone_ms
+):
+    config = Config(
+        hold_ms=hold_ms, ramp_ms=1, status_period_ms=status_ms, trace_mode=trace, trace_divider=30
+    )
+    play, recorder = Play(7, period_us, loops, alone_ms), Takes()
     seen, unseen = (heard(config, play, 80, *some) for some in ([recorder], []))
     assert seen == unseen
     assert seen[1]["latched"] == len(recorder.latches) > 0
