@@ -103,7 +103,7 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
     ends = [last for _, last in changes]
     firsts = np.minimum.accumulate([first for first, _ in changes][::-1])[::-1]
     told = [*_traced_latches(dialogue, configs), *_latches_read_back(dialogue, configs)]
-    for at, frame, limit in sorted(told, key=_time_of_told_latch):
+    for at, frame, limit in sorted(told, key=lambda one: one[0]):
         known = configs.at(at)
         if known is None:
             continue
@@ -120,10 +120,6 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ToldLatch]:
         due_clause = "HG-5.8/1" if found is None or found.playing is None else "HG-7.6/4"
         boot = next(c.begin for c in dialogue.clocks if c.begin <= frame.begin < c.end)
         yield ToldLatch(at, limit, due, due_clause, shown, boot, dialogue.within(at))
-
-
-def _time_of_told_latch(told: _Told) -> float:
-    return told[0]
 
 
 def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Told]:

@@ -97,8 +97,7 @@ class SuiteRunner:
             access,
             timeout_s=options.timeout_s,
             seed=options.seed,
-            thorough=options.depth > Depth.QUICK,
-            exhaustive=options.depth > Depth.DEFAULT,
+            depth=options.depth,
             explore_s=options.explore_s,
         )
         self._clauses = load_clauses()
