@@ -103,6 +103,8 @@ class Simulation:
         self.settings = settings
         self.dialect: VirtualDialect = parts.assemble(settings)
         self._recorders = recorders
+        is_unseen = not recorders and self._injector is None
+        self._is_unseen = is_unseen and isinstance(self.dialect, VirtualHaptogramDialect)
         self._line = settings.line if paced else LineSettings()
         self._down, self._up = uart_to_board(self._line), uart_to_host(self._line)
         if self.dialect.ahead is not None:
@@ -271,6 +273,7 @@ class Simulation:
         self._run_ahead(t_ns)
         while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
             self._step(next_ns)
+            self._play_unseen(t_ns)
             self._run_ahead(t_ns)
         self._now_ns = t_ns
 
@@ -283,6 +286,8 @@ class Simulation:
                 self.advance_to(t_ns)
                 return
             self._step(next_ns)
+            if not self._unread:
+                self._play_unseen(t_ns)
 
     def _run_ahead(self, t_ns: int) -> None:
         """Let a simulated board process run ahead to *t_ns*, unless bytes arrive before."""
@@ -291,6 +296,21 @@ class Simulation:
             until_ns = t_ns if up_ns is None else min(t_ns, up_ns)
             self.dialect.ahead.run_ahead(self._clock.device_us(until_ns))
             self._is_next_known = False
+
+    def _play_unseen(self, t_ns: int) -> None:
+        """Let a board play up to *t_ns*, if neither line nor recorder has to do with its latches.
+
+        All at once: a playback may be hours long.
+        """
+        dialect = self.dialect
+        if not self._is_unseen or self._down.in_transit or self._up.in_transit or self._can_feed:
+            return
+        assert isinstance(dialect, VirtualHaptogramDialect)
+        if dialect.board.is_playing:
+            dialect.play_to(self._clock.device_us(t_ns))
+            self._now_ns = max(self._now_ns, self._clock.reached_ns(dialect.now_us))
+            self._is_next_known = False
+            self._record()
 
     def _end_idle_time(self) -> None:
         """Advance the board from its last event to now."""

@@ -183,8 +183,9 @@ class Heartbeat:
     def _check_rate(self) -> None:
         """Warn once of each line rate set by a client that real boards do not support."""
         settings = self._simulation.settings
-        baud = None if settings.wiring is None else self._port.client_baud  # asks the system
-        if settings.wiring is None or baud is None or baud == self._client_baud:
+        if settings.wiring is None:
+            return
+        if (baud := self._port.client_baud) is None or baud == self._client_baud:
             return
         self._client_baud = baud
         known = [*settings.wiring.bauds, settings.line.baud or baud]

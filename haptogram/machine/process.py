@@ -7,7 +7,7 @@ import ctypes
 import gc
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +16,7 @@ from .posix import posix_module
 _STATM: Final = Path("/proc/self/statm")
 _PROCESSES: Final = Path("/proc")  # Linux
 _TERMINALS: Final = "/dev/pts/"
+_STATISTICS_BYTES: Final = 128  # more than three numbers of a thread take
 _PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
 _PR_GET_TIMERSLACK: Final = 30
 _MCL_CURRENT: Final = 1  # sys/mman.h
@@ -23,14 +24,53 @@ _MCL_FUTURE: Final = 2
 _PRIORITY: Final = 50  # SCHED_FIFO: above ordinary threads of the kernel, below its watchdogs
 
 
-def processes_behind_terminal(path: str) -> list[Path]:
-    """Return the folder of each thread of the processes that made a pseudo-terminal.
+class TerminalProcesses:
+    """The threads of the processes that made a pseudo-terminal, and how long they waited.
 
-    Empty if *path* is none, and where the system does not say (Linux does, of the same user).
+    None where *path* is no pseudo-terminal, and where the system does not say (Linux does, of the
+    same user).
+
+    Parameters
+    ----------
+    path : str
+        The terminal, or a link to it.
+
+    Attributes
+    ----------
+    threads : list of Path
+        Folder of each thread.
     """
-    number = os.path.realpath(path).removeprefix(_TERMINALS)
+
+    def __init__(self, path: str) -> None:
+        number = os.path.realpath(path).removeprefix(_TERMINALS)
+        self.threads = _threads_behind_terminal(number) if number.isdecimal() else []
+        self._stack = contextlib.ExitStack()
+        self._files: list[int] = []  # open, as they are read after every wait of a host
+        for thread in self.threads:
+            with contextlib.suppress(OSError):
+                self._files.append(os.open(thread / "schedstat", os.O_RDONLY))
+                self._stack.callback(os.close, self._files[-1])
+
+    def waited_us(self) -> int:
+        """Return for how long the threads were ready, and waited for a processor, so far.
+
+        Microseconds; without those that have ended.
+        """
+        waited_ns = 0
+        for file in self._files:
+            with contextlib.suppress(OSError, IndexError):
+                waited_ns += int(os.pread(file, _STATISTICS_BYTES, 0).split()[1])
+        return waited_ns // 1000
+
+    def close(self) -> None:
+        """Let the threads be: they wait no longer."""
+        self._files.clear()
+        self._stack.close()
+
+
+def _threads_behind_terminal(number: str) -> list[Path]:
     wanted, threads = f"tty-index:\t{number}\n", []
-    for process in _PROCESSES.glob("[0-9]*") if number.isdecimal() else ():
+    for process in _PROCESSES.glob("[0-9]*"):
         with contextlib.suppress(OSError):  # of another user, or at its end
             masters = [fd for fd in (process / "fd").iterdir() if _is_terminal_master(fd)]
             infos = [(process / "fdinfo" / fd.name).read_text("ascii") for fd in masters]
@@ -43,18 +83,6 @@ def _is_terminal_master(descriptor: Path) -> bool:
         return os.readlink(descriptor).endswith("ptmx")
     except OSError:
         return False
-
-
-def threads_waited_us(threads: Sequence[Path]) -> int:
-    """Return for how long these threads were ready, and waited for a processor, since their start.
-
-    Microseconds; without those that have ended.
-    """
-    waited_ns = 0
-    for thread in threads:
-        with contextlib.suppress(OSError, IndexError):
-            waited_ns += int((thread / "schedstat").read_bytes().split()[1])
-    return waited_ns // 1000
 
 
 def resident_bytes() -> int:

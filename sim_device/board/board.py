@@ -166,6 +166,19 @@ class Board:
             due[1]()
         self.output.now_us = t_us
 
+    def play_to(self, t_us: int) -> None:
+        """Latch the frames of a playback that are due up to *t_us*, until anything else is due.
+
+        The last one is left, as it ends the playback.
+        """
+        playback = self._playback
+        while playback is not None and not playback.ends_next:
+            due_us, action = self._next_due() or (t_us + 1, self._latch_playback)
+            if due_us > t_us or action != self._latch_playback:
+                return
+            self.output.now_us = due_us
+            self._latch_playback()
+
     def idle_to(self, t_us: int) -> None:
         """Let time pass in which nothing is due.
 
@@ -335,6 +348,11 @@ class Board:
             raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state))
 
     # --- playback ------------------------------------------------------------------------------
+
+    @property
+    def is_playing(self) -> bool:
+        """True from PLAY to the end of the playback."""
+        return self._playback is not None
 
     def play(
         self,

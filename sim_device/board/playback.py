@@ -58,6 +58,11 @@ class BoardPlayback:
         return self.loops > 0 and self.played >= self.loops * len(self.frames)
 
     @property
+    def ends_next(self) -> bool:
+        """True if the next frame is the last one of the last loop."""
+        return self.loops > 0 and self.played + 1 >= self.loops * len(self.frames)
+
+    @property
     def loops_done(self) -> int:
         """Whole passes played."""
         return self.played // len(self.frames)

@@ -23,6 +23,7 @@ from ..board.registers import Content, drive_of_registers
 from ..board.stream_queue import StreamFrame
 
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
+_TRACED_AT_ONCE: Final = (m.TraceMode.CRC, m.TraceMode.DRIVE)
 _STATUS_LIMIT: Final = OUTPUT_LIMIT * 3 // 4  # the last quarter is for responses: HG-9.6
 
 # What comes under which type: the tables see to it, so that the type checker need not.
@@ -111,6 +112,16 @@ class VirtualHaptogramDialect:
             if next_us == self._next_status_us:
                 self._send_status(next_us)
         self.board.idle_to(t_us)
+
+    def play_to(self, t_us: int) -> None:
+        """Latch the frames of a playback up to *t_us*, of which the line hears nothing."""
+        if self.board.config.trace_mode in _TRACED_AT_ONCE:
+            return
+        if self._next_status_us is not None:
+            t_us = min(t_us, self._next_status_us - 1)
+        self.board.play_to(t_us)
+        self.collect()
+        self._is_next_known = False
 
     def receive(self, data: bytes, t_us: int) -> None:
         """Take bytes whose last one is complete at *t_us*."""

@@ -47,6 +47,9 @@ class _Overtaking(VirtualHaptogramDialect):
             super().receive(data, due_us)
         super().advance_to(t_us)
 
+    def play_to(self, t_us: int) -> None:
+        """Latch frames of a playback one by one, as frames wait beside them."""
+
     def receive(self, data: bytes, t_us: int) -> None:
         """Take bytes whose last one is complete at *t_us*."""
         self.advance_to(t_us)

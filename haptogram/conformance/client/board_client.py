@@ -84,6 +84,8 @@ class BoardClient:
         Configuration in force, as far as the host knows.
     thorough : bool
         Whether cases cover the whole of a product, or for a quick run the least of it.
+    exhaustive : bool
+        Whether there is time for many random dialogues.
     explore_us : int
         How long random dialogues go on; 0: a fixed number of them.
     correction : bytes or None
@@ -106,6 +108,7 @@ class BoardClient:
     identity: m.HelloReply
     config: m.Config
     thorough: bool = True
+    exhaustive: bool = False
     explore_us: int = 0
     correction: bytes | None = None
     standing: RuleFindings | None = None

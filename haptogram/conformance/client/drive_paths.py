@@ -42,8 +42,8 @@ def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
     """Yield every path of every kind of drive that the board takes; the last goes on playing."""
     board.link.ask(m.Stop())
     for kind in stream_kinds(board):
-        yield DrivePath(f"{kind.name}, at once", partial(_stream_at_once, board, kind))
-        yield DrivePath(f"{kind.name}, at its time", partial(_stream_in_time, board, kind))
+        for name, latch in (("at once", latch_now), ("at its time", latch_in_time)):
+            yield DrivePath(f"{kind.name}, {name}", partial(_stream_frame, board, kind, latch))
     if board.has(m.Feature.SEQUENCE_PHASES):
         yield DrivePath("PHASES, played", partial(_play_phases, board))
     if board.has(m.Feature.SEQUENCE_POINTS):
@@ -55,17 +55,12 @@ def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
         board.link.ask(m.Stop())
 
 
-def _stream_at_once(board: BoardClient, kind: StreamKind) -> m.Message:
-    """Latch an IMMEDIATE frame; return its message."""
+def _stream_frame(
+    board: BoardClient, kind: StreamKind, latch: Callable[[BoardClient, m.Message], object]
+) -> m.Message:
+    """Latch a frame of *kind* by *latch*; return its message."""
     message = kind.make()
-    latch_now(board, message)
-    return message
-
-
-def _stream_in_time(board: BoardClient, kind: StreamKind) -> m.Message:
-    """Latch a scheduled frame; return its message."""
-    message = kind.make()
-    latch_in_time(board, message)
+    latch(board, message)
     return message
 
 

@@ -14,7 +14,7 @@ from typing import Final, NoReturn, Protocol, runtime_checkable
 
 from haptogram.driver.line.port import Transport
 from haptogram.errors import LinkLostError
-from haptogram.machine.process import processes_behind_terminal, threads_waited_us
+from haptogram.machine.process import TerminalProcesses
 from haptogram_protocol import messages as m
 from haptogram_protocol.cobs import cobs_decode, fastest_cobs
 from haptogram_protocol.errors import RemoteProtocolError
@@ -190,13 +190,18 @@ class RawFrameClient:
         self.heard = self.held_up_us = self.trip_us = self._board_waited_us = 0
         self.counters: m.Counters | None = None
         self._transport = transport
-        self._board = processes_behind_terminal(transport.url) if limits.slack_us else []
+        self._board = TerminalProcesses(transport.url if limits.slack_us else "")
         self._begin_delays()
         self._partial = b""
         self.ended_whole = True
         self._zeros = 2  # delimiters since the last piece
         self._deadline_us = self.now_us() + limits.case_us
         self._busy_until_us = self.sent_for_us = 0
+
+    def close(self) -> None:
+        """Close the port."""
+        self._board.close()
+        self._transport.close()
 
     def begin_case(self) -> None:
         """Forget the pieces received so far, and start the time of the next case."""
@@ -415,7 +420,7 @@ class RawFrameClient:
 
     def _begin_delays(self) -> None:
         self.held_up_us = self.trip_us = 0
-        self._board_waited_us = threads_waited_us(self._board)
+        self._board_waited_us = self._board.waited_us()
         self._leave()
 
     def _note_idle_time(self) -> None:
@@ -427,7 +432,7 @@ class RawFrameClient:
             return
         computed_us = (time.process_time_ns() - self._left_cpu_ns) // 1000
         self.note_held_up(self.now_us() - self._left_us - computed_us)
-        before_us, self._board_waited_us = self._board_waited_us, threads_waited_us(self._board)
+        before_us, self._board_waited_us = self._board_waited_us, self._board.waited_us()
         self.note_held_up(self._board_waited_us - before_us)
 
     def _leave(self, latest_us: int = 1 << 62) -> None:

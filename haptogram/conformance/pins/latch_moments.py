@@ -93,7 +93,8 @@ class LatchMomentClauseJudge:
         A clock that is known worse than a period shows no board to be in time.
         """
         length = duration_by_pins(self.pulses.record, abs(late))
-        text = f"the pins change {length} {_side_text(late)} {than}"
+        side = "later" if late > 0.0 else "earlier"
+        text = f"the pins change {length} {side} {than}"
         known = duration_by_pins(self.pulses.record, within)
         if abs(late) > _MISSED + within:
             findings.add(clause, text)
@@ -106,8 +107,3 @@ class LatchMomentClauseJudge:
                 f"the device clock is known within {known} only: more PINGs are needed, or a "
                 "capture of the carrier's clock"
             )
-
-
-def _side_text(periods: float) -> str:
-    """Return "later" or "earlier" for a signed time."""
-    return "later" if periods > 0.0 else "earlier"

@@ -12,6 +12,7 @@ from haptogram.driver.line.port import Transport
 from haptogram.errors import HaptogramError, LinkError, LinkLostError
 from haptogram_protocol import messages as m
 
+from ..case import Depth
 from ..client.board_client import BoardClient
 from ..client.introduction import (
     board_rate_at_introduction,
@@ -41,8 +42,8 @@ class SuiteConnection:
         How long an answer may take.
     seed : int
         Seed of nonces and contents.
-    thorough : bool
-        Whether cases cover the whole of a product.
+    depth : Depth
+        How thoroughly cases judge.
     explore_s : float
         How long random dialogues go on; 0: a fixed number of them.
 
@@ -61,13 +62,13 @@ class SuiteConnection:
     """
 
     def __init__(
-        self, access: Access, *, timeout_s: float, seed: int, thorough: bool, explore_s: float = 0
+        self, access: Access, *, timeout_s: float, seed: int, depth: Depth, explore_s: float = 0
     ) -> None:
         self.lost = ""
         self.device: dict[str, object] = {}
         self.baudrate = access.baudrate
         self.nonces: set[int] = set()
-        self._access, self._thorough = access, thorough
+        self._access, self._depth = access, depth
         self._explore_us = round(explore_s * 1e6)
         self._limits = self._usual = ClientWaitLimits.of(timeout_s, virtual=access.virtual)
         self._random = random.Random(seed)
@@ -188,7 +189,8 @@ class SuiteConnection:
         self._connected_us = wire.now_us()
         self._board = BoardClient(wire, self._random, booted=booted)
         self._board.nonces = self.nonces
-        self._board.thorough = self._thorough
+        self._board.thorough = self._depth > Depth.QUICK
+        self._board.exhaustive = self._depth > Depth.DEFAULT
         self._board.standing, wire.on_piece = self._findings, self.rules.take
         wire.on_sent = self.rules.take_sent
         self.rules.begin_board(wire.line_us)
@@ -201,7 +203,7 @@ class SuiteConnection:
         """Close the transport; keep its elapsed time."""
         if self._transport is not None:
             self._spent_us = self.elapsed_us
-            self._transport.close()
+            self.board.wire.close()
         self._transport = None
 
     def _answers(self) -> bool:

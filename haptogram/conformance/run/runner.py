@@ -54,7 +54,7 @@ class SuiteOptions:
     depth : Depth
         How thoroughly the board is judged: deeper cases are NOT-OBSERVED.
     explore_s : float
-        How long random dialogues go on; 0: a fixed number of them.
+        How long random dialogues go on; 0: as many as the depth has time for.
     """
 
     timeout_s: float = 1.0
@@ -97,7 +97,7 @@ class SuiteRunner:
             access,
             timeout_s=options.timeout_s,
             seed=options.seed,
-            thorough=options.depth > Depth.QUICK,
+            depth=options.depth,
             explore_s=options.explore_s,
         )
         self._clauses = load_clauses()

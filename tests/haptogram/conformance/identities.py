@@ -2,11 +2,9 @@
 
 import dataclasses
 
-from boards import BAUD
-
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.conformance.run.access import VirtualAccess
-from haptogram.driver.line.port import PyserialTransport
+from haptogram.driver.line.port import DEFAULT_BAUDRATE, PyserialTransport
 from sim_device.assembly import BoardAssembly
 from sim_device.board.output import BoardOutput
 from sim_device.protocol_haptogram import Serial
@@ -45,7 +43,7 @@ def identity_port(*, grid=(3, 2), carrier_us=25, output=BoardOutput, **changes):
     return IdentityPort(changes, output)
 
 
-def identity(*, baud=BAUD, **limits):
+def identity(*, baud=DEFAULT_BAUDRATE, **limits):
     """A board in virtual time with these fields of its settings."""
     ports = []
 

@@ -377,7 +377,7 @@ def test_a_host_that_was_held_up_does_not_blame_the_board(away_ms, due):
 )
 def test_an_emulator_that_waits_for_a_processor_is_not_blamed(monkeypatch, waited_ms, due):
     waits = itertools.count(0, 1000 * waited_ms)
-    monkeypatch.setattr(wire, "threads_waited_us", lambda _: next(waits))
+    monkeypatch.setattr(wire.TerminalProcesses, "waited_us", lambda _: next(waits))
     access = virtual(array="4x4")
     access.virtual = False
     attempts = []

@@ -3,17 +3,14 @@ import ctypes
 import gc
 import os
 import pty
+import subprocess
 import sys
 import threading
 from pathlib import Path
 
 import pytest
 
-from haptogram.machine.process import (
-    processes_behind_terminal,
-    real_time_process,
-    threads_waited_us,
-)
+from haptogram.machine.process import TerminalProcesses, real_time_process
 
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux itself")
 
@@ -99,15 +96,28 @@ def test_the_process_behind_a_pseudo_terminal_is_known_and_how_long_it_waited():
     held, other = pty.openpty(), pty.openpty()
     name = os.ttyname(held[1])
     try:
-        threads = processes_behind_terminal(name)
-        waited_us = threads_waited_us(threads)
+        processes = TerminalProcesses(name)
+        waited_us = processes.waited_us()
         os.close(held[0])
-        left = processes_behind_terminal(name)
+        left = TerminalProcesses(name)
     finally:
         for descriptor in (held[1], *other):
             os.close(descriptor)
-    assert Path(f"/proc/{os.getpid()}/task/{threading.get_native_id()}") in threads
-    assert {thread.parts[2] for thread in threads} == {str(os.getpid())}
-    assert 0 <= waited_us <= threads_waited_us(threads)
-    assert left == processes_behind_terminal("/dev/null") == []
-    assert threads_waited_us([Path("/proc/0/task/0")]) == 0
+    assert Path(f"/proc/{os.getpid()}/task/{threading.get_native_id()}") in processes.threads
+    assert {thread.parts[2] for thread in processes.threads} == {str(os.getpid())}
+    assert 0 <= waited_us <= processes.waited_us()
+    processes.close()
+    assert processes.waited_us() == left.waited_us() == 0
+    assert left.threads == TerminalProcesses("/dev/null").threads == []
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="not told by this system")
+def test_a_process_that_has_ended_waits_no_longer():
+    serve = "import os, pty; print(os.ttyname(pty.openpty()[1]), flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", serve], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as board:
+        processes = TerminalProcesses(board.stdout.readline().strip())
+    with contextlib.closing(processes):
+        assert len(processes.threads) == 1
+        assert processes.waited_us() == 0

@@ -4,22 +4,39 @@ In virtual time, over random stalls and jitter of the host, rates of the line, d
 of the device clock, frames lost, damaged and out of order.
 """
 
+import binascii
 import random
 from dataclasses import dataclass
 from itertools import pairwise
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol.connection import HostConnection, ReplyReceived
-from haptogram_protocol.messages import Arm, Config, Phases, SetConfig
+from haptogram_protocol.framing import encode_frame
+from haptogram_protocol.messages import (
+    Arm,
+    Config,
+    Flag,
+    Phases,
+    Play,
+    SetConfig,
+    TraceMode,
+    UploadBegin,
+    UploadChunk,
+    UploadCommit,
+    UploadKind,
+    build_body,
+)
 from haptogram_protocol.state import OutputState
 from sim_device.board.events import PowerDown, StateChange
 from sim_device.board.settings import board_settings
 from sim_device.simulation import Simulation
 
 US, MS = 1_000, 1_000_000
+NONCE = 0x5EED
 CARRIER_US = 25
 FRAMES = 30
 START_NS = 60 * MS  # of the stream: at the slowest rate the requests before it take 40 ms
@@ -61,7 +78,7 @@ class Takes:
 
 def armed(simulation):
     """Open a session and arm the board, up to START_NS; return the host's end of the link."""
-    link = HostConnection(nonce=0x5EED)
+    link = HostConnection(nonce=NONCE)
     link.send_hello(0)
     for request in (None, SetConfig(CONFIG), Arm()):
         if request is not None:
@@ -191,6 +208,50 @@ def test_a_board_that_was_idle_is_powered_down_at_the_time_it_is_and_not_at_its_
     simulation.advance_to(simulation.now_ns + 5_000 * MS)
     simulation.power_down()
     assert [n.t_us for n in recorder.notices if isinstance(n, PowerDown)] == [idle_us]
+
+
+def heard(config, play, rest_ms, *recorders):
+    """Store three frames and play them; return what the host heard, when, and the counters."""
+    simulation = Simulation(board_settings(array="4x4", baud=3_000_000), *recorders)
+    armed(simulation)
+    data = bytes(range(48))
+    requests = [
+        UploadBegin(UploadKind.PHASES, 0, 7, len(data), binascii.crc32(data)),
+        UploadChunk(0, data),
+        UploadCommit(7),
+        SetConfig(config),
+        Arm(),
+        play,
+    ]
+    for seq, request in enumerate(requests, 100):
+        flags = Flag.IMMEDIATE if request is play else 0
+        body = build_body(request, flags=flags, seq=seq, time_us=0, session=NONCE)
+        simulation.host_write(encode_frame(body), simulation.now_ns)
+        simulation.advance_to(simulation.now_ns + 2 * MS)
+    heard = []
+    end_ns = simulation.now_ns + rest_ms * MS
+    while simulation.now_ns < end_ns:
+        simulation.advance_to_output(min(end_ns, simulation.now_ns + 7 * MS))
+        heard.append((simulation.now_ns, simulation.host_read()))
+    return heard, simulation.dialect.counters, simulation.device_us(simulation.now_ns)
+
+
+@pytest.mark.parametrize("trace", TraceMode)
+@pytest.mark.parametrize("status_ms", [0, 11])
+@pytest.mark.parametrize("hold_ms", [1, 200])
+@pytest.mark.parametrize(
+    ("period_us", "loops", "alone_ms"), [(100, 0, 1000), (100, 0, 25), (1999, 9, 1000)]
+)
+def test_a_playback_is_heard_alike_whether_its_latches_are_recorded_or_not(
+    trace, status_ms, hold_ms, period_us, loops, alone_ms
+):
+    config = Config(
+        hold_ms=hold_ms, ramp_ms=1, status_period_ms=status_ms, trace_mode=trace, trace_divider=30
+    )
+    play, recorder = Play(7, period_us, loops, alone_ms), Takes()
+    seen, unseen = (heard(config, play, 80, *some) for some in ([recorder], []))
+    assert seen == unseen
+    assert seen[1]["latched"] == len(recorder.latches) > 0
 
 
 CROWDED = {"rx_fifo": 64, "rx_poll_us": 1000}

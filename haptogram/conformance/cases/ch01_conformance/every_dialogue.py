@@ -28,9 +28,10 @@ _SLOTS_UNTIMED: Final = 40
 _SLOTS_VIRTUAL: Final = 80
 _TIMED: Final = 6  # every sixth dialogue has timers that end: it takes as long as others together
 _TIMED_VIRTUAL: Final = 2
-_DIALOGUES: Final = 60  # without --explore
-_DIALOGUES_VIRTUAL: Final = 120
-_LONGEST_US: Final = 20_000_000  # without --explore, at a wall clock
+_DIALOGUES: Final = 20  # without --explore
+_DIALOGUES_VIRTUAL: Final = 60
+_LONGEST_US: Final = 6_000_000  # without --explore, at a wall clock
+_EXHAUSTIVE: Final = 3  # times as many, and as long, with --full
 _REPLAYS: Final = 60
 _SHRINKING_US: Final = 15_000_000  # at a wall clock
 _LATCHES: Final = 6  # in a slot, of a playback
@@ -88,9 +89,11 @@ def _goes_on_after_dialogue(board: BoardClient, number: int, compared: int, star
     passed_us = board.wire.now_us() - start_us
     if board.explore_us:
         return passed_us < board.explore_us
+    times = _EXHAUSTIVE if board.exhaustive else 1
     if board.wire.is_virtual:
-        return number < _DIALOGUES_VIRTUAL
-    return compared < _DIALOGUES and number < 2 * _DIALOGUES and passed_us < _LONGEST_US
+        return number < times * _DIALOGUES_VIRTUAL
+    is_over = compared >= times * _DIALOGUES or passed_us >= times * _LONGEST_US
+    return not is_over and number < 2 * times * _DIALOGUES
 
 
 @dataclass(slots=True)

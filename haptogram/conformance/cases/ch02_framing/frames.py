@@ -23,7 +23,7 @@ from ...client.malformed_frames import (
     malformed_with_crc,
 )
 from ...client.request_client import LONGEST_BURST_BYTES
-from ...client.stream_kinds import StreamKind, stream_kinds
+from ...client.stream_kinds import stream_kinds
 from ...judge.line_rules import judge_line_rule
 from ...judge.timers import HOLD, LEASE, judge_status_period
 from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, fail, named
@@ -217,16 +217,12 @@ def _paused_bytes(board: BoardClient) -> Iterator[Paused]:
         chunk = m.UploadChunk(0, bytes(range(1, 1 + _CHUNK)))
         yield "UPLOAD_CHUNK", "requests", lambda: link.request_wire(chunk)[0]
     for kind in stream_kinds(board):
-        yield kind.name, "dropped_state", partial(_paused_stream_frame, board, kind)
+        yield kind.name, "dropped_state", partial(link.stream_wire, kind.make())
     yield "a wrong CRC", "crc", lambda: malformed_ping(link)
     yield "wrong stuffing", "cobs", lambda: b"\x00\xff\x01\x02\x03\x04\x05\x00"
     yield "a short frame", "short", lambda: malformed_frame(malformed_with_crc(b"too short"))
     noise = malformed_noise(board.random, _TOO_LONG)
     yield "a run that is too long", "oversize", lambda: b"\x00" + noise + b"\x00"
-
-
-def _paused_stream_frame(board: BoardClient, kind: StreamKind) -> bytes:
-    return board.link.stream_wire(kind.make())
 
 
 @case("HG-2.1/3-pauses", evidence=SELF_REPORTED, depth=Depth.DEFAULT, wall_depth=Depth.FULL)

@@ -59,7 +59,6 @@ _HOLD_MS: Final = 200
 _RAMP_MS: Final = 900
 _TRIES: Final = 3
 _RAMPS: Final[dict[str, Any]] = {"ramp_ms": _RAMP_MS}
-_OTHER_SESSION: Final = 0x0660
 _FADES: Final = m.Feature.CONFIG | m.Feature.AMPLITUDE
 
 
@@ -401,15 +400,10 @@ class End:
     send: Callable[[BoardClient], object]
 
 
-def _mute_output_as_another(board: BoardClient) -> None:
-    """Send MUTE from another session."""
-    board.mute(session=board.link.session ^ _OTHER_SESSION)
-
-
 _ENDS: Final = (
     End("HG-4.6/3", "moments", "a new session", OutputInput.NEW_SESSION, lambda b: b.hello()),
     End("HG-6.4/2", "moments", "MUTE", OutputInput.MUTE, lambda b: b.mute()),
-    End("HG-6.4/2", "others", "MUTE of another session", OutputInput.MUTE, _mute_output_as_another),
+    End("HG-6.4/2", "others", "MUTE of another session", OutputInput.MUTE, _foreign_mute),
     End("HG-6.5/1", "moments", "DISARM", OutputInput.DISARM, lambda b: b.link.ask(m.Disarm())),
     End("HG-7.7/1", "moments", "STOP", OutputInput.STOP, lambda b: b.stop()),
 )

@@ -338,6 +338,7 @@ def every_frame_of_a_long_playback_is_in_time(board: BoardClient) -> None:
     )
     for number in range(frames):
         due_us = board.clock.on_carrier(start_us + number * _SLOW_US)
+        board.clock.wait_before(due_us)  # unattended, as it may be
         board.clock.wait_until(due_us + _MS)
         if board.link.events(m.PlaybackEnded, since):
             fail(f"the playback ended before frame {number}")
