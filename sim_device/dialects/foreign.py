@@ -13,16 +13,17 @@ from numpy.typing import NDArray
 from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 
 from ..board.clock import earliest_board_time
-from ..board.events import CarrierState, Notice, PulseLatch
+from ..board.events import CarrierState, Notice
 from .client_remarks import ClientRemarks, UnshownToClient
 from .unit import HearsBytesUnit, HoldsBackUnit, RunsAheadUnit, Unit
+from .virtual_dialect import VirtualDialect
 
 PAUSE_US: Final = 30_000  # between bytes: what comes then may be another frame
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
 
-class VirtualForeignDialect:
+class VirtualForeignDialect(VirtualDialect):
     """All boards on one line that speaks another dialect than Haptogram's.
 
     Bytes are handed to the codec message by message, so that each latch knows what went wrong
@@ -44,11 +45,6 @@ class VirtualForeignDialect:
         Boards on the line.
     byte_us : float
         Time that the line needs for a byte, microseconds; 0 for a line without a speed.
-
-    Attributes
-    ----------
-    line_free_us : int
-        See :class:`~sim_device.dialects.virtual_dialect.VirtualDialect`.
     """
 
     def __init__(
@@ -61,10 +57,9 @@ class VirtualForeignDialect:
         boards: int = 1,
         byte_us: float = 0.0,
     ) -> None:
-        self.line_free_us = now_us
+        super().__init__(now_us)
         self._dialect, self._unit, self._channels = dialect, unit, channels
         self.ahead = unit if isinstance(unit, RunsAheadUnit) else None
-        self.announce: Callable[[float, bytes], None] | None = None
         if self.ahead is not None:
             self.announce = self.ahead.announce
         elif isinstance(unit, HearsBytesUnit):
@@ -72,14 +67,11 @@ class VirtualForeignDialect:
             self.announce = lambda begin_us, data: hear(begin_us, begin_us + byte_us * len(data))
         self._new_end = end
         self._connect()
-        self._now_us = now_us
-        self._output = bytearray()
         self._own: Counter[str] = Counter()
         self._counted: Counter[str] = Counter()  # at the last latch
         self._latched = 0
         self._byte_us, self._last_us = byte_us, now_us  # when the last byte came
         self._quiet_us: int | None = None  # when the client has been silent for long enough
-        self._latches: list[PulseLatch] = []
         self._frame_bytes = 0  # since the last latch
         self._remarks = ClientRemarks(dialect, [*map(dialect.frame_bytes, range(1, boards + 1))])
         self._collect()
@@ -93,11 +85,6 @@ class VirtualForeignDialect:
     # --- time and bytes ------------------------------------------------------------------------
 
     @property
-    def now_us(self) -> int:
-        """Time up to which everything has happened."""
-        return self._now_us
-
-    @property
     def counters(self) -> dict[str, int]:
         """Counts of bytes and operations that codec and boards refused, by kind."""
         remarks = self._remarks
@@ -106,11 +93,6 @@ class VirtualForeignDialect:
             "other_wires": remarks.other_wires,
         }
         return dict(self._end.counters + self._unit.counters + self._own + Counter(said))
-
-    @property
-    def output_bytes(self) -> int:
-        """Bytes that wait for the line."""
-        return len(self._output)
 
     @property
     def room_bytes(self) -> int | None:
@@ -156,12 +138,6 @@ class VirtualForeignDialect:
         waits = unshown.is_something or self._remarks.waits
         self._quiet_us = t_us + PATIENCE_US if waits else None
 
-    def take_output(self, limit: int | None = None) -> bytes:
-        """Return bytes for the line, at most *limit* if given."""
-        taken = bytes(self._output[:limit])
-        del self._output[: len(taken)]
-        return taken
-
     def client_left(self) -> None:
         """Say so if a frame has not ended, and look at the first bytes of the next client anew.
 
@@ -177,17 +153,7 @@ class VirtualForeignDialect:
             self._counted = self._unit.counters.copy()
             self._output.clear()
 
-    def power_down(self) -> None:
-        """Switch off boards that are simulated: the others say nothing as they go."""
-        if self.ahead is not None:
-            self.ahead.power_down()
-
     # --- what happened -------------------------------------------------------------------------
-
-    def take_latches(self) -> list[PulseLatch]:
-        """Return the latches since the last call, in order."""
-        taken, self._latches = self._latches, []
-        return taken
 
     def take_notices(self) -> list[Notice]:
         """Return the remarks since the last call, in order."""
