@@ -14,7 +14,8 @@ from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.driver.identity import check_air_of_identity, read_geometry
-from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port
+from haptogram.driver.line.link import Link
+from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port, open_transport
 from haptogram.driver.output import HostOutput
 from haptogram.driver.playback import MOST_PLAYED, PlaybackTiming, PlayReport, playback_period_us
 from haptogram.driver.session import DriverSession, Sink, choose_session_nonce
@@ -32,7 +33,8 @@ from haptogram.settings.arguments import (
     check_number,
     check_whole,
 )
-from haptogram_protocol import messages
+from haptogram_protocol import HostConnection, messages
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.state import OutputState
 
@@ -132,20 +134,14 @@ class Driver(ClosedByWith):
         check_callable("sink", sink)
         elements = None if calibration is None else Calibration.of(calibration)
         self.session = choose_session_nonce(nonce, seed)
-        self._session = DriverSession.open(
-            port,
-            baudrate=baudrate,
-            timeout_s=timeout_s,
-            nonce=self.session,
-            keep=keep,
-            sink=sink,
-        )
-        link, pinger = self._session.link, self._session.pinger
+        connection = HostConnection(nonce=self.session, cobs=fastest_cobs())
+        transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
+        self._link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s, keep=keep)
+        self._session = DriverSession(self._link, keep, sink)
         self.identity, self.clock = self._session.identity, self._session.clock
         self.observations, self.events = self._session.observations, self._session.events
         self.warnings = self._session.warnings
         self.intended = KeptRecords[Intended](keep, sink)
-        self._link, self._pinger = link, pinger
         self._closed = False
         try:
             self.model = self._session.start(model, medium, elements)
@@ -219,7 +215,7 @@ class Driver(ClosedByWith):
 
     def ping(self) -> float:
         """Measure the device clock anew and return the error that is left, in microseconds."""
-        self._pinger.synchronise()
+        self._session.pinger.synchronise()
         return self.clock.uncertainty_us
 
     def silences_us(self) -> list[tuple[int, int]]:

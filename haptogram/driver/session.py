@@ -14,7 +14,6 @@ from haptogram.driver.configuration import SessionConfiguration
 from haptogram.driver.identity import assumed_model_of_identity
 from haptogram.driver.line.handshake import open_line_session
 from haptogram.driver.line.link import NS_PER_S, Link
-from haptogram.driver.line.port import Transport, open_transport
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram.driver.trace import DriverTraceReader
@@ -22,8 +21,6 @@ from haptogram.errors import HaptogramError, LinkError, WrongProtocolError
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import MOST_SEED, check_argument_kind, check_whole
-from haptogram_protocol import HostConnection
-from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
 from haptogram_protocol.messages import DriveKind, MuteReply, Status, TraceMode, unwrap
 
@@ -50,14 +47,12 @@ def choose_session_nonce(nonce: int | None, seed: int | None) -> int:
 
 
 class DriverSession:
-    """One session on an open link.
+    """One session on an open link, which is closed again where no session can be opened.
 
     Parameters
     ----------
     link : Link
         Its connection has the nonce of the session.
-    nonce : int
-        For the keys of observations.
     keep : int or None
         Number of observations and of events that are kept, each; None: all.
     sink : callable or None
@@ -74,37 +69,20 @@ class DriverSession:
         See :class:`haptogram.driver.driver.Driver`.
     """
 
-    def __init__(self, link: Link, nonce: int, keep: int | None, sink: Sink | None) -> None:
+    def __init__(self, link: Link, keep: int | None, sink: Sink | None) -> None:
         self.link = link
-        self.identity = open_line_session(link)
-        self.warnings = list(link.connection.warnings)
-        self.clock = ClockEstimate(self.identity.clock_ppm)
-        self.pinger = Pinger(link, self.clock)
-        self._traces = DriverTraceReader(nonce, self.identity.transducers, self.clock)
-        self.observations = KeptRecords[Observation](keep, sink)
-        self.events = KeptRecords[EventReceived](keep)
-        self.last_status: Status | None = None
-
-    @classmethod
-    def open(
-        cls,
-        port: str | Transport,
-        *,
-        baudrate: int,
-        timeout_s: float,
-        nonce: int,
-        keep: int | None,
-        sink: Sink | None,
-    ) -> DriverSession:
-        """Open *port* and a session on it; close the port again if that fails."""
-        connection = HostConnection(nonce=nonce, cobs=fastest_cobs())
-        transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
-        link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s, keep=keep)
         try:
-            return cls(link, nonce, keep, sink)
+            self.identity = open_line_session(link)
         except BaseException:
             link.close()
             raise
+        self.warnings = list(link.connection.warnings)
+        self.clock = ClockEstimate(self.identity.clock_ppm)
+        self.pinger = Pinger(link, self.clock)
+        self._traces = DriverTraceReader(link, self.identity.transducers, self.clock)
+        self.observations = KeptRecords[Observation](keep, sink)
+        self.events = KeptRecords[EventReceived](keep)
+        self.last_status: Status | None = None
 
     def start(
         self, model: AcousticModel | None, medium: Medium | None, elements: Calibration | None
@@ -155,12 +133,12 @@ class DriverSession:
     def read_drive(self, kind: DriveKind) -> Observation:
         """Return the present drive at the transducers; see :class:`DriverTraceReader`."""
         check_argument_kind("kind", kind, DriveKind, "a DriveKind")
-        return self._traces.read_drive(self.link, kind)
+        return self._traces.read_drive(kind)
 
     def collect_ring(self) -> None:
         """Add the latches in the board's trace ring, if it keeps one, to the observations."""
         if self.configuration.known.trace_mode is TraceMode.RING:
-            self.observations.extend(self._traces.read_ring(self.link))
+            self.observations.extend(self._traces.read_ring())
 
     def warn(self, text: str) -> None:
         """Add *text* to the warnings, once, and 100 warnings at most."""

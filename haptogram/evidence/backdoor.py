@@ -7,10 +7,9 @@ line, so they are external evidence: no firmware vouches for itself here.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -210,10 +209,7 @@ def observed_silences_on_clock_of(
     intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]
 ) -> list[int]:
     """Return :func:`_observed_silences_of` *records*, counted as the times of *intended* are."""
-    latches = (record for record in records if record["kind"] == "latch")
-    shift_us = _shift_of_observations_us(
-        intended, ((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches)
-    )
+    shift_us = _shift_of_observations_us(intended, _times_of_frames(records))
     return [t_us + shift_us for t_us in _observed_silences_of(records)]
 
 
@@ -227,14 +223,7 @@ def observed_losses_on_clock_of(
     output = [record for record in records if record["kind"] == "output"]
     drops = [record for record in output if record["event"] == "dropped"]
     states = [r for r in output if r["event"] == "state" and r["state"] != _ARMED]
-    latches = [record for record in records if record["kind"] == "latch"]  # numbered, of our wire
-    shift_us = _shift_of_observations_us(
-        intended,
-        itertools.chain(
-            ((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches),
-            ((_dropped_frame_key(drop), drop["t_us"]) for drop in drops),
-        ),
-    )
+    shift_us = _shift_of_observations_us(intended, _times_of_frames(records))
     return BoardLosses(
         drops={
             _dropped_frame_key(drop): FrameDrop(drop["counter"], drop["t_us"] + shift_us)
@@ -243,9 +232,19 @@ def observed_losses_on_clock_of(
         timeouts_us=tuple(r["t_us"] + shift_us for r in states if r["reason"] in TIMED_OUT),
         mutes_us=tuple(r["t_us"] + shift_us for r in states if r["requested"]),
         is_machine_in_between=is_machine_in_between,
-        is_told_in_order=bool(intended and latches)
+        is_told_in_order=bool(intended)
+        and any(record["kind"] == "latch" for record in records)  # numbered, of our wire
         and not _lacked_latches(records, intended[0].key.session),
     )
+
+
+def _times_of_frames(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[FrameKey, int]]:
+    """Yield key and device time of every frame that was latched or dropped."""
+    for record in records:
+        if record["kind"] == "latch":
+            yield FrameKey.from_record(record), record["t_latch_us"]
+        elif record.get("event") == "dropped":
+            yield _dropped_frame_key(record), record["t_us"]
 
 
 def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
