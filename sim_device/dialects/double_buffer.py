@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
 from haptogram_protocol.dialects.fpga_bytes import operations
-from haptogram_protocol.dialects.fpga_bytes.rules import FpgaByteRules
+from haptogram_protocol.dialects.fpga_bytes.operations import FpgaByteRules
 
 from ..board.events import Modulation, PulseLatch
 from .unit import LatchingUnit

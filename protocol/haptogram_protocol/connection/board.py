@@ -8,10 +8,12 @@ checks output state, time and configuration.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Container
+from collections import deque
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from typing import Final, cast
 
+from .. import messages
 from .. import messages as m
 from ..cobs import PURE_PYTHON, Cobs
 from ..errors import LocalProtocolError, RemoteProtocolError
@@ -19,8 +21,84 @@ from ..framing import HEADER_BYTES, FrameDecoder, encode_frame
 from .counters import LINK_COUNTERS
 from .events import NEED_DATA, BoardEvent, FrameDropped, NeedData, RequestReceived, StreamReceived
 from .inbox import ConnectionInbox
-from .outbox import OUTPUT_LIMIT, ConnectionOutbox
-from .received import IMMEDIATE, ReceivedFrame, unknown_received_flags
+
+OUTPUT_LIMIT: Final = 65_536  # bytes that may wait for the line
+
+
+class ConnectionOutbox:
+    """Queue of whole frames; a frame without room is refused, never cut.
+
+    Attributes
+    ----------
+    waiting : int
+        Bytes of the frames in the queue.
+    """
+
+    def __init__(self) -> None:
+        self._frames: deque[bytes] = deque()
+        self.waiting = 0
+
+    def put(self, wire: bytes, limit: int) -> bool:
+        """Queue a frame unless more than *limit* bytes would wait then; return True if queued."""
+        room = self.waiting + len(wire) <= limit
+        if room:
+            self._frames.append(wire)
+            self.waiting += len(wire)
+        return room
+
+    def take(self, limit: int | None = None) -> bytes:
+        """Return and forget the oldest frames: at most *limit* bytes, all of them if None."""
+        if limit is None or self.waiting <= limit:
+            taken = b"".join(self._frames)
+            self._frames.clear()
+        else:
+            taken = b"".join(self._oldest(limit))
+        self.waiting -= len(taken)
+        return taken
+
+    def _oldest(self, limit: int) -> Iterator[bytes]:
+        while self._frames and len(self._frames[0]) <= limit:
+            limit -= len(self._frames[0])
+            yield self._frames.popleft()
+
+
+# HG-3.5: IMMEDIATE has a meaning in these only.  MUTE is carried out whatever its flags (HG-6.4).
+_TAKES_IMMEDIATE: Final = frozenset({*messages.STREAM_RANGE, int(messages.MessageType.PLAY)})
+IMMEDIATE: Final = int(
+    messages.Flag.IMMEDIATE
+)  # as a number: an operation on a Flag costs microseconds
+
+
+@dataclass(slots=True)  # frozen would take four times as long to make
+class ReceivedFrame:
+    """A frame whose CRC was right.
+
+    Attributes
+    ----------
+    header : Header
+        Its header.
+    payload : bytes
+        Bytes behind the header.
+    crc : int
+        CRC-32 of header and payload, by which a repeated request is known.
+    t_rx_us : int
+        Device time, unwrapped, at which its last byte came.
+    in_session : bool
+        True if the frame is of the open session; it renews the lease then (HG-6.7).
+    """
+
+    header: messages.Header
+    payload: bytes
+    crc: int
+    t_rx_us: int
+    in_session: bool
+
+
+def unknown_received_flags(header: messages.Header) -> int:
+    """Return the must-understand flags that have no meaning in such a frame.  HG-3.4."""
+    known = IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
+    return header.flags & messages.MUST_UNDERSTAND & ~known
+
 
 #: How far ahead of the expected one a stream number is at which the frame is a copy.  HG-5.5/1.
 COPY_AHEAD: Final = 0x10000 - 32

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
 from haptogram_protocol.dialects.ultraino.arduino import operations
-from haptogram_protocol.dialects.ultraino.arduino.firmware import ArduinoFirmware
+from haptogram_protocol.dialects.ultraino.arduino.operations import ArduinoFirmware
 from haptogram_protocol.dialects.ultraino.arduino.slots import ArduinoSlotLayout
 
 from ...board.events import PulseLatch

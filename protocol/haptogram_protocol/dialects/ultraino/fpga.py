@@ -31,17 +31,16 @@ from typing import Final
 from ...errors import LocalProtocolError
 from ..codec import Dialect, Operation
 from ..fpga_bytes.board_end import FpgaBoardEnd
-from ..fpga_bytes.display import FpgaDisplay
-from ..fpga_bytes.host_end import FpgaHostEnd
+from ..fpga_bytes.host_end import FpgaDisplay, FpgaHostEnd
 from ..fpga_bytes.operations import (
     Begin,
     BeginAmplitudes,
     Clocks,
+    FpgaByteRules,
     Select,
     Swap,
     ToggleMultiplex,
 )
-from ..fpga_bytes.rules import FpgaByteRules
 
 CHANNELS: Final = 256
 CHANNELS_128: Final = 72
