@@ -19,7 +19,7 @@ from .errors import LocalProtocolError, RemoteProtocolError
 from .record import Record, nested, record, repeated, tail, wire
 from .state import MuteReason, OutputState
 
-# --- Header, types, flags, errors: chapters 3 and 10 -----------------------------------------------
+# --- Header, types, flags, errors: chapters 3 and 10 ----------------------------------------------
 
 VERSION_MAJOR: Final = 2  # HG-4.2
 VERSION_MINOR: Final = 0
@@ -203,7 +203,7 @@ def unwrap(value: int, near: int, bits: int) -> int:
     return near + signed_difference(value, near, bits)
 
 
-# --- Session, output state and time: chapters 4 and 6 ----------------------------------------------
+# --- Session, output state and time: chapters 4 and 6 ---------------------------------------------
 
 
 class Feature(DocumentedFlag):
@@ -327,7 +327,7 @@ class StateChanged(Message):
     reason: MuteReason = wire("B", "why", enum=MuteReason)
 
 
-# --- Stream, host to board: chapter 5 --------------------------------------------------------------
+# --- Stream, host to board: chapter 5 -------------------------------------------------------------
 
 _FULL_AMPLITUDE: Final = 255  # amplitude code
 
@@ -394,7 +394,7 @@ def drive_codes(message: Message, transducers: int) -> tuple[bytes, bytes] | Non
     return message.data[:transducers], amplitudes
 
 
-# --- Configuration and geometry: chapter 7 ---------------------------------------------------------
+# --- Configuration and geometry: chapter 7 --------------------------------------------------------
 
 
 class TraceMode(DocumentedEnum):
@@ -480,7 +480,7 @@ class GeometryReply(Message):
     elements: tuple[Element, ...] = repeated(Element, "transducers, in order")
 
 
-# --- Uploads and playback on the board's clock: chapter 7 ------------------------------------------
+# --- Uploads and playback on the board's clock: chapter 7 -----------------------------------------
 
 
 class UploadKind(DocumentedEnum):
@@ -573,7 +573,7 @@ class PlaybackEnded(Message):
     frames: int = wire("I", "frames latched")
 
 
-# --- Latched drives, read-back and trace: chapter 8 ------------------------------------------------
+# --- Latched drives, read-back and trace: chapter 8 -----------------------------------------------
 
 
 class DriveKind(DocumentedEnum):
@@ -664,7 +664,7 @@ class TraceReply(Message):
     records: tuple[TraceRecord, ...] = repeated(TraceRecord, "latches, oldest first")
 
 
-# --- Counters and arrival margin: chapter 9 --------------------------------------------------------
+# --- Counters and arrival margin: chapter 9 -------------------------------------------------------
 
 
 @record

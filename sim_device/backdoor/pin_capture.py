@@ -21,9 +21,9 @@ from .pin_waveforms import (
     Edges,
     PinWaveformPulses,
     PinWaveformSampler,
+    UartWaveform,
     starts_of_periods,
 )
-from .uart_waveforms import UartWaveform
 
 CARRIER: Final = "carrier"
 LATCH: Final = "latch"

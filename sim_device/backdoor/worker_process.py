@@ -17,7 +17,7 @@ from ..board.events import Latch, PulseLatch
 from .recorder import InlineReconstructionWorker
 from .records import backdoor_record_line
 from .sinks import RecordSink, open_backdoor_sink
-from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, unpacked_worker_batches
+from .worker import READY, SKIP_FIELDS, RecordsEnd, unpacked_worker_batches
 
 LINGER_S: Final = 5.0  # for readers of the back door to take the last records
 _READ_BYTES: Final = 65_536

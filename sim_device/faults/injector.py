@@ -21,11 +21,9 @@ from ..board.clock import BoardClock, earliest_board_time
 from ..board.events import AnyLatch, FaultsCounted
 from ..board.settings import BoardSettings
 from .clock import clock_fault_changes
-from .frames import FRAME_FAULTS
+from .frames import FRAME_FAULTS, REPORT_FAULTS
 from .line import LINE_FAULTS, FaultChunk
-from .phasors import FaultyPhasors
-from .reports import REPORT_FAULTS
-from .transducers import FaultContext, fault_place, faulty_drive
+from .transducers import FaultContext, FaultyPhasors, fault_place, faulty_drive
 
 _ON_CHUNKS: Final = {**LINE_FAULTS, **FRAME_FAULTS, **REPORT_FAULTS}
 

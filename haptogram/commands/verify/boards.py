@@ -82,7 +82,7 @@ class RunBoards:
         """
         if config.link.dialect is None:
             return cls(config, None, made)
-        from haptogram.driver.frames.dialect_boards import dialect_display_of
+        from haptogram.driver.frames.dialect_frames import dialect_display_of
         from haptogram.driver.line.budget import check_dialect_rate
 
         boards = made.boards_of_dialect(config)
@@ -130,8 +130,11 @@ class RunBoards:
     @contextlib.contextmanager
     def open(self, show: Show) -> Iterator[BoardUnderTest]:
         """Give the board at a port, else the virtual one, and clean up after it."""
-        from haptogram.evidence.boards import PortBoardUnderTest, ProcessBoardUnderTest
-        from haptogram.evidence.shown_port import ShownPortBoardUnderTest
+        from haptogram.evidence.boards import (
+            PortBoardUnderTest,
+            ProcessBoardUnderTest,
+            ShownPortBoardUnderTest,
+        )
         from haptogram.evidence.virtual_board import VirtualBoard
 
         config, port = self.config, self.config.link.port or self._simulated_url

@@ -20,8 +20,11 @@ from haptogram_protocol.messages import LatchKey
 from sim_device.backdoor import recorder as recorder_module
 from sim_device.backdoor import worker as reconstruction
 from sim_device.backdoor.recorder import BackdoorEstimator, InlineReconstructionWorker
-from sim_device.backdoor.worker import ReconstructionWorker
-from sim_device.backdoor.worker_batches import packed_worker_batch, unpacked_worker_batches
+from sim_device.backdoor.worker import (
+    ReconstructionWorker,
+    packed_worker_batch,
+    unpacked_worker_batches,
+)
 from sim_device.board.events import Latch, SessionOpened
 from sim_device.board.settings import BoardSettings
 

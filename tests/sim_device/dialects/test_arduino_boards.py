@@ -17,8 +17,7 @@ from haptogram_protocol.dialects.ultraino.arduino.slots import (
     NANO16_LAYOUT,
     Pulse,
 )
-from sim_device.dialects.ultraino.playlist import ArduinoPlaylist
-from sim_device.dialects.ultraino.slot_boards import Outputs, SlotBoards
+from sim_device.dialects.ultraino.slot_boards import ArduinoPlaylist, Outputs, SlotBoards
 
 PATTERNS = 5
 
