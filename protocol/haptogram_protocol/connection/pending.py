@@ -1,4 +1,4 @@
-"""Requests of the host that wait for an answer, and when each is sent again.  RFC 6298; SPEC.md HG-12.6."""
+"""Requests of the host that wait for an answer, and their timer.  RFC 6298; SPEC.md HG-12.6."""
 
 from __future__ import annotations
 
