@@ -12,8 +12,7 @@ from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.driver.arming import Arming
 from haptogram.driver.configuration import SessionConfiguration
 from haptogram.driver.identity import assumed_model_of_identity
-from haptogram.driver.line.handshake import open_line_session
-from haptogram.driver.line.link import NS_PER_S, Link
+from haptogram.driver.line.link import NS_PER_S, Link, open_line_session
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram.driver.trace import DriverTraceReader

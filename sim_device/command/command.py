@@ -18,8 +18,15 @@ from haptogram.settings.board import BoardConfig
 from haptogram.settings.line import LineSettings
 from haptogram.settings.parser import Parser
 
-from .options import SERIAL_BAUD, board_config_of, pin_capture_config_of, set_up_board
-from .output_files import SOCKET, check_board_outputs, make_board_folders
+from .options import (
+    SERIAL_BAUD,
+    SOCKET,
+    board_config_of,
+    check_board_outputs,
+    make_board_folders,
+    pin_capture_config_of,
+    set_up_board,
+)
 
 if TYPE_CHECKING:
     from haptogram.machine.device_client import DeviceClient

@@ -251,8 +251,8 @@ class ClockSteps(BoardClock):
 
 
 MUTANTS: Final = (
-    Mutant.of(WatchdogMissing, "HG-12.2/1", Evidence.WIRE),
-    Mutant.of(ClockSteps, "HG-6.9/1", Evidence.WIRE),
+    Mutant.of(WatchdogMissing, "HG-12.2/1", _WIRE),
+    Mutant.of(ClockSteps, "HG-6.9/1", _WIRE),
     Mutant.of(FaultRefusesSettings, "HG-6.2/1", _WIRE),
     Mutant.of(SilenceKeepsPhases, "HG-8.6/4", _SELF),
     Mutant.of(ArmedAtBoot, "HG-6.1/1", _WIRE),

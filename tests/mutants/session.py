@@ -275,7 +275,7 @@ class GapsUncounted(BoardConnection):
 
 
 MUTANTS: Final = (
-    Mutant.of(GapsUncounted, "HG-5.5/2", Evidence.SELF_REPORTED),
+    Mutant.of(GapsUncounted, "HG-5.5/2", _SELF),
     Mutant.of(SequenceOf8Bits, "HG-5.5/2", _SELF),
     Mutant.of(UnwrappedTo24Bits, "HG-3.6/5", _SELF),
     Mutant.of(SequenceNeverWraps, "HG-3.6/1", _SELF),
