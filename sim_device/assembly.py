@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, TypeAlias
 
 from haptogram.settings.option import Settings
 from haptogram_protocol.cobs import fastest_cobs
@@ -50,17 +50,6 @@ class BoardAssembly(BoardParts):
 HEALTHY: Final = BoardAssembly()
 
 
-class Assembly(Protocol):
-    """Parts of a board with its end of the line."""
-
-    @property
-    def clock(self) -> type[BoardClock]:
-        """The clock of the board."""
-
-    def assemble(self, settings: BoardSettings) -> VirtualDialect:
-        """Return the board at the end of its line, powered up."""
-
-
 @dataclass(frozen=True, slots=True)
 class SimulatedAssembly:
     """A board of Haptogram's own wire that another process simulates.
@@ -100,3 +89,7 @@ class ForeignAssembly:
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the boards at the end of their line, powered up."""
         return self.emulation.power_up(self.options, settings)
+
+
+#: Parts of a board with its end of the line.
+Assembly: TypeAlias = BoardAssembly | SimulatedAssembly | ForeignAssembly

@@ -27,7 +27,7 @@ from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url
 
 from .backdoor.recorder import InlineReconstructionWorker
 from .backdoor.records import Record, backdoor_record_line
-from .backdoor.sinks import RecordSink, open_backdoor_sink
+from .backdoor.sinks import FileSink, SocketSink, open_backdoor_sink
 from .backdoor.worker import ReconstructionWorker
 from .blueprint import Blueprint, blueprint_of
 from .board.settings import BoardSettings
@@ -108,7 +108,7 @@ class Serial(serial.SerialBase):
         settings = blueprint.settings
         self._records: list[Record] = []
         self._observations: list[Observation] = []
-        self._sink: RecordSink | None = None
+        self._sink: FileSink | SocketSink | None = None
         self._worker: ReconstructionWorker | None = None
         self._inline: InlineReconstructionWorker | None = None
         try:

@@ -16,7 +16,7 @@ from haptogram.errors import ConfigurationError, HaptogramError
 from ..board.events import Latch, PulseLatch
 from .recorder import InlineReconstructionWorker
 from .records import backdoor_record_line
-from .sinks import RecordSink, open_backdoor_sink
+from .sinks import FileSink, SocketSink, open_backdoor_sink
 from .worker import READY, SKIP_FIELDS, RecordsEnd, unpacked_worker_batches
 
 LINGER_S: Final = 5.0  # for readers of the back door to take the last records
@@ -78,7 +78,7 @@ def _answer_of_worker(to: int, text: bytes) -> None:
 
 
 def _record_all_at_worker(
-    items: Iterator[Any], recorder: InlineReconstructionWorker, sink: RecordSink
+    items: Iterator[Any], recorder: InlineReconstructionWorker, sink: FileSink | SocketSink
 ) -> None:
     for item in items:
         if isinstance(item, Latch | PulseLatch):
@@ -92,7 +92,7 @@ def _record_all_at_worker(
     recorder.finish(clean=False)  # the board ended without saying so
 
 
-def _drain_sink_of_worker(sink: RecordSink) -> None:
+def _drain_sink_of_worker(sink: FileSink | SocketSink) -> None:
     """Serve slow readers until their records are sent or a deadline passes."""
     deadline_s = time.monotonic() + LINGER_S
     while sink.pending and time.monotonic() < deadline_s:

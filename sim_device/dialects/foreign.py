@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 
 from ..board.clock import earliest_board_time
-from ..board.events import CarrierState, Notice
+from ..board.events import CarrierState
 from .client_remarks import ClientRemarks, UnshownToClient
 from .unit import HearsBytesUnit, HoldsBackUnit, RunsAheadUnit, Unit
 from .virtual_dialect import VirtualDialect
@@ -73,7 +73,8 @@ class VirtualForeignDialect(VirtualDialect):
         self._byte_us, self._last_us = byte_us, now_us  # when the last byte came
         self._quiet_us: int | None = None  # when the client has been silent for long enough
         self._frame_bytes = 0  # since the last latch
-        self._remarks = ClientRemarks(dialect, [*map(dialect.frame_bytes, range(1, boards + 1))])
+        sizes = [*map(dialect.frame_bytes, range(1, boards + 1))]
+        self._remarks = ClientRemarks(dialect, sizes, self._notices, self._own)
         self._collect()
 
     def _connect(self) -> None:
@@ -87,12 +88,7 @@ class VirtualForeignDialect(VirtualDialect):
     @property
     def counters(self) -> dict[str, int]:
         """Counts of bytes and operations that codec and boards refused, by kind."""
-        remarks = self._remarks
-        said = {
-            "frames_unfinished": remarks.frames_unfinished,
-            "other_wires": remarks.other_wires,
-        }
-        return dict(self._end.counters + self._unit.counters + self._own + Counter(said))
+        return dict(self._end.counters + self._unit.counters + self._own)
 
     @property
     def room_bytes(self) -> int | None:
@@ -154,10 +150,6 @@ class VirtualForeignDialect(VirtualDialect):
             self._output.clear()
 
     # --- what happened -------------------------------------------------------------------------
-
-    def take_notices(self) -> list[Notice]:
-        """Return the remarks since the last call, in order."""
-        return self._remarks.take_notices()
 
     def _reply(self, replies: Sequence[Reply | bytes]) -> None:
         for reply in replies:

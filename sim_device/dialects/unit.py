@@ -84,7 +84,7 @@ class LatchingUnit:
         """Return None: nothing is ever due."""
         return None
 
-    def advance_to(self, t_us: int) -> list[Reply]:  # noqa: ARG002  nothing is ever due
+    def advance_to(self, t_us: int) -> Sequence[Reply | bytes]:  # noqa: ARG002  nothing is ever due
         """Do nothing."""
         return []
 

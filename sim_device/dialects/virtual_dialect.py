@@ -89,7 +89,8 @@ class VirtualDialect:
 
     def take_notices(self) -> list[Notice]:
         """Return the notices of the board since the last call, in order."""
-        taken, self._notices = self._notices, []
+        taken = list(self._notices)
+        self._notices.clear()
         return taken
 
     def client_left(self) -> None:

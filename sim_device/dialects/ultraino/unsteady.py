@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
@@ -12,13 +12,13 @@ from haptogram_protocol.dialects.codec import Operation, Reply
 
 from ...board.clock import earliest_board_time
 from ...board.events import CarrierState, PulseLatch
-from ..unit import Unit
+from ..unit import LatchingUnit, Unit
 
 UPLOAD: Final = "upload"  # cause of a latch: bytes begin to arrive, or no more do
 _HALVED: Final = "pins_at_half_carrier"
 
 
-class UnsteadyUnit:
+class UnsteadyUnit(LatchingUnit):
     """A unit whose processor makes the carrier as well; see :class:`~..unit.Unit`.
 
     Parameters
@@ -32,17 +32,12 @@ class UnsteadyUnit:
     """
 
     def __init__(self, unit: Unit, usual: CarrierState, *, is_disturbed: bool) -> None:
+        super().__init__()
+        self.counters = unit.counters
         self._unit, self._usual, self._is_disturbed = unit, usual, is_disturbed
         self._carrier = usual
         self._changes: deque[tuple[int, CarrierState]] = deque()
-        self._latches: list[PulseLatch] = []
-        self._own: Counter[str] = Counter()
         self._collect()
-
-    @property
-    def counters(self) -> Counter[str]:
-        """Counts of operations that the boards cannot do, and of latches at half the carrier."""
-        return self._unit.counters + self._own
 
     def hear(self, begin_us: float, end_us: float) -> None:
         """Draw the periods out while bytes arrive."""
@@ -78,16 +73,12 @@ class UnsteadyUnit:
         self._collect()
         return replies
 
-    def take_latches(self) -> list[PulseLatch]:
-        """Return the latches since the last call, in order."""
-        taken, self._latches = self._latches, []
-        return taken
-
     def _collect(self) -> None:
         for latch in self._unit.take_latches():
             self._keep(latch)
 
     def _keep(self, latch: PulseLatch) -> None:
-        self._own[_HALVED] += self._carrier is CarrierState.HALVED
+        if self._carrier is CarrierState.HALVED:
+            self.counters[_HALVED] += 1
         self._shown = dataclasses.replace(latch, carrier=self._carrier)
         self._latches.append(self._shown)
