@@ -107,7 +107,13 @@ class ClientRemarks:
         Counts ``frames_unfinished`` and ``other_wires``.
     """
 
-    def __init__(self, dialect: Dialect, frame_bytes: Sequence[int], notices: list[Notice]) -> None:
+    def __init__(
+        self,
+        dialect: Dialect,
+        frame_bytes: Sequence[int],
+        notices: list[Notice],
+        counters: Counter[str],
+    ) -> None:
         self._dialect = dialect
         self._sizes = tuple(frame_bytes)
         self._notices, self._counters = notices, counters
