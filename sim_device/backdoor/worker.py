@@ -19,6 +19,7 @@ import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -93,7 +94,8 @@ class ReconstructionWorker:
             self._input.flush()
             self._await_ready()
         except BaseException:
-            self._await_exit()
+            self._await_exit(STOP_TIMEOUT_S)
+            self._answers.close()
             raise
         if reconstruct and find_spec("numba") is None:
             _LOG.info("fields are rebuilt without numba, several times slower")
@@ -103,6 +105,10 @@ class ReconstructionWorker:
     @property
     def _input(self) -> Any:  # never None: the process was started with a pipe
         return self._process.stdin
+
+    @property
+    def _answers(self) -> Any:
+        return self._process.stdout
 
     @property
     def pending(self) -> int:
@@ -178,16 +184,10 @@ class ReconstructionWorker:
             self.skip_fields()
             self._drain(deadline_s)
         self._alive = False
-        _close_worker_pipe(self._input)
-        try:
-            self._process.wait(max(0.0, deadline_s - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        answers: Any = self._process.stdout
-        if not answers.closed:
-            self._failure = _read_worker_line(answers, 0.0).decode(errors="replace").strip()
-            _close_worker_pipe(answers)
+        self._await_exit(max(0.0, deadline_s - time.monotonic()))
+        if not self._answers.closed:
+            self._failure = self._answers.readline().decode(errors="replace").strip()
+            self._answers.close()
         return self._failure
 
     def _drain(self, deadline_s: float) -> None:
@@ -206,20 +206,24 @@ class ReconstructionWorker:
         self._unsent, self._batch = b"", 0
 
     def _await_ready(self) -> None:
-        answer = _read_worker_line(self._process.stdout, START_TIMEOUT_S)
-        if answer == READY:
-            return
-        if answer:
-            raise ConfigurationError(answer.decode(errors="replace").strip())
-        self._process.kill()
-        raise HaptogramError("the reconstruction worker has not started")
-
-    def _await_exit(self) -> None:
-        """Wait for an unneeded worker to exit, lest it write late."""
-        for pipe in (self._input, self._process.stdout):
-            _close_worker_pipe(pipe)
+        """Read the answer of the worker to its job; kill one that takes too long."""
+        killing = threading.Timer(START_TIMEOUT_S, self._process.kill)
+        killing.start()
         try:
-            self._process.wait(STOP_TIMEOUT_S)
+            answer = self._answers.readline()
+        finally:
+            killing.cancel()
+        if not answer:
+            raise HaptogramError("the reconstruction worker has not started")
+        if answer != READY:
+            raise ConfigurationError(answer.decode(errors="replace").strip())
+
+    def _await_exit(self, timeout_s: float) -> None:
+        """Close the pipe to the worker and wait for its end, lest it write late."""
+        with contextlib.suppress(OSError):  # the worker closed its end first
+            self._input.close()
+        try:
+            self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -251,26 +255,6 @@ def _widen_worker_pipe(pipe: int) -> None:
             import fcntl
 
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
-
-
-def _read_worker_line(pipe: Any, timeout_s: float) -> bytes:
-    """Return the bytes up to the first line feed, the end or the timeout."""
-    line, deadline_s = b"", time.monotonic() + timeout_s
-    with selectors.DefaultSelector() as selector:
-        selector.register(pipe, selectors.EVENT_READ)
-        while not line.endswith(b"\n"):
-            if not selector.select(max(0.0, deadline_s - time.monotonic())):
-                break
-            piece = os.read(pipe.fileno(), 4096)
-            if not piece:
-                break
-            line += piece
-    return line
-
-
-def _close_worker_pipe(pipe: Any) -> None:
-    with contextlib.suppress(OSError):  # the worker closed its end first
-        pipe.close()
 
 
 READY: Final = b"ready\n"  # the worker's answer to its job

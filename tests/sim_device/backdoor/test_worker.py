@@ -227,7 +227,7 @@ def test_a_board_that_is_told_to_end_at_its_start_waits_for_its_worker(tmp_path,
         raise SystemExit(0)
 
     monkeypatch.setattr(reconstruction, "_start_worker_process", start)
-    monkeypatch.setattr(reconstruction, "_read_worker_line", leave)
+    monkeypatch.setattr(ReconstructionWorker, "_await_ready", leave)
     with pytest.raises(SystemExit):
         ReconstructionWorker(SETTINGS, "unix:door", reconstruct=False)
     assert started[0].returncode == 0
