@@ -188,6 +188,8 @@ class ReconstructionWorker:
         if not self._answers.closed:
             self._failure = self._answers.readline().decode(errors="replace").strip()
             self._answers.close()
+        if self.dropped:
+            _LOG.warning("the back door lacks %d latches", self.dropped)
         return self._failure
 
     def _drain(self, deadline_s: float) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from ..dialects.codec import Dialect, Operation, Reply
 from .frames import Annotated
-from .words import annotated_value
+from .words import annotated_fields_of
 
 _MOST_SILENT: Final = 65_536  # bytes without an operation that are reported as one piece
 _SHOWN: Final = 8  # items of a sequence in one line
@@ -68,7 +68,7 @@ class OperationAnnotator:
         sizes = [self._size - behind] + [1] * behind + [0] * (len(found) - 1 - behind)
         fault = self._odd()
         for operation, size in zip(found, sizes, strict=True):
-            name, fields = type(operation).__name__, _annotated_fields(operation)
+            name, fields = type(operation).__name__, annotated_fields_of(operation)
             inner = ", ".join(_names_of_inner_operations(operation))
             text = (
                 f"{name}{f' of {inner}:' if inner else ''}{_text_of_annotated_fields(fields)}"
@@ -93,13 +93,6 @@ class OperationAnnotator:
         return ", ".join(f"{kind} {count}" for kind, count in new.items())
 
 
-def _annotated_fields(operation: Any) -> dict[str, Any]:
-    return {
-        field.name: _annotated_value(getattr(operation, field.name))
-        for field in dataclasses.fields(operation)
-    }
-
-
 def _names_of_inner_operations(value: Any) -> Iterator[str]:
     """Yield the names of the operations that a message carries, such as those of devices."""
     for field in dataclasses.fields(value):
@@ -109,14 +102,6 @@ def _names_of_inner_operations(value: Any) -> Iterator[str]:
                 yield type(part).__name__
             elif dataclasses.is_dataclass(part):
                 yield from _names_of_inner_operations(part)
-
-
-def _annotated_value(value: Any) -> Any:
-    if dataclasses.is_dataclass(value):
-        return {"is": type(value).__name__} | _annotated_fields(value)
-    if isinstance(value, tuple | list):
-        return [_annotated_value(item) for item in value]
-    return annotated_value(value)
 
 
 def _text_of_annotated_fields(fields: Mapping[str, Any]) -> str:

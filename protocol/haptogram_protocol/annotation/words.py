@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from typing import Any
 
@@ -40,7 +41,7 @@ def annotated_type_name(number: int) -> str:
     return known.name if isinstance(known, MessageType) else f"type {number:#04x}"
 
 
-def annotated_fields_of(record: Record) -> dict[str, Any]:
+def annotated_fields_of(record: Any) -> dict[str, Any]:
     """Return every field of a record in full, of JSON types: bytes as hex, names for values."""
     return {name: annotated_value(value) for name, value in _annotated_values(record)}
 
@@ -53,11 +54,16 @@ def annotated_value(value: Any) -> Any:
         return value.name
     if isinstance(value, Record):
         return annotated_fields_of(value)
+    if dataclasses.is_dataclass(value):
+        return {"is": type(value).__name__} | annotated_fields_of(value)
     if isinstance(value, tuple | list):
         return [annotated_value(item) for item in value]
     return value
 
 
-def _annotated_values(record: Record) -> list[tuple[str, Any]]:
-    names = [*record.WIRE, *([record.TAIL.name] if record.TAIL else [])]
+def _annotated_values(record: Any) -> list[tuple[str, Any]]:
+    if isinstance(record, Record):
+        names = [*record.WIRE, *([record.TAIL.name] if record.TAIL else [])]
+    else:
+        names = [field.name for field in dataclasses.fields(record)]
     return [(name, getattr(record, name)) for name in names]
