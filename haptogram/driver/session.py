@@ -1,27 +1,207 @@
-"""A session with a board: its identity, its clock, and the messages that it sends unasked."""
+"""A session with a board: its identity, clock, configuration and output state, and its events."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import random
 import secrets
-from collections.abc import Callable
-from typing import Final, TypeAlias
+from collections.abc import Callable, Iterable
+from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium
-from haptogram.driver.arming import Arming
-from haptogram.driver.configuration import SessionConfiguration
+from haptogram.driver.frames.frame import Frame
 from haptogram.driver.identity import assumed_model_of_identity
 from haptogram.driver.line.link import NS_PER_S, Link, open_line_session
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram.driver.trace import DriverTraceReader
-from haptogram.errors import HaptogramError, LinkError, WrongProtocolError
+from haptogram.errors import ConfigurationError, HaptogramError, LinkError, WrongProtocolError
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import MOST_SEED, check_argument_kind, check_whole
+from haptogram_protocol import LocalProtocolError, messages
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
 from haptogram_protocol.messages import DriveKind, MuteReply, Status, TraceMode, unwrap
+from haptogram_protocol.state import MuteReason, OutputState
+
+_TIMEOUTS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
+_AT_ONCE_US: Final = 2_000  # from a question to the latch of the frame that follows the answer
+_REFRESHES: Final = 4  # within the shorter one of the two timers
+
+
+class Arming:
+    """Keeps the output of one board as the host wants it.
+
+    Parameters
+    ----------
+    link : Link
+    clock : ClockEstimate
+        Of the board.
+    configuration : SessionConfiguration
+        Holds the timers that mute the board.
+    """
+
+    def __init__(
+        self, link: Link, clock: ClockEstimate, configuration: SessionConfiguration
+    ) -> None:
+        self._link = link
+        self._clock = clock
+        self._configuration = configuration
+        self._wanted = False  # by the caller: a timeout does not change that
+
+    def arm(self) -> OutputState:
+        """Allow output; it stays silent until the first frame is latched."""
+        self._wanted = True
+        return self._link.request(messages.Arm(), messages.ArmReply).state
+
+    def mute(self) -> OutputState:
+        """Switch the output off, ahead of everything that waits."""
+        self._wanted = False
+        return self._mute()
+
+    def disarm(self) -> OutputState:
+        """Switch the output off and forbid it."""
+        self._wanted = False
+        return self._link.request(messages.Disarm(), messages.DisarmReply).state
+
+    def _mute(self) -> OutputState:
+        """Send MUTE; return the output state of the reply."""
+        return self._link.mute(messages.MuteReply, self._link.timeout_ns).state
+
+    def rearm_if_timed_out(self, first_us: int) -> None:
+        """Arm again a board that a timer muted, or would mute before the next frame is latched.
+
+        Parameters
+        ----------
+        first_us : int
+            Time until the first latch of the frames to come.  A hold that runs out before would
+            mute the board under the frames on their way, and all of them would be lost.
+
+        Raises
+        ------
+        ConfigurationError
+            If the board is not armed for any other reason.
+        """
+        status = self._fresh_status()
+        if self._wanted and self._hold_ends_before(first_us, status):
+            self._mute()
+            self.arm()
+        elif self._wanted and status.reason in _TIMEOUTS:
+            self.arm()
+        elif status.state is not OutputState.ARMED:
+            raise ConfigurationError(
+                f"the board is {status.state.name} ({status.reason.name}); arm it first"
+            )
+
+    @property
+    def refresh_ns(self) -> int:
+        """Time between two frames that keeps both timers of the board from running out."""
+        known = self._configuration.known
+        return min(known.hold_ms, known.host_timeout_ms) * 1_000_000 // _REFRESHES
+
+    def _fresh_status(self) -> messages.StatusReply:
+        """Return the status; ask again if the host was delayed before it read the reply."""
+        for _ in range(_REFRESHES):
+            asked_ns = self._link.now_ns()
+            status = self._link.request(messages.GetStatus(), messages.StatusReply)
+            if self._link.now_ns() - asked_ns < self.refresh_ns:
+                break
+        return status
+
+    def _hold_ends_before(self, first_us: int, status: messages.StatusReply) -> bool:
+        """Return True if the current hold may expire before the first frame latches.
+
+        The first frame may come later than planned: by half of *first_us*, or by some
+        milliseconds if it is sent at once.
+        """
+        if status.state is not OutputState.ARMED or not status.counters.latched:
+            return False
+        known = self._configuration.known
+        now_us = self._clock.to_device_us(self._link.now_ns())
+        held_us = now_us - messages.unwrap(status.last_latch_us, now_us, 32)
+        hold_us, ramp_us = known.hold_ms * 1000, known.ramp_ms * 1000
+        wait_us = first_us + max(first_us // 2, min(_AT_ONCE_US, hold_us // 4))
+        return hold_us - wait_us < held_us <= hold_us + ramp_us  # later: armed, nothing latched yet
+
+
+class SessionConfiguration:
+    """Reads and changes the configuration of one board.
+
+    Parameters
+    ----------
+    link : Link
+    identity : HelloReply
+        Its features say whether the board can be configured.
+
+    Attributes
+    ----------
+    known : Config
+        The configuration that the board confirmed last.
+    """
+
+    def __init__(self, link: Link, identity: messages.HelloReply) -> None:
+        self._link = link
+        self._identity = identity
+        self.known = self.read()
+
+    def read(self) -> messages.Config:
+        """Ask the board for its configuration and return it."""
+        self.known = self._link.request(messages.GetConfig(), messages.ConfigReply).config
+        self._in_doubt = False
+        return self.known
+
+    def confirmed(self) -> messages.Config:
+        """Return the configuration; ask the board if the answer to a change was lost."""
+        return self.read() if self._in_doubt else self.known
+
+    def change(self, **changes: Any) -> messages.Config:
+        """Change fields of :class:`~haptogram_protocol.messages.Config` and return the result.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such field, or a value does not fit its field.
+        DeviceError
+            If the board refuses a value.
+        """
+        fields = {field.name for field in dataclasses.fields(messages.Config)}
+        if unknown := sorted(set(changes) - fields):
+            raise ConfigurationError(
+                f"configuration has no {unknown[0]!r}; it has {', '.join(sorted(fields))}"
+            )
+        for name, value in changes.items():
+            check_whole(name, value, 0, 2**32 - 1)
+        wanted = messages.SetConfig(dataclasses.replace(self.confirmed(), **changes))
+        self._in_doubt = True  # the board may apply the change, and its answer be lost
+        try:
+            self.known = self._link.request(wanted, messages.SetConfigReply).config
+        except LocalProtocolError as error:
+            self._in_doubt = False
+            raise ConfigurationError(f"configuration {changes} does not fit: {error}") from error
+        self._in_doubt = False
+        return self.known
+
+    def agree_on_sound_speed(self, frames: Iterable[Frame]) -> None:
+        """Set the speed of sound for which *frames* of focal points were made.
+
+        Raises
+        ------
+        ConfigurationError
+            If the board assumes another speed of sound and has no configuration to change.
+        """
+        known = self.confirmed()
+        speeds = (f.sound_speed_mm_s for f in frames if f.sound_speed_mm_s is not None)
+        speed_mm_s = next(speeds, None)
+        if speed_mm_s is None or speed_mm_s == known.sound_speed_mm_s:
+            return
+        if not self._identity.features & messages.Feature.CONFIG:
+            raise ConfigurationError(
+                f"the frames are for a speed of sound of {speed_mm_s / 1000:g} m/s; the board "
+                f"assumes {known.sound_speed_mm_s / 1000:g} m/s and cannot be told"
+            )
+        self.change(sound_speed_mm_s=speed_mm_s)
+
 
 #: Called with every frame that is sent, and with every latch that the board reports.
 Sink: TypeAlias = Callable[[Intended | Observation], object]

@@ -30,8 +30,7 @@ from haptogram_protocol.dialects.ultraino.arduino.operations import (
 from ...board.events import CarrierState
 from ..emulation import Emulation
 from ..unit import Unit
-from .slot_boards import Outputs, SlotBoards
-from .unsteady import UnsteadyUnit
+from .slot_boards import Outputs, SlotBoards, UnsteadyUnit
 
 _USUAL, _ANIMATION = "usual", "animation"
 _AT_ONCE, _STAGGERED = "at-once", "staggered"
