@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Protocol, Self, TypeAlias
 
 from haptogram.acoustics import AcousticModel
 from haptogram.driver.driver import Driver
@@ -32,6 +32,9 @@ _TRACE_SHARE: Final = 0.5  # of the line from the board, for full drives
 _AFTER_LAST_NS: Final = 5_000_000
 _LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as it likes
 _DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
+
+
+_Records: TypeAlias = Sequence[Mapping[str, Any]]
 
 
 class DriverEvidence(Protocol):
@@ -71,10 +74,15 @@ class BoardUnderTest:
     is_in_process = False
 
     def __init__(
-        self, label: str, port: str | Transport, model: AcousticModel | None = None
+        self,
+        label: str,
+        port: str | Transport,
+        model: AcousticModel | None = None,
+        records: Callable[[], _Records] = tuple,
     ) -> None:
         self.label, self.port, self.model = label, port, model
         self.unseen: str | None = None
+        self._records = records
 
     def prepare(self, driver: Driver) -> None:
         """Make it tell, or be ready to tell, what it latches: a back door tells everything."""
@@ -89,18 +97,17 @@ class BoardUnderTest:
         """End it, if it is this program's own, without a session; return whether it still ran."""
         return True
 
-    def observations(
-        self,
-        driver: DriverEvidence,
-        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
-        *,
-        skip_fields: bool = False,  # noqa: ARG002  nor to leave out
-    ) -> Sequence[Observation]:
-        """Return the latches of the session of *driver*, which is closed by now.
+    def settle(
+        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
+    ) -> None:
+        """Wait for the latches of the session of *driver*, which is closed by now.
 
         *progress* is called with the number of latches so far and the number that may come, if
         that takes time.  With *skip_fields* the board rebuilds no field any more.
         """
+
+    def observations(self, driver: DriverEvidence) -> Sequence[Observation]:
+        """Return the latches of the session of *driver*, which have settled by now."""
         return dialect_run_observations(driver.intended, self.records(), driver.session)
 
     def silences(self, driver: Driver) -> list[int]:
@@ -116,11 +123,11 @@ class BoardUnderTest:
             driver.intended, self.brief_records(), is_machine_in_between=not self.is_in_process
         )
 
-    def records(self) -> Sequence[Mapping[str, Any]]:
+    def records(self) -> _Records:
         """Return the records of its back door so far; none, if it has no back door."""
-        return ()
+        return self._records()
 
-    def brief_records(self) -> Sequence[Mapping[str, Any]]:
+    def brief_records(self) -> _Records:
         """Return :meth:`records`, of which latches may hold key and time alone."""
         return self.records()
 
@@ -134,7 +141,8 @@ class ProcessBoardUnderTest(BoardUnderTest):
     """The virtual board in a process of its own, on a pty, seen through its back door."""
 
     def __init__(self, board: VirtualBoard) -> None:
-        super().__init__("virtual board, on a pty, in a process of its own", board.url, board.model)
+        label = "virtual board, on a pty, in a process of its own"
+        super().__init__(label, board.url, board.model, board.records)
         self._board = board
 
     def wait_for_queue(self, driver: Driver) -> None:
@@ -151,10 +159,10 @@ class ProcessBoardUnderTest(BoardUnderTest):
         self._board.finish(skip_fields=True)
         return ran
 
-    def observations(
+    def settle(
         self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
-    ) -> Sequence[Observation]:
-        """End the board, and return everything that came out of its back door."""
+    ) -> None:
+        """End the board, and read everything that comes out of its back door."""
         expected = driver.intended.total
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
@@ -162,15 +170,10 @@ class ProcessBoardUnderTest(BoardUnderTest):
         self.unseen = backdoor.why_observations_incomplete(self.records(), driver.session)
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
-        return super().observations(driver)
 
     def losses(self, driver: Driver) -> BoardLosses:
         """Return the records of the back door; faults on purpose may delay the line."""
         return self._board.losses(driver.intended)
-
-    def records(self) -> Sequence[Mapping[str, Any]]:
-        """Return the records of the back door."""
-        return self._board.records()
 
 
 class InProcessBoardUnderTest(BoardUnderTest):
@@ -200,15 +203,15 @@ class InProcessBoardUnderTest(BoardUnderTest):
     def __init__(
         self,
         port: Transport,
-        records: Callable[[], Sequence[Mapping[str, Any]]],
+        records: Callable[[], _Records],
         wait_until_ns: Callable[[int], None],
         model: AcousticModel,
         label: str = "virtual board, in virtual time",
         latches: Callable[[], Sequence[Observation]] | None = None,
-        brief: Callable[[], Sequence[Mapping[str, Any]]] | None = None,
+        brief: Callable[[], _Records] | None = None,
     ) -> None:
-        super().__init__(label, port, model)
-        self._port, self._records, self._wait_until_ns = port, records, wait_until_ns
+        super().__init__(label, port, model, records)
+        self._port, self._wait_until_ns = port, wait_until_ns
         self._latches, self._brief = latches, brief or records
 
     def wait_for_queue(self, driver: Driver) -> None:
@@ -220,20 +223,14 @@ class InProcessBoardUnderTest(BoardUnderTest):
         self._port.close()
         return True
 
-    def observations(
-        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
-    ) -> Sequence[Observation]:
+    def observations(self, driver: DriverEvidence) -> Sequence[Observation]:
         """Return the latches of the session of *driver*."""
         if self._latches is None or are_records_of_another_dialect(self._brief()):
-            return super().observations(driver, progress, skip_fields=skip_fields)
+            return super().observations(driver)
         own = [latch for latch in self._latches() if latch.key.session == driver.session]
         return backdoor.observations_on_clock_of(driver.intended, own)
 
-    def records(self) -> Sequence[Mapping[str, Any]]:
-        """Return the records of the back door."""
-        return self._records()
-
-    def brief_records(self) -> Sequence[Mapping[str, Any]]:
+    def brief_records(self) -> _Records:
         """Return the records, of which latches may hold key and time alone."""
         return self._brief()
 
@@ -346,13 +343,7 @@ class PortBoardUnderTest(BoardUnderTest):
         if self._mode is TraceMode.RING and driver.intended.total > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
 
-    def observations(
-        self,
-        driver: DriverEvidence,
-        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
-        *,
-        skip_fields: bool = False,  # noqa: ARG002  nor to leave out
-    ) -> Sequence[Observation]:
+    def observations(self, driver: DriverEvidence) -> Sequence[Observation]:
         """Return the latches that the board reported."""
         if not self._read_back:
             return driver.observations
@@ -407,14 +398,14 @@ class ShownPortBoardUnderTest(BoardUnderTest):
     """
 
     def __init__(self, url: str, reader: BackdoorReader) -> None:
-        super().__init__(f"{url}, seen through its back door", url)
+        self._seen: list[Mapping[str, Any]] = [*reader.read_first()]
+        model = backdoor.board_model_of_evidence(self._seen[0])
+        super().__init__(f"{url}, seen through its back door", url, model, lambda: self._seen)
         self._reader = reader
-        self._records: list[Mapping[str, Any]] = [*reader.read_first()]
-        self.model = backdoor.board_model_of_evidence(self._records[0])
         while self._read():
             pass
-        if are_records_of_another_dialect(self._records):
-            del self._records[1:]  # of clients before; frames of other boards carry no number
+        if are_records_of_another_dialect(self._seen):
+            del self._seen[1:]  # of clients before; frames of other boards carry no number
 
     @classmethod
     @contextmanager
@@ -432,38 +423,33 @@ class ShownPortBoardUnderTest(BoardUnderTest):
         """Wait for the frames that the board still has."""
         time.sleep(_QUEUE_S)
 
-    def observations(
+    def settle(
         self,
         driver: DriverEvidence,
         progress: Progress | None = None,
         *,
         skip_fields: bool = False,  # noqa: ARG002  the board decides
-    ) -> Sequence[Observation]:
-        """Return the latches of the session, when all that are due have come, or after 10 s."""
+    ) -> None:
+        """Wait until all latches that are due have come, or for 10 s."""
         end_s, total = time.monotonic() + _LAST_S, driver.intended.total
         while (why := self._why_incomplete(driver)) is not None and time.monotonic() < end_s:
             self._read()
             if progress is not None:
-                progress(min(len(self._records), total), total)
+                progress(min(len(self._seen), total), total)
         self.unseen = why
-        return super().observations(driver)
-
-    def records(self) -> Sequence[Mapping[str, Any]]:
-        """Return the records so far."""
-        return self._records
 
     def _why_incomplete(self, driver: DriverEvidence) -> str | None:
-        if are_records_of_another_dialect(self._records):
-            if has_dialect_latched_all(driver.intended, self._records):
+        if are_records_of_another_dialect(self._seen):
+            if has_dialect_latched_all(driver.intended, self._seen):
                 return None
             return "the back door has told fewer latches than frames were sent"
         last = driver.intended[-1].key if driver.intended else None
-        return backdoor.why_observations_incomplete(self._records, driver.session, last)
+        return backdoor.why_observations_incomplete(self._seen, driver.session, last)
 
     def _read(self) -> bool:
         """Read new records; return False after a short sleep if there are none."""
         if found := self._reader.read():
-            self._records += found
+            self._seen += found
             return True
         time.sleep(_POLL_S)
         return False

@@ -115,7 +115,8 @@ def measure_run_of_dialect(
             )
     finally:
         close_driver_of_run(driver, found)
-    found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
+    board.settle(driver, settling, skip_fields=found.interrupted)
+    found.observations = board.observations(driver)
     if (loss := upload_loss_text(board.records())) is not None:
         found.warnings.append(loss)
     if tap is not None:

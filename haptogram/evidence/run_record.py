@@ -184,7 +184,8 @@ def measure_run(
     finally:
         close_driver_of_run(driver, found)
     found.warnings += _state_changes_of_run(driver, found.report)
-    found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
+    board.settle(driver, settling, skip_fields=found.interrupted)
+    found.observations = board.observations(driver)
     if found.cut is not None:
         found.observations = _drop_after_interruption(found)
     if tap is not None:
