@@ -17,8 +17,7 @@ from .board.clock import BoardClock
 from .board.settings import BoardSettings
 from .dialects.emulation import Emulation
 from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
-from .dialects.simulated.board import SimulatedBoard
-from .dialects.simulated.unit import SimulatedUnit
+from .dialects.simulated.unit import SimulatedBoard, SimulatedUnit
 from .dialects.virtual_dialect import VirtualDialect
 
 

@@ -14,7 +14,7 @@ from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes_on_line
 from haptogram.driver.line.port import Transport
 from haptogram.errors import ConfigurationError
 from haptogram.evidence import backdoor
-from haptogram.evidence.backdoor_stream import BackdoorReader
+from haptogram.evidence.backdoor import BackdoorReader
 from haptogram.evidence.dialects.latches import (
     are_records_of_another_dialect,
     dialect_run_observations,

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
 from haptogram.evidence import backdoor
-from haptogram.evidence.backdoor_stream import BackdoorReader
+from haptogram.evidence.backdoor import BackdoorReader
 from haptogram.evidence.board_process import BoardInProgram, BoardProcess
 from haptogram.evidence.dialects.latches import (
     are_records_of_another_dialect,

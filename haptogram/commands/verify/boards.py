@@ -23,7 +23,7 @@ from haptogram.settings.run.verify_file import load_verify_config, read_settings
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
-    from haptogram.evidence.dialect_run import DialectBoardsUnderTest
+    from haptogram.evidence.run_record import DialectBoardsUnderTest
     from haptogram.settings.board import BoardConfig
 
 _LAST_MOMENTS_S: Final = 2.0  # of a board that has closed its port: it writes what it has seen

@@ -20,7 +20,7 @@ from haptogram.settings.command_line import given_options
 from .expected import WATCHED_BOARD_OPTIONS
 
 if TYPE_CHECKING:
-    from haptogram.evidence.backdoor_stream import BackdoorReader
+    from haptogram.evidence.backdoor import BackdoorReader
 
 Record: TypeAlias = dict[str, Any]
 #: From a virtual board and the bytes of a client to the records of its back door.
@@ -122,7 +122,7 @@ class WatchedRecords:
 @contextlib.contextmanager
 def open_watched_records(arguments: argparse.Namespace, replay: Replay) -> Iterator[WatchedRecords]:
     """Open what the command watches; see :class:`WatchedRecords`."""
-    from haptogram.evidence.backdoor_stream import BackdoorReader
+    from haptogram.evidence.backdoor import BackdoorReader
 
     with contextlib.ExitStack() as parts:
         if arguments.capture is not None:
@@ -202,7 +202,7 @@ def _refuse_watched_client_bytes(source: str) -> None:
 @contextlib.contextmanager
 def _started_watched_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
     """Start a board, at --link or with the program of --as-device, and end it with the watch."""
-    from haptogram.evidence.backdoor_stream import BackdoorReader
+    from haptogram.evidence.backdoor import BackdoorReader
     from haptogram.evidence.board_process import BoardProcess
     from haptogram.machine.working_folder import WorkingFolder
     from haptogram.settings.board import BOARD_OPTIONS

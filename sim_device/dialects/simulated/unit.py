@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections import Counter, deque
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +15,7 @@ from haptogram_protocol.dialects.codec import Operation
 from ...board.clock import earliest_board_time
 from ...board.events import PulseLatch
 from ..unit import Unit
+from ..virtual_dialect import VirtualDialect
 from .capture import SimulatedCapture
 from .pins import STEPS, SimulatedPins
 from .process import SentByte, SimulatorProcess
@@ -207,3 +209,46 @@ class SimulatedUnit:
         count = self._pins.count
         levels = {channel: text for channel, text in pulses.levels.items() if channel < count}
         return PulseDrive(pulses.rises[:count], pulses.widths[:count], pulses.steps, levels)
+
+
+class SimulatedBoard(VirtualDialect):
+    """A simulator at the end of the line.
+
+    What it latches under which number only its own trace tells.
+
+    Parameters
+    ----------
+    unit : SimulatedUnit
+        The board.
+    now_us : int
+        Device time at power-up.
+    """
+
+    def __init__(self, unit: SimulatedUnit, now_us: int) -> None:
+        super().__init__(now_us)
+        self._unit = self.ahead = unit
+        self.announce = unit.announce
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Counts of pins that do not repeat."""
+        return self._unit.counters
+
+    def next_frame_end(self, data: bytes, at: int) -> int:  # noqa: ARG002  the board has them
+        """Return the end of *data*."""
+        return len(data)
+
+    def receive(self, data: bytes, t_us: int) -> None:  # noqa: ARG002  the board has them
+        """Let time pass."""
+        self.advance_to(t_us)
+
+    def next_event_us(self) -> int | None:
+        """Return the time of what is known to come, else of the next look at the board."""
+        return self._unit.next_event_us()
+
+    def advance_to(self, t_us: int) -> None:
+        """Let time pass at the board."""
+        for sent in self._unit.advance_to(t_us):
+            self._output += sent
+        self._unit.take_latches()
+        self._now_us = max(self._now_us, t_us)
