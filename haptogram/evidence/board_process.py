@@ -62,6 +62,7 @@ class BoardProcess:
                 start_new_session=True,  # Ctrl-C is for the host: the board must hear its MUTE
             )
         self.pid = self._process.pid
+        self.now_s, self.sleep = time.monotonic, time.sleep
 
     def wait_until_ready(self) -> None:
         """Wait until the board listens.

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -181,10 +180,11 @@ class VirtualBoard(ClosedByWith):
             config = dataclasses.replace(config, calibration=copy)
         start = self._start_in_program if self.is_virtual else self._start_process
         try:
-            start(config, reconstruct=reconstruct)
+            self._process = start(config, reconstruct=reconstruct)
         except BaseException:
             self._folder.remove()
             raise
+        self._records = BoardRecords(self.backdoor, self._process)
         try:
             if isinstance(self._process, BoardProcess):
                 self._process.wait_until_ready()
@@ -194,15 +194,12 @@ class VirtualBoard(ClosedByWith):
             self.close()
             raise
 
-    def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> None:
-        self._process: BoardProcess | BoardInProgram
-        self._process = board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
+    def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram:
+        board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
         self.url = board.url
-        self._records = BoardRecords(
-            self.backdoor, is_running=board.is_running, now_s=board.now_s, sleep=board.sleep
-        )
+        return board
 
-    def _start_process(self, config: BoardConfig, *, reconstruct: bool) -> None:
+    def _start_process(self, config: BoardConfig, *, reconstruct: bool) -> BoardProcess:
         self.url = str(self._folder.path / "board")
         port = [f"--link={self.url}", f"--backdoor={self.backdoor}"]
         if not reconstruct:
@@ -210,16 +207,12 @@ class VirtualBoard(ClosedByWith):
         # Without a seed the process takes a random one.
         values = {"seed": config.seed} | config.non_default()
         arguments = [*port, *written_options(values, BOARD_OPTIONS)]
-        self._process = process = BoardProcess(arguments, self._folder.path / "log")
-        self._records = BoardRecords(self.backdoor, is_running=process.is_running)
+        return BoardProcess(arguments, self._folder.path / "log")
 
     def sleep(self, seconds: float) -> None:
         """Let time pass on the clock of the board."""
         check_number("seconds", seconds, 0.0, _LONGEST_WAIT_S)
-        if isinstance(self._process, BoardInProgram):
-            self._process.sleep(seconds)
-        else:
-            time.sleep(seconds)
+        self._process.sleep(seconds)
 
     # --- evidence ------------------------------------------------------------------------------
 
@@ -283,7 +276,7 @@ class VirtualBoard(ClosedByWith):
             self._process.close_pipe()
         else:
             self._process.terminate()
-        self._records.read_to_the_end(progress)
+        self._records.read_until(lambda: False, progress)
 
     def verify(
         self,
@@ -435,10 +428,8 @@ class BoardRecords:
     ----------
     path : Path
         File that the board appends to.
-    is_running : callable
-        Returns whether the board runs.
-    now_s, sleep : callable
-        The clock on which the board is waited for.
+    board : BoardProcess or BoardInProgram
+        The board, on whose clock it is waited for.
 
     Attributes
     ----------
@@ -446,18 +437,11 @@ class BoardRecords:
         Those that were read.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        is_running: Callable[[], bool],
-        now_s: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
+    def __init__(self, path: Path, board: BoardProcess | BoardInProgram) -> None:
         path.touch()
         self.records: list[dict[str, Any]] = []
         self._stream = BackdoorReader(str(path))
-        self._is_running, self._now_s, self._sleep = is_running, now_s, sleep
+        self._board = board
 
     def read(self) -> list[dict[str, Any]]:
         """Return all records so far."""
@@ -472,11 +456,11 @@ class BoardRecords:
 
     def wait_for_latches(self, count: int, timeout_s: float) -> bool:
         """Wait for *count* latches; return whether they came before the end and *timeout_s*."""
-        end_s = self._now_s() + timeout_s
+        end_s = self._board.now_s() + timeout_s
         while sum(record["kind"] in backdoor.LATCHES for record in self.read()) < count:
-            if self._now_s() > end_s or self._is_closed:
+            if self._board.now_s() > end_s or self._is_closed:
                 return False
-            self._sleep(_POLL_S)
+            self._board.sleep(_POLL_S)
         return True
 
     def wait_for_latch(self, key: FrameKey) -> str | None:
@@ -495,7 +479,7 @@ class BoardRecords:
             looked_at += len(new)
             return any(backdoor.is_observed_latch_of(record, key) for record in new)
 
-        self._read_until(is_there)
+        self.read_until(is_there)
         return backdoor.why_observations_incomplete(self.records, key.session, key)
 
     def wait_for_all(self, intended: Sequence[Intended]) -> str | None:
@@ -506,38 +490,31 @@ class BoardRecords:
         str or None
             As :meth:`wait_for_latch`.
         """
-        self._read_until(lambda: has_dialect_latched_all(intended, self.records))
+        self.read_until(lambda: has_dialect_latched_all(intended, self.records))
         if has_dialect_latched_all(intended, self.records):
             return None
         return backdoor.why_observations_incomplete(self.records)
 
-    def read_to_the_end(self, progress: Callable[[int], None] | None = None) -> None:
-        """Read until the end record, or until the board falls silent.
-
-        Parameters
-        ----------
-        progress : callable, optional
-            Called with the number of records so far.
-        """
-        self._read_until(lambda: False, progress)
-
-    def _read_until(
+    def read_until(
         self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
     ) -> None:
-        """Read until *enough* returns True, or until no more records are expected."""
-        quiet_since_s = self._now_s()
+        """Read until *enough* returns True, or until no more records are expected.
+
+        *progress* is called with the number of records so far.
+        """
+        quiet_since_s = self._board.now_s()
         while True:
             count = len(self.records)
             if len(self.read()) > count:
-                quiet_since_s = self._now_s()
+                quiet_since_s = self._board.now_s()
                 if progress is not None:
                     progress(len(self.records))
             if enough() or self._is_closed:
                 return
-            patience_s = _QUIET_S if self._is_running() else _LAST_WORDS_S
-            if self._now_s() - quiet_since_s > patience_s:
+            patience_s = _QUIET_S if self._board.is_running() else _LAST_WORDS_S
+            if self._board.now_s() - quiet_since_s > patience_s:
                 return
-            self._sleep(_POLL_S)
+            self._board.sleep(_POLL_S)
 
     @property
     def _is_closed(self) -> bool:
