@@ -9,4 +9,4 @@ from .counters import HOST_COUNTERS, LINK_COUNTERS
 from .events import *
 from .host import HostConnection
 from .inbox import INPUT_LIMIT
-from .pending import *
+from .pending import INITIAL_RTO_US, MAX_ATTEMPTS, MAX_RTO_US, MIN_RTO_US, RoundTripTimer

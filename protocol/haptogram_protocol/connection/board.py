@@ -13,7 +13,6 @@ from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from typing import Final, cast
 
-from .. import messages
 from .. import messages as m
 from ..cobs import PURE_PYTHON, Cobs
 from ..errors import LocalProtocolError, RemoteProtocolError
@@ -25,48 +24,9 @@ from .inbox import ConnectionInbox
 OUTPUT_LIMIT: Final = 65_536  # bytes that may wait for the line
 
 
-class ConnectionOutbox:
-    """Queue of whole frames; a frame without room is refused, never cut.
-
-    Attributes
-    ----------
-    waiting : int
-        Bytes of the frames in the queue.
-    """
-
-    def __init__(self) -> None:
-        self._frames: deque[bytes] = deque()
-        self.waiting = 0
-
-    def put(self, wire: bytes, limit: int) -> bool:
-        """Queue a frame unless more than *limit* bytes would wait then; return True if queued."""
-        room = self.waiting + len(wire) <= limit
-        if room:
-            self._frames.append(wire)
-            self.waiting += len(wire)
-        return room
-
-    def take(self, limit: int | None = None) -> bytes:
-        """Return and forget the oldest frames: at most *limit* bytes, all of them if None."""
-        if limit is None or self.waiting <= limit:
-            taken = b"".join(self._frames)
-            self._frames.clear()
-        else:
-            taken = b"".join(self._oldest(limit))
-        self.waiting -= len(taken)
-        return taken
-
-    def _oldest(self, limit: int) -> Iterator[bytes]:
-        while self._frames and len(self._frames[0]) <= limit:
-            limit -= len(self._frames[0])
-            yield self._frames.popleft()
-
-
 # HG-3.5: IMMEDIATE has a meaning in these only.  MUTE is carried out whatever its flags (HG-6.4).
-_TAKES_IMMEDIATE: Final = frozenset({*messages.STREAM_RANGE, int(messages.MessageType.PLAY)})
-IMMEDIATE: Final = int(
-    messages.Flag.IMMEDIATE
-)  # as a number: an operation on a Flag costs microseconds
+_TAKES_IMMEDIATE: Final = frozenset({*m.STREAM_RANGE, int(m.MessageType.PLAY)})
+IMMEDIATE: Final = int(m.Flag.IMMEDIATE)  # as a number: an operation on a Flag costs microseconds
 
 
 @dataclass(slots=True)  # frozen would take four times as long to make
@@ -87,17 +47,17 @@ class ReceivedFrame:
         True if the frame is of the open session; it renews the lease then (HG-6.7).
     """
 
-    header: messages.Header
+    header: m.Header
     payload: bytes
     crc: int
     t_rx_us: int
     in_session: bool
 
 
-def unknown_received_flags(header: messages.Header) -> int:
+def unknown_received_flags(header: m.Header) -> int:
     """Return the must-understand flags that have no meaning in such a frame.  HG-3.4."""
     known = IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
-    return header.flags & messages.MUST_UNDERSTAND & ~known
+    return header.flags & m.MUST_UNDERSTAND & ~known
 
 
 #: How far ahead of the expected one a stream number is at which the frame is a copy.  HG-5.5/1.
@@ -135,6 +95,8 @@ class BoardConnection:
         The open session, 0 if there is none.
     counters : dict of str to int
         :data:`LINK_COUNTERS`, modulo 2^32.
+    output_bytes : int
+        Bytes that wait for the line.
     departure_us : callable
         Returns when the first byte of an answer leaves that the connection itself gives to a frame
         of which it is told the arrival. Whoever knows the line sets it; without, it leaves at once.
@@ -155,7 +117,8 @@ class BoardConnection:
         self._types = frozenset(kind for kind in m.MESSAGES if kind not in unsupported)
         self._stuff = cobs.encode
         self._inbox = ConnectionInbox(FrameDecoder(cobs) if decoder is None else decoder)
-        self._outbox = ConnectionOutbox()
+        self._frames: deque[bytes] = deque()  # that wait for the line
+        self.output_bytes = 0
         self._greeting: m.HelloReply | None = None
         self._start_sequences(0)
 
@@ -445,12 +408,18 @@ class BoardConnection:
         limit : int or None
             Most bytes to return; None: all.
         """
-        return self._outbox.take(limit)
+        if limit is None or self.output_bytes <= limit:
+            taken = b"".join(self._frames)
+            self._frames.clear()
+        else:
+            taken = b"".join(self._oldest(limit))
+        self.output_bytes -= len(taken)
+        return taken
 
-    @property
-    def output_bytes(self) -> int:
-        """Number of bytes that wait for the line."""
-        return self._outbox.waiting
+    def _oldest(self, limit: int) -> Iterator[bytes]:
+        while self._frames and len(self._frames[0]) <= limit:
+            limit -= len(self._frames[0])
+            yield self._frames.popleft()
 
     def _answer(self, request: RequestReceived, message: m.Message, now_us: int) -> None:
         wire = self._response(message, request.seq, now_us)
@@ -466,8 +435,12 @@ class BoardConnection:
         return encode_frame(body, self._stuff)
 
     def _queue(self, wire: bytes, limit: int) -> bool:
-        """Queue a frame if there is room; a host that misses a response asks again (HG-9.6)."""
-        return self._outbox.put(wire, limit)
+        """Queue a frame, never a part; without room a host asks again for a response (HG-9.6)."""
+        has_room = self.output_bytes + len(wire) <= limit
+        if has_room:
+            self._frames.append(wire)
+            self.output_bytes += len(wire)
+        return has_room
 
 
 def _at_once(t_rx_us: int) -> int:
