@@ -189,15 +189,15 @@ class Driver(ClosedByWith):
         A board mutes itself if it hears no frame for a while.  The next call that sends frames
         arms the board again after such a pause, until :meth:`mute` or :meth:`disarm`.
         """
-        return self._session.arming.arm()
+        return self._session.control.arm()
 
     def mute(self) -> OutputState:
         """Switch the output off, ahead of everything that waits."""
-        return self._session.arming.mute()
+        return self._session.control.mute()
 
     def disarm(self) -> OutputState:
         """Switch the output off and forbid it."""
-        return self._session.arming.disarm()
+        return self._session.control.disarm()
 
     # --- questions -----------------------------------------------------------------------------
 
@@ -244,7 +244,7 @@ class Driver(ClosedByWith):
 
     def config(self) -> messages.Config:
         """Return the board's configuration."""
-        return self._session.configuration.read()
+        return self._session.control.read()
 
     def configure(self, **changes: Any) -> messages.Config:
         """Change fields of the board's configuration and return the one then in force.
@@ -261,7 +261,7 @@ class Driver(ClosedByWith):
         DeviceError
             If the board refuses a value.
         """
-        return self._session.configuration.change(**changes)
+        return self._session.control.change(**changes)
 
     def correct_phases(self, codes: bytes) -> None:
         """Set the phase correction of every transducer, in 1/256 turns."""
@@ -314,7 +314,7 @@ class Driver(ClosedByWith):
             deadline_ns = next_deadline_ns(
                 deadline_ns=deadline_ns,
                 now_ns=now_ns,
-                period_ns=self._session.arming.refresh_ns,
+                period_ns=self._session.control.refresh_ns,
             )
         self._link.run_until(end_ns)
 
@@ -392,14 +392,14 @@ class Driver(ClosedByWith):
         check_argument_kind("trim", trim, bool, "True or False")
         once = self._builder().frames_of(targets, mode, solver)
         limits.check_streamed_frames(loops * len(once))
-        known, baudrate = self._session.configuration.known, self._link.line.baudrate
+        known, baudrate = self._session.control.known, self._link.line.baudrate
         schedule.check(once, self.identity, baudrate)
         schedule.check_timers(known)
         pacing = StreamPacing(
             spin_us,
             realtime,
             schedule.lead_trim(once, self.identity, known, baudrate, miss_share) if trim else None,
-            self._session.arming.refresh_ns,
+            self._session.control.refresh_ns,
         )
         every = once * loops
         self._make_ready(once, schedule.lead_us + stream_preparation_ns(len(every)) // 1000)
@@ -444,7 +444,7 @@ class Driver(ClosedByWith):
         timing.check_frames(frames, self.identity)
         self._make_ready(frames, timing.lead_us)
         self._player.store(data)
-        self._session.arming.rearm_if_timed_out(lead_us)  # an upload takes longer than a hold
+        self._session.control.rearm_if_timed_out(lead_us)  # an upload takes longer than a hold
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
         status = self._ended()
         return PlayReport(
@@ -458,8 +458,8 @@ class Driver(ClosedByWith):
     def _make_ready(self, frames: list[Frame], first_us: int) -> None:
         """Stop a running playback, set the sound speed of *frames*, rearm if needed."""
         self._player.stop()
-        self._session.configuration.agree_on_sound_speed(frames)
-        self._session.arming.rearm_if_timed_out(first_us)
+        self._session.control.agree_on_sound_speed(frames)
+        self._session.control.rearm_if_timed_out(first_us)
 
     def _ended(self) -> messages.StatusReply:
         """Take the latches of the trace ring, and ask the board how it went."""

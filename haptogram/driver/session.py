@@ -30,25 +30,30 @@ _AT_ONCE_US: Final = 2_000  # from a question to the latch of the frame that fol
 _REFRESHES: Final = 4  # within the shorter one of the two timers
 
 
-class Arming:
-    """Keeps the output of one board as the host wants it.
+class SessionControl:
+    """Keeps configuration and output state of one board as the host wants them.
 
     Parameters
     ----------
     link : Link
+        The open session.
     clock : ClockEstimate
-        Of the board.
-    configuration : SessionConfiguration
-        Holds the timers that mute the board.
+        Tells how long a drive is held already.
+    identity : HelloReply
+        Its features say whether the board can be configured.
+
+    Attributes
+    ----------
+    known : Config
+        The configuration that the board confirmed last.
     """
 
-    def __init__(
-        self, link: Link, clock: ClockEstimate, configuration: SessionConfiguration
-    ) -> None:
-        self._link = link
-        self._clock = clock
-        self._configuration = configuration
-        self._wanted = False  # by the caller: a timeout does not change that
+    def __init__(self, link: Link, clock: ClockEstimate, identity: messages.HelloReply) -> None:
+        self._link, self._clock, self._identity = link, clock, identity
+        self._wanted = False  # the output, by the caller: a timeout does not change that
+        self.known = self.read()
+
+    # --- output --------------------------------------------------------------------------------
 
     def arm(self) -> OutputState:
         """Allow output; it stays silent until the first frame is latched."""
@@ -97,8 +102,7 @@ class Arming:
     @property
     def refresh_ns(self) -> int:
         """Time between two frames that keeps both timers of the board from running out."""
-        known = self._configuration.known
-        return min(known.hold_ms, known.host_timeout_ms) * 1_000_000 // _REFRESHES
+        return min(self.known.hold_ms, self.known.host_timeout_ms) * 1_000_000 // _REFRESHES
 
     def _fresh_status(self) -> messages.StatusReply:
         """Return the status; ask again if the host was delayed before it read the reply."""
@@ -117,33 +121,14 @@ class Arming:
         """
         if status.state is not OutputState.ARMED or not status.counters.latched:
             return False
-        known = self._configuration.known
+        known = self.known
         now_us = self._clock.to_device_us(self._link.now_ns())
         held_us = now_us - messages.unwrap(status.last_latch_us, now_us, 32)
         hold_us, ramp_us = known.hold_ms * 1000, known.ramp_ms * 1000
         wait_us = first_us + max(first_us // 2, min(_AT_ONCE_US, hold_us // 4))
         return hold_us - wait_us < held_us <= hold_us + ramp_us  # later: armed, nothing latched yet
 
-
-class SessionConfiguration:
-    """Reads and changes the configuration of one board.
-
-    Parameters
-    ----------
-    link : Link
-    identity : HelloReply
-        Its features say whether the board can be configured.
-
-    Attributes
-    ----------
-    known : Config
-        The configuration that the board confirmed last.
-    """
-
-    def __init__(self, link: Link, identity: messages.HelloReply) -> None:
-        self._link = link
-        self._identity = identity
-        self.known = self.read()
+    # --- configuration -------------------------------------------------------------------------
 
     def read(self) -> messages.Config:
         """Ask the board for its configuration and return it."""
@@ -242,7 +227,7 @@ class DriverSession:
     link, identity, clock, pinger
         The open link, the board's answer to HELLO, the estimate of its clock, and the pings that
         feed the estimate.
-    configuration, arming
+    control
         Configuration and output state of the board, once the session was started.
     observations, events, last_status, warnings
         See :class:`haptogram.driver.driver.Driver`.
@@ -278,8 +263,7 @@ class DriverSession:
         calibrated = assumed if elements is None else assumed.calibrated(elements)
         self.link.handler = self._take
         self.pinger.synchronise()
-        self.configuration = SessionConfiguration(self.link, self.identity)
-        self.arming = Arming(self.link, self.clock, self.configuration)
+        self.control = SessionControl(self.link, self.clock, self.identity)
         return calibrated
 
     def abandon(self) -> None:
@@ -301,7 +285,7 @@ class DriverSession:
         try:
             self.link.mute(MuteReply, min(_MUTE_TIMEOUT_NS, self.link.timeout_ns))
         except HaptogramError as error:
-            known = self.configuration.known
+            known = self.control.known
             raise LinkError(
                 f"{self.link.url}: the board did not confirm that it is mute; it mutes itself "
                 f"after {max(known.hold_ms, known.host_timeout_ms)} ms without a host"
@@ -316,7 +300,7 @@ class DriverSession:
 
     def collect_ring(self) -> None:
         """Add the latches in the board's trace ring, if it keeps one, to the observations."""
-        if self.configuration.known.trace_mode is TraceMode.RING:
+        if self.control.known.trace_mode is TraceMode.RING:
             self.observations.extend(self._traces.read_ring())
 
     def warn(self, text: str) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +88,7 @@ class SlotBoards(LatchingUnit):
         self._boot_us = now_us
         self._playlist = ArduinoPlaylist(firmware.patterns, counts=not outputs.shows_one)
         self._durations = bytearray(self._playlist.durations)  # for the next commit
-        self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
+        self._handlers = {
             operations.SetPattern: self._set_pattern,
             operations.SetDurations: self._set_durations,
             operations.CommitDurations: self._commit_durations,
@@ -96,13 +96,11 @@ class SlotBoards(LatchingUnit):
         }
         self._latch(POWER_UP, now_us)
 
-    def take(self, operation: Operation, t_us: int) -> list[Reply]:
+    def take(self, operation: Operation, t_us: int) -> Sequence[Reply | bytes]:
         """Do *operation*; return what the last board sends on."""
         if isinstance(operation, operations.Forward):
             return [operation]
-        if (handler := self._handlers.get(type(operation))) is not None:
-            handler(operation, t_us)
-        return []
+        return super().take(operation, t_us)
 
     def next_event_us(self) -> int | None:
         """Return when the next pattern of the first pass begins, or None."""
