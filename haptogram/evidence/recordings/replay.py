@@ -370,7 +370,6 @@ class _ReplayLine:
 
 _PATIENCE_NS: Final = 2_000_000_000  # for the first reply, and for the last ones
 _RETRY_NS: Final = 1_000_000
-_WRAP: Final = 1 << 32
 
 
 class ReplayFrameShifter:
