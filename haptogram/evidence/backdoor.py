@@ -53,6 +53,10 @@ LATCHES: Final = ("latch", "pulses")
 _ARMED: Final = "ARMED"
 #: Reasons for which a timer of the board mutes it: the host, or its stream, fell silent.
 TIMED_OUT: Final = frozenset({"HOLD_EXPIRED", "HOST_SILENT", "UNATTENDED"})
+UNIX_PREFIX: Final = "unix:"
+_AT_A_TIME: Final = 1 << 20  # bytes: about a thousand latches
+_LONGEST_LINE: Final = 1 << 22
+_POLL_S: Final = 0.01
 
 
 def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
@@ -286,12 +290,6 @@ def _observed_value(value: Any) -> Any:
     if isinstance(value, list):
         return tuple(_observed_value(item) for item in value)
     return math.inf if value is None else value
-
-
-UNIX_PREFIX: Final = "unix:"
-_AT_A_TIME: Final = 1 << 20  # bytes: about a thousand latches
-_LONGEST_LINE: Final = 1 << 22
-_POLL_S: Final = 0.01
 
 
 class BackdoorReader(ClosedByWith):

@@ -35,6 +35,9 @@ _DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from t
 
 
 _Records: TypeAlias = Sequence[Mapping[str, Any]]
+_LAST_S: Final = 10.0  # until it has told its last latch
+_QUEUE_S: Final = 2.0
+_POLL_S: Final = 0.01
 
 
 class DriverEvidence(Protocol):
@@ -369,11 +372,6 @@ class PortBoardUnderTest(BoardUnderTest):
             ),
             is_machine_in_between=self._baudrate is None,
         )
-
-
-_LAST_S: Final = 10.0  # until it has told its last latch
-_QUEUE_S: Final = 2.0
-_POLL_S: Final = 0.01
 
 
 class ShownPortBoardUnderTest(BoardUnderTest):

@@ -49,6 +49,9 @@ if TYPE_CHECKING:
 _VIRTUAL_BAUD: Final = 3_000_000  # without a rate, frames would come at one moment
 _MOST_LATCHES: Final = 10**9
 _LONGEST_WAIT_S: Final = 1e7
+_POLL_S: Final = 0.01
+_QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
+_LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
 
 
 class VirtualBoard(ClosedByWith):
@@ -414,11 +417,6 @@ def _model_of_virtual_board(config: BoardConfig, elements: Calibration | None) -
         Transducer(),
     )
     return model if elements is None else model.calibrated(elements)
-
-
-_POLL_S: Final = 0.01
-_QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
-_LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
 
 
 class BoardRecords:

@@ -33,6 +33,8 @@ STREAM_RANGE: Final = range(0x00, 0x40)
 REQUEST_RANGE: Final = range(0x40, 0x80)
 RESPONSE_RANGE: Final = range(0x80, 0xC0)
 EVENT_RANGE: Final = range(0xC0, 0x100)
+MUST_UNDERSTAND: Final = 0xF0  # HG-3.4
+_FULL_AMPLITUDE: Final = 255  # amplitude code
 
 
 class MessageType(enum.IntEnum):
@@ -90,9 +92,6 @@ class Flag(DocumentedFlag):
 
     LATE = 0x01, "trace: the frame was late, within the late window (HG-5.7/6)"
     IMMEDIATE = 0x10, "stream, PLAY: t_apply is not used, act as soon as the frame is complete"
-
-
-MUST_UNDERSTAND: Final = 0xF0  # HG-3.4
 
 
 class ErrorCode(DocumentedEnum):
@@ -328,8 +327,6 @@ class StateChanged(Message):
 
 
 # --- Stream, host to board: chapter 5 -------------------------------------------------------------
-
-_FULL_AMPLITUDE: Final = 255  # amplitude code
 
 
 @record

@@ -25,6 +25,7 @@ _SHARE: Final = 0.29  # of the periods, in which one of the bytes of 115 200 bau
 
 Samples: TypeAlias = NDArray[np.int64]
 Edges: TypeAlias = tuple[Samples, Samples, NDArray[np.bool_]]
+_BITS: Final = 10  # start, eight of data with the lowest first, stop
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -126,9 +127,6 @@ class PinWaveformSampler:
             pins = np.tile(sounding, len(starts))
             inside = (times > begin + 1e-9) & (times < end - 1e-9)
             yield times[inside], pins[inside], np.full(int(inside.sum()), level)
-
-
-_BITS: Final = 10  # start, eight of data with the lowest first, stop
 
 
 class UartWaveform:

@@ -53,6 +53,7 @@ _THREADS: Final = (
     "MKL_NUM_THREADS",
     "NUMBA_NUM_THREADS",
 )
+READY: Final = b"ready\n"  # the worker's answer to its job
 
 
 class ReconstructionWorker:
@@ -259,7 +260,6 @@ def _widen_worker_pipe(pipe: int) -> None:
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
 
 
-READY: Final = b"ready\n"  # the worker's answer to its job
 # A signal, not a record: a record would wait behind all records that are on their way.
 SKIP_FIELDS: Final = signal.SIGUSR1
 _LENGTH: Final = struct.Struct("<I")

@@ -59,6 +59,7 @@ exit status:
   1  the port was lost, or the program of --as-device failed
   2  usage or environment error
 """
+SOCKET: Final = "unix:"  # a back door that is no file
 
 
 def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) -> None:
@@ -182,9 +183,6 @@ def pin_capture_config_of(options: argparse.Namespace) -> PinCaptureConfig | Non
         word = _CAPTURE[next(iter(values))].word
         raise ConfigurationError(f"{word} acts only with --capture; leave it out")
     return None
-
-
-SOCKET: Final = "unix:"  # a back door that is no file
 
 
 def check_board_outputs(options: argparse.Namespace) -> None:

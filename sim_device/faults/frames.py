@@ -28,6 +28,8 @@ from .line import Acted, FaultChunk, LineFault, Values
 # A body in, what follows the first delimiter out (COBS and the last delimiter); None: unchanged.
 Rewrite: TypeAlias = Callable[[bytes, Values, random.Random], bytes | None]
 _Change: TypeAlias = Callable[[Header, Values], dict[str, int]]
+_TRUE_COUNTERS: Final = ("frames", "latched", "requests")  # those that rise when all is well
+_PONG_TIMES: Final = ("t_rx_us", "t_tx_us")
 
 
 def fault_on_frames(rewrite: Rewrite) -> LineFault:
@@ -123,9 +125,6 @@ FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
 )
 
 
-_TRUE_COUNTERS: Final = ("frames", "latched", "requests")  # those that rise when all is well
-
-
 def _clock_report_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
     header, message = messages.parse_body(body)
     by_us = round(values["us"] + values["jitter_us"] * source.uniform(-1, 1))
@@ -158,8 +157,6 @@ def _rebuilt_faulty_report(header: messages.Header, message: messages.Message, b
         )
     )
 
-
-_PONG_TIMES: Final = ("t_rx_us", "t_tx_us")
 
 REPORT_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
     {

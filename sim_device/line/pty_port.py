@@ -16,6 +16,8 @@ from .port import BoardPort
 from .pty_link import INSTEAD_OF_PTY, PtyLink
 
 _CLOSED: Final = -1
+UNTOUCHED_BAUD: Final = 38_400  # of a new pseudo-terminal
+_TCGETS2: Final = 0x802C542A  # asm-generic/ioctls.h: as the names of termios have no odd rates
 
 
 class PtyPort(BoardPort):
@@ -98,8 +100,6 @@ class PtyPort(BoardPort):
         return super()._lost(error)
 
 
-UNTOUCHED_BAUD: Final = 38_400  # of a new pseudo-terminal
-_TCGETS2: Final = 0x802C542A  # asm-generic/ioctls.h: as the names of termios have no odd rates
 _TERMIOS2: Final = struct.Struct("4IB19x2I")  # flags, line, characters, rates in and out
 
 

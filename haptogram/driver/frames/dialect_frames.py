@@ -36,6 +36,7 @@ _BATCH: Final = 512  # frames whose phases are computed at a time
 _REGISTER_BITS: Final = 8  # of the drives in records and verdicts
 _TURN: Final = 1 << _REGISTER_BITS
 _SESSION: Final = 0  # these wires know none
+_HIGHEST_CHANNEL: Final = 0xFFFF  # of any line of boards
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,9 +182,6 @@ class DialectFrameBuilder:
             (np.floor(_TURN * turns + 0.5).astype(np.int64) % _TURN).astype(np.uint8),
             np.array([0 if code is None else level for code in found], dtype=np.uint8),
         )
-
-
-_HIGHEST_CHANNEL: Final = 0xFFFF  # of any line of boards
 
 
 def checked_display_channels(channels: Any) -> tuple[int, ...]:

@@ -36,6 +36,7 @@ LOG: Final = "/log"
 FRAME: Final = "/tf"
 ARRAY: Final = "/scene/array"
 FOCUS: Final = "/scene/focus"
+_KEY: Final = "session sequence loop index"
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,6 @@ def _channel_fields(
     return {name: kind for names, kind in kinds.items() for name in names.split()}
 
 
-_KEY: Final = "session sequence loop index"
 #: Every channel by topic.
 CHANNELS: Final = {
     channel.topic: channel

@@ -36,6 +36,8 @@ _COMPARED: Final = ("output", "pulses")  # records of the back door, beside latc
 _STEP_NS: Final = 10_000_000
 _AFTER_LAST_NS: Final = 12_000_000_000  # as far ahead as a frame can lie in a queue
 _WRAP: Final = 1 << 32
+_PATIENCE_NS: Final = 2_000_000_000  # for the first reply, and for the last ones
+_RETRY_NS: Final = 1_000_000
 
 
 class RecordingReplayBoard(Protocol):
@@ -366,10 +368,6 @@ class _ReplayLine:
             self.comparison.add_latch(side, record, timed=timed)
         elif record["kind"] in _COMPARED and record.get("event") != "remark":  # words for a user
             self.comparison.add_record(side, record["kind"], record)
-
-
-_PATIENCE_NS: Final = 2_000_000_000  # for the first reply, and for the last ones
-_RETRY_NS: Final = 1_000_000
 
 
 class ReplayFrameShifter:

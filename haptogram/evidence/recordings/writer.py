@@ -45,6 +45,8 @@ _RECORDS: Final = {
 _TIMES: Final = ("t_us", "t_latch_us")
 _SAID: Final = ("kind", "event", *_TIMES)
 _PITCH_M: Final = 0.01  # of the elements of an array that has none
+_REPLIES: Final = 32  # the quickest of them tells the difference of the clocks
+_WRAP: Final = 1 << 32
 
 
 def check_recordings() -> None:
@@ -321,10 +323,6 @@ def _recorded_event_text(record: Mapping[str, Any]) -> str:
 
 def _encoded_recording_fields(fields: Mapping[str, Any]) -> bytes:
     return json.dumps(fields, separators=(",", ":"), allow_nan=False, default=str).encode()
-
-
-_REPLIES: Final = 32  # the quickest of them tells the difference of the clocks
-_WRAP: Final = 1 << 32
 
 
 class RecordingClock:

@@ -39,6 +39,8 @@ PERIODS_BETWEEN_LATCHES: Final = 10
 MAX_KNOWN: Final = 1024  # pulses that are kept
 _NS_PER_US: Final = 1_000
 PERIOD_US: Final = PERIOD_NS // _NS_PER_US
+STEPS: Final = 512
+MAX_DEVICES: Final = 4  # an array has 1024 elements at the most
 
 
 class Autd3Unit(LatchingUnit):
@@ -190,7 +192,6 @@ class Autd3Unit(LatchingUnit):
         return self._boot_us + (period - self._boot_period) * PERIOD_US
 
 
-STEPS: Final = 512
 _WIDTHS: Final = np.array(
     [round(math.asin(intensity / FULL) / math.pi * STEPS) for intensity in range(FULL + 1)],
     dtype=np.int64,
@@ -218,9 +219,6 @@ def autd3_pulses_of(
     widths = _WIDTHS[intensities.astype(np.int64) * modulation // FULL]
     rises = (2 * phases.astype(np.int64) - widths // 2) % STEPS
     return PulseDrive(np.where(widths > 0, rises, 0), widths, STEPS)
-
-
-MAX_DEVICES: Final = 4  # an array has 1024 elements at the most
 
 
 @dataclass(frozen=True, kw_only=True)

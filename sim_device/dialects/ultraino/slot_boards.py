@@ -25,6 +25,10 @@ from ..unit import LatchingUnit, Unit
 POWER_UP: Final = "power-up"
 CYCLES: Final = 396  # of the processor, in a period of MEGA64
 _CYCLES_OF_A_PORT: Final = 30 / 9  # from the first of ten ports to the last
+PERIOD_US: Final = 25
+_COUNTER: Final = 256  # currentPeriods is a byte
+UPLOAD: Final = "upload"  # cause of a latch: bytes begin to arrive, or no more do
+_HALVED: Final = "pins_at_half_carrier"
 
 
 @dataclass(frozen=True)
@@ -158,10 +162,6 @@ class SlotBoards(LatchingUnit):
         return np.concatenate(list(outputs[:, :, pins]), axis=1)
 
 
-PERIOD_US: Final = 25
-_COUNTER: Final = 256  # currentPeriods is a byte
-
-
 class ArduinoPlaylist:
     """The pattern that is shown in each period of the carrier, counted from power-up.
 
@@ -271,10 +271,6 @@ class ArduinoPlaylist:
             pattern += 1
             periods += self.durations[pattern]
         return periods
-
-
-UPLOAD: Final = "upload"  # cause of a latch: bytes begin to arrive, or no more do
-_HALVED: Final = "pins_at_half_carrier"
 
 
 class UnsteadyUnit(LatchingUnit):

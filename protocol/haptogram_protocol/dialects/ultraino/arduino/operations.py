@@ -7,6 +7,8 @@ from typing import Final
 
 from ...codec import Operation, Reply
 
+MAX_BOARDS: Final = 14  # ArduinoMEGA64.java: 15 boards and more are refused
+
 
 @dataclass(frozen=True, slots=True)
 class SetPattern(Operation):
@@ -58,9 +60,6 @@ class Forward(Operation, Reply):
     """The last board of the chain sends *byte* to the host.  Only a board's end makes it."""
 
     byte: int
-
-
-MAX_BOARDS: Final = 14  # ArduinoMEGA64.java: 15 boards and more are refused
 
 
 @dataclass(frozen=True)
