@@ -8,8 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from ..dialects.codec import Dialect, Operation, Reply
-from .frames import Annotated
-from .words import annotated_fields_of
+from .frames import Annotated, annotated_fields_of
 
 _MOST_SILENT: Final = 65_536  # bytes without an operation that are reported as one piece
 _SHOWN: Final = 8  # items of a sequence in one line
