@@ -64,9 +64,7 @@ class SimulatedAssembly:
 
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
-        line, file = settings.line.baud, settings.simulator_capture
-        unit = SimulatedUnit(self.command, line, 1, settings.boot_us, capture=file)
-        return SimulatedBoard(unit, settings.boot_us)
+        return SimulatedBoard(SimulatedUnit(self.command, settings), settings.boot_us)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 
 from ..board.clock import earliest_board_time
 from ..board.events import CarrierState
+from ..board.settings import BoardSettings
 from .client_remarks import ClientRemarks, UnshownToClient
 from .unit import HearsBytesUnit, HoldsBackUnit, RunsAheadUnit, Unit
 from .virtual_dialect import VirtualDialect
@@ -37,14 +37,15 @@ class VirtualForeignDialect(VirtualDialect):
         Makes the board's end of it.
     unit : Unit
         What the boards do.
-    channels : (N,) numpy.ndarray of integers
-        For each emitter of the array the channel that drives it.
-    now_us : int
-        Device time at power-up.
+    settings : BoardSettings
+        The boards, with the wiring of the emitters and the line.
     boards : int
         Boards on the line.
-    byte_us : float
-        Time that the line needs for a byte, microseconds; 0 for a line without a speed.
+
+    Raises
+    ------
+    TypeError
+        The board speaks Haptogram's own wire.
     """
 
     def __init__(
@@ -52,12 +53,14 @@ class VirtualForeignDialect(VirtualDialect):
         dialect: Dialect,
         end: Callable[[], BoardEnd],
         unit: Unit,
-        channels: NDArray[np.intp],
-        now_us: int,
-        boards: int = 1,
-        byte_us: float = 0.0,
+        settings: BoardSettings,
+        boards: int,
     ) -> None:
-        super().__init__(now_us)
+        super().__init__(settings.boot_us)
+        if settings.wiring is None:
+            raise TypeError("settings of a board that speaks Haptogram's own wire")
+        channels = np.array(settings.wiring.channels, dtype=np.intp)
+        byte_us = 10e6 / settings.line.baud if settings.line.baud else 0.0
         self._dialect, self._unit, self._channels = dialect, unit, channels
         self.ahead = unit if isinstance(unit, RunsAheadUnit) else None
         if self.ahead is not None:
@@ -70,7 +73,7 @@ class VirtualForeignDialect(VirtualDialect):
         self._own: Counter[str] = Counter()
         self._counted: Counter[str] = Counter()  # at the last latch
         self._latched = 0
-        self._byte_us, self._last_us = byte_us, now_us  # when the last byte came
+        self._byte_us, self._last_us = byte_us, settings.boot_us  # when the last byte came
         self._quiet_us: int | None = None  # when the client has been silent for long enough
         self._frame_bytes = 0  # since the last latch
         sizes = [*map(dialect.frame_bytes, range(1, boards + 1))]

@@ -6,7 +6,6 @@ import dataclasses
 import logging
 from collections import Counter, deque
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Final
 
 from haptogram.acoustics.model.pulses import PulseDrive
@@ -14,6 +13,7 @@ from haptogram_protocol.dialects.codec import Operation
 
 from ...board.clock import earliest_board_time
 from ...board.events import PulseLatch
+from ...board.settings import BoardSettings
 from ..unit import Unit
 from ..virtual_dialect import VirtualDialect
 from .capture import SimulatedCapture
@@ -38,16 +38,11 @@ class SimulatedUnit:
     ----------
     command : str
         The simulator.
-    baud : int or None
-        Rate of the line.
-    channels : int
-        Pins that the array needs.
-    now_us : int
-        Device time at power-up, at which the board takes bytes.
+    settings : BoardSettings
+        The board, which takes bytes from its power-up on: its line, its pins, and the file that
+        takes down what they do.
     expected : Unit or None
         The unit of the dialect.
-    capture : Path or None
-        File that takes down what pins and line do.
 
     Raises
     ------
@@ -57,15 +52,9 @@ class SimulatedUnit:
         It has ended, does not answer, or makes no sense.
     """
 
-    def __init__(
-        self,
-        command: str,
-        baud: int | None,
-        channels: int,
-        now_us: int,
-        expected: Unit | None = None,
-        capture: Path | None = None,
-    ) -> None:
+    def __init__(self, command: str, settings: BoardSettings, expected: Unit | None = None) -> None:
+        baud, capture, wiring = settings.line.baud, settings.simulator_capture, settings.wiring
+        channels = 1 if wiring is None else 1 + max(wiring.channels)
         self._process = SimulatorProcess(command, baud, channels)
         hello = self._process.hello
         self._byte_ns = 1e10 / baud if baud else 0.0
@@ -75,7 +64,7 @@ class SimulatedUnit:
         self._expected_pins = None if expected is None else self._last_of(expected)
         self._latches: list[PulseLatch] = []  # in their order
         self._sent: deque[SentByte] = deque()
-        self._now_us = self._boot_us = now_us
+        self._now_us = self._boot_us = settings.boot_us
         self._is_lost = self._has_warned = False
         periods = -(-hello.start_ns // hello.period_ns) + _PERIODS_AHEAD
         self._boot_ns = periods * hello.period_ns
