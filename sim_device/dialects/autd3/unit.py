@@ -43,19 +43,39 @@ STEPS: Final = 512
 MAX_DEVICES: Final = 4  # an array has 1024 elements at the most
 
 
+@dataclass(frozen=True, kw_only=True)
+class Devices(Settings):
+    """Options of the dialect."""
+
+    devices: int = option(
+        1, unit="N", low=1, high=MAX_DEVICES, help="devices, 192 mm apart along x"
+    )
+    system_ns: int = option(
+        0,
+        unit="NS",
+        low=0,
+        high=2**63 - 1,
+        help="system time at power-up, for clients that name times: since 2000-01-01 UTC",
+    )
+    latch_us: int = option(
+        PERIODS_BETWEEN_LATCHES * PERIOD_US,
+        unit="US",
+        low=PERIOD_US,
+        high=1_000_000,
+        help="time between latches that sequences and modulation make by themselves",
+    )
+
+
 class Autd3Unit(LatchingUnit):
     """Devices that power up at *now_us*.
 
     Parameters
     ----------
+    options : Devices
+        How many there are: a client that opens another number is refused.  Times are rounded down
+        to periods of 25 µs.
     now_us : int
         Device time of the power-up.
-    devices : int
-        How many there are; a client that opens another number is refused.
-    system_ns : int
-        System time of the power-up, nanoseconds since 2000-01-01 UTC; rounded down to 25 µs.
-    periods_between_latches : int
-        Periods of 25 µs between latches that the devices make by themselves.
 
     Attributes
     ----------
@@ -64,20 +84,13 @@ class Autd3Unit(LatchingUnit):
         :class:`~sim_device.dialects.autd3.device.Autd3Device`.
     """
 
-    def __init__(
-        self,
-        now_us: int,
-        *,
-        devices: int = 1,
-        system_ns: int = 0,
-        periods_between_latches: int = PERIODS_BETWEEN_LATCHES,
-    ) -> None:
+    def __init__(self, options: Devices, now_us: int) -> None:
         super().__init__()
-        self._devices = [Autd3Device(self.counters) for _ in range(devices)]
-        self._boot_us, self._boot_period = now_us, system_ns // PERIOD_NS
-        self._gap = periods_between_latches
+        self._devices = [Autd3Device(self.counters) for _ in range(options.devices)]
+        self._boot_us, self._boot_period = now_us, options.system_ns // PERIOD_NS
+        self._gap = options.latch_us // PERIOD_US
         self._outputs: list[Output] = []
-        self._pulses = PulseDrive.off(CHANNELS * devices, STEPS)
+        self._pulses = PulseDrive.off(CHANNELS * options.devices, STEPS)
         self._known: dict[tuple[Output, ...], PulseDrive] = {}
         self._asked: int | None = None  # period in which what operations ask for takes effect
         self._changes: int | None = None  # period in which something changes by itself
@@ -221,29 +234,6 @@ def autd3_pulses_of(
     return PulseDrive(np.where(widths > 0, rises, 0), widths, STEPS)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Devices(Settings):
-    """Options of the dialect."""
-
-    devices: int = option(
-        1, unit="N", low=1, high=MAX_DEVICES, help="devices, 192 mm apart along x"
-    )
-    system_ns: int = option(
-        0,
-        unit="NS",
-        low=0,
-        high=2**63 - 1,
-        help="system time at power-up, for clients that name times: since 2000-01-01 UTC",
-    )
-    latch_us: int = option(
-        PERIODS_BETWEEN_LATCHES * PERIOD_US,
-        unit="US",
-        low=PERIOD_US,
-        high=1_000_000,
-        help="time between latches that sequences and modulation make by themselves",
-    )
-
-
 def _autd3_layout(options: Devices) -> BoardLayout:
     if options.devices == 1:
         return ONE_DEVICE
@@ -258,12 +248,7 @@ def _autd3_layout(options: Devices) -> BoardLayout:
 AUTD3: Final = Emulation(
     dialect=link.AUTD3,
     end=lambda _: link.Autd3BoardEnd(),
-    unit=lambda options, now_us: Autd3Unit(
-        now_us,
-        devices=options.devices,
-        system_ns=options.system_ns,
-        periods_between_latches=options.latch_us // PERIOD_US,
-    ),
+    unit=Autd3Unit,
     layout=_autd3_layout,
     options=Devices,
     boards=lambda options: options.devices,
