@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.errors import HaptogramError
-from haptogram.evidence.dialects.pulse_records import pulse_observation_of
+from haptogram.evidence.dialects.latches import pulse_observation_of
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
 from haptogram_protocol.dialects.codec import Dialect

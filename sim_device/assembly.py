@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, TypeAlias
 
 from haptogram.settings.option import Settings
 from haptogram_protocol.cobs import fastest_cobs
@@ -17,8 +17,7 @@ from .board.clock import BoardClock
 from .board.settings import BoardSettings
 from .dialects.emulation import Emulation
 from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
-from .dialects.simulated.board import SimulatedBoard
-from .dialects.simulated.unit import SimulatedUnit
+from .dialects.simulated.unit import SimulatedBoard, SimulatedUnit
 from .dialects.virtual_dialect import VirtualDialect
 
 
@@ -50,17 +49,6 @@ class BoardAssembly(BoardParts):
 HEALTHY: Final = BoardAssembly()
 
 
-class Assembly(Protocol):
-    """Parts of a board with its end of the line."""
-
-    @property
-    def clock(self) -> type[BoardClock]:
-        """The clock of the board."""
-
-    def assemble(self, settings: BoardSettings) -> VirtualDialect:
-        """Return the board at the end of its line, powered up."""
-
-
 @dataclass(frozen=True, slots=True)
 class SimulatedAssembly:
     """A board of Haptogram's own wire that another process simulates.
@@ -76,9 +64,7 @@ class SimulatedAssembly:
 
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
-        line, file = settings.line.baud, settings.simulator_capture
-        unit = SimulatedUnit(self.command, line, 1, settings.boot_us, capture=file)
-        return SimulatedBoard(unit, settings.boot_us)
+        return SimulatedBoard(SimulatedUnit(self.command, settings), settings.boot_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,3 +86,7 @@ class ForeignAssembly:
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the boards at the end of their line, powered up."""
         return self.emulation.power_up(self.options, settings)
+
+
+#: Parts of a board with its end of the line.
+Assembly: TypeAlias = BoardAssembly | SimulatedAssembly | ForeignAssembly

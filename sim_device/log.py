@@ -106,8 +106,8 @@ def describe_board_notice(notice: events.Notice) -> str:
     return _WORDS[type(notice)](notice)
 
 
-def _logged_board_counts(notice: events.FaultsCounted | events.LineCounted) -> str:
-    return ", ".join(f"{name} {n}" for name, n in notice.counts.items())
+def _logged_board_counts(notice: events.Counted) -> str:
+    return f"{notice.what}: " + ", ".join(f"{name} {n}" for name, n in notice.counts.items())
 
 
 def _logged_board_state(change: events.StateChange) -> str:
@@ -138,6 +138,5 @@ _WORDS: Final[Mapping[type[events.Notice], Callable[[Any], str]]] = {
     events.WireCompared: lambda notice: (
         "the client speaks " + ("the board's wire" if notice.is_own else "an unknown wire")
     ),
-    events.FaultsCounted: lambda notice: f"faults: {_logged_board_counts(notice)}",
-    events.LineCounted: lambda notice: f"line: {_logged_board_counts(notice)}",
+    events.Counted: _logged_board_counts,
 }

@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import bisect
 import dataclasses
 import importlib
 import inspect
@@ -25,13 +24,11 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
 from haptogram.settings.arguments import did_you_mean
 from haptogram_protocol.cobs import Cobs, cobs_decode
-from haptogram_protocol.connection import BoardConnection
 from haptogram_protocol.framing import CRC_BYTES, FrameDecoder
 from haptogram_protocol.messages import Config, FocalPoint
 
 from .assembly import HEALTHY, BoardAssembly
 from .board.board import Board
-from .board.clock import BoardClock
 from .board.output import BoardOutput
 from .board.registers import BoardFocuser
 from .board.timers import BoardTimers
@@ -40,8 +37,6 @@ Part: TypeAlias = type[Any]
 #: The part of :class:`~sim_device.assembly.BoardAssembly` that a subclass of its class replaces.
 _NAMES: Final = {field.default: field.name for field in dataclasses.fields(BoardAssembly)}
 _NEVER_US: Final = 1 << 60
-_JUMP_EVERY_US: Final = 500_000
-_JUMP_US: Final = 2_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,14 +137,6 @@ def _decoded_with_right_crc(encoded: bytes) -> bytes:
     return body + crc32(body).to_bytes(CRC_BYTES, "little")
 
 
-class GapsUncounted(BoardConnection):
-    """Does not count the stream frames that are missing."""
-
-    def count(self, reason: str, number: int = 1) -> None:
-        """Leave gaps out."""
-        super().count(reason, 0 if reason == "gap" else number)
-
-
 class LatchesOnePeriodLate(BoardOutput):
     """Latches one carrier period after the right one."""
 
@@ -192,38 +179,12 @@ class MuteIgnored(Board):
         """Do nothing."""
 
 
-class WatchdogMissing(BoardOutput):
-    """Never misses the host: the lease does not run."""
-
-    def renew_lease(self) -> None:
-        """Do nothing."""
-
-
 class HoldMissing(BoardTimers):
     """Holds the last drive for ever when the stream stops."""
 
     def latched(self, _: int, config: Config) -> None:
         """Let the hold last for ever."""
         super().latched(_NEVER_US, config)
-
-
-class ClockSteps(BoardClock):
-    """Its clock jumps ahead by 2 ms every 500 ms."""
-
-    def device_us(self, t_ns: int) -> int:
-        """Return the reading of the clock at *t_ns*."""
-        return self._with_jumps(super().device_us(t_ns))
-
-    def reached_ns(self, device_us: int) -> int:
-        """Return the first time at which it shows *device_us* or more."""
-        shown_us = range(self.boot_us, device_us)  # without a jump, and so too late
-        place = bisect.bisect_left(shown_us, device_us, key=self._with_jumps)
-        return super().reached_ns(min(device_us, self.boot_us + place))
-
-    def _with_jumps(self, steady_us: int) -> int:
-        """Add the clock steps to a steady time."""
-        jumps = max(0, steady_us - self.boot_us) // _JUMP_EVERY_US
-        return steady_us + jumps * _JUMP_US
 
 
 class StuckColumn(BoardOutput):
@@ -252,14 +213,11 @@ MUTANTS: Final[Mapping[str, Mutant]] = MappingProxyType(
         mutant.name: mutant
         for mutant in (
             Mutant.of(CrcUnchecked, "HG-2.4/2", _WIRE),
-            Mutant.of(GapsUncounted, "HG-5.5/2", _SELF),
             Mutant.of(LatchesOnePeriodLate, "HG-5.8/1", _SELF),
             Mutant.of(NonAtomic, "HG-5.8/2", _SELF),
             Mutant.of(PointsOfOppositePhase, "HG-5.4/1", _SELF),
             Mutant.of(MuteIgnored, "HG-6.2/1", _WIRE),
-            Mutant.of(WatchdogMissing, "HG-12.2/1", _WIRE),
             Mutant.of(HoldMissing, "HG-6.10/1", _WIRE),
-            Mutant.of(ClockSteps, "HG-6.9/1", _WIRE),
             Mutant.of(StuckColumn, "HG-5.8/2", _EXTERNAL),
             Mutant.of(PhaseInverted, "HG-7.9/1", _EXTERNAL),
         )

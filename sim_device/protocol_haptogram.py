@@ -27,7 +27,7 @@ from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url
 
 from .backdoor.recorder import InlineReconstructionWorker
 from .backdoor.records import Record, backdoor_record_line
-from .backdoor.sinks import RecordSink, open_backdoor_sink
+from .backdoor.sinks import FileSink, SocketSink, open_backdoor_sink
 from .backdoor.worker import ReconstructionWorker
 from .blueprint import Blueprint, blueprint_of
 from .board.settings import BoardSettings
@@ -108,7 +108,7 @@ class Serial(serial.SerialBase):
         settings = blueprint.settings
         self._records: list[Record] = []
         self._observations: list[Observation] = []
-        self._sink: RecordSink | None = None
+        self._sink: FileSink | SocketSink | None = None
         self._worker: ReconstructionWorker | None = None
         self._inline: InlineReconstructionWorker | None = None
         try:
@@ -133,8 +133,7 @@ class Serial(serial.SerialBase):
                 'the program of the VirtualBoard, before the end of its "with"; for other '
                 'programs, VirtualBoard(clock="wall") has a pseudo-terminal'
             )
-        self._owner, self._is_virtual = owner, owner.is_virtual
-        self._start_ns = owner.start_ns
+        self._owner, self._is_virtual, self._start_ns = owner, owner._is_virtual, owner._start_ns  # noqa: SLF001
         self.simulation, self._inline = owner.simulation, owner._inline  # noqa: SLF001  its own class
         self._records, self._observations = owner.records, owner.observations
         self._sink = self._worker = None
@@ -158,16 +157,6 @@ class Serial(serial.SerialBase):
         if self._inline is not None:
             self._inline.settle()
         return self._observations
-
-    @property
-    def is_virtual(self) -> bool:
-        """True if its time is virtual."""
-        return self._is_virtual
-
-    @property
-    def start_ns(self) -> int:
-        """Time of the monotonic clock at the power-up of its board."""
-        return self._start_ns
 
     def _blueprint(self, board: BoardConfig) -> Blueprint:
         try:
@@ -294,11 +283,7 @@ class Serial(serial.SerialBase):
         deadline_ns = self._deadline_ns(self._timeout)
         data = self.simulation.host_read(size)
         while len(data) < size and not self._is_over(deadline_ns):
-            if self._is_virtual and deadline_ns is not None:
-                self.simulation.advance_to_output(deadline_ns)
-            else:
-                self._pass_time(deadline_ns)
-            self._check_cable()
+            self._await_byte(deadline_ns)
             data += self.simulation.host_read(size - len(data))
         return data
 
@@ -306,12 +291,16 @@ class Serial(serial.SerialBase):
         """Return all that has come; wait for the first byte, up to a time of this port's clock."""
         self._check_cable()
         while not self.simulation.host_waiting and self.now_ns() < deadline_ns:
-            if self._is_virtual:
-                self.simulation.advance_to_output(deadline_ns)
-            else:
-                self._pass_time(deadline_ns)
-            self._check_cable()
+            self._await_byte(deadline_ns)
         return self.simulation.host_read()
+
+    def _await_byte(self, deadline_ns: int | None) -> None:
+        """Let time pass to the next byte or event, at most to *deadline_ns*."""
+        if self._is_virtual and deadline_ns is not None:
+            self.simulation.advance_to_output(deadline_ns)
+        else:
+            self._pass_time(deadline_ns)
+        self._check_cable()
 
     def write(self, b: Any, /) -> int:
         """Hand over bytes, and return how many were taken.

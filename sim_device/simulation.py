@@ -16,7 +16,7 @@ from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, end_of_fram
 
 from .assembly import HEALTHY, Assembly
 from .board.clock import NS_PER_US, earliest_board_time, whole_board_us
-from .board.events import AnyLatch, LineCounted, Notice, PowerDown, Remark
+from .board.events import AnyLatch, Counted, Notice, PowerDown, Remark
 from .board.settings import BoardSettings
 from .dialects.haptogram import VirtualHaptogramDialect
 from .dialects.virtual_dialect import VirtualDialect
@@ -228,7 +228,7 @@ class Simulation:
         """Tell the recorders of faults and losses, for their last record."""
         notices: list[Notice] = []
         if self._line != LineSettings(baud=self._line.baud):
-            notices.append(LineCounted(self.dialect.now_us, self.line_counts))
+            notices.append(Counted(self.dialect.now_us, "line", self.line_counts))
         if self._injector is not None:
             notices.append(self._injector.counted(self.dialect.now_us, self._now_ns))
         for recorder in self._recorders:

@@ -10,8 +10,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer
 from haptogram.acoustics.model.boards.table import LAYOUTS
-from haptogram.driver.frames.dialect_boards import dialect_display_of
-from haptogram.driver.frames.dialect_frames import DialectFrameBuilder
+from haptogram.driver.frames.dialect_frames import DialectFrameBuilder, dialect_display_of
 from haptogram.records.frame import Focus
 from haptogram_protocol.dialects.table import DIALECTS
 from pin_oracle import Analyser, write_sr, write_vcd

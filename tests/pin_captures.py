@@ -7,7 +7,7 @@ import numpy as np
 from dialect_boards import blueprint_of_options
 from haptogram import Driver
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
-from haptogram.driver.frames.dialect_boards import dialect_display_of
+from haptogram.driver.frames.dialect_frames import dialect_display_of
 from haptogram.evidence.captures.channel_map import ChannelMap
 from haptogram.evidence.captures.files import read_capture
 from haptogram.evidence.captures.pin_record import pin_record_of_capture

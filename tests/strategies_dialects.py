@@ -14,16 +14,16 @@ from haptogram_protocol.dialects.codec import BoardEnd, Dialect, HostEnd, Operat
 from haptogram_protocol.dialects.fpga_bytes.operations import (
     Begin,
     BeginAmplitudes,
+    FpgaByteRules,
     Select,
     SetAmplitudes,
     SetPhases,
     Swap,
 )
-from haptogram_protocol.dialects.fpga_bytes.rules import FpgaByteRules
 from haptogram_protocol.dialects.interactlab import CHANNELS, QueueFrame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino import fpga
-from haptogram_protocol.dialects.ultraino.arduino import firmware as arduino
+from haptogram_protocol.dialects.ultraino.arduino import operations as arduino
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
 
 Operations = st.SearchStrategy[list[Operation]]

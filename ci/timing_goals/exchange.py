@@ -19,8 +19,7 @@ from haptogram.campaigns.bench.measure import bench_circle
 from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.targets import as_frame_foci
 from haptogram.driver.identity import model_of_identity, read_identified_array
-from haptogram.driver.line.handshake import open_line_session
-from haptogram.driver.line.link import Link
+from haptogram.driver.line.link import Link, open_line_session
 from haptogram.driver.line.port import open_transport
 from haptogram.driver.stream import Streamer, StreamPacing
 from haptogram.driver.timing.clock import ClockEstimate

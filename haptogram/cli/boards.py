@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from ..conformance.run.access import VirtualAccess
     from ..driver.line.port import Transport
     from ..evidence.boards import BoardUnderTest
-    from ..evidence.dialect_run import DialectBoardsUnderTest
     from ..evidence.recordings.replay import RecordingReplayBoard
     from ..evidence.recordings.tap import RecordedBoards
     from ..evidence.recordings.writer import RecordingWriter
+    from ..evidence.run_record import DialectBoardsUnderTest
     from ..settings.board import BoardConfig
     from ..settings.board_url import PortConfig
     from ..settings.run.verify import VerifyConfig
@@ -128,7 +128,7 @@ def boards_of_dialect(config: VerifyConfig) -> DialectBoardsUnderTest:
     from sim_device.assembly import ForeignAssembly
     from sim_device.blueprint import blueprint_of
 
-    from ..evidence.dialect_run import DialectBoardsUnderTest
+    from ..evidence.run_record import DialectBoardsUnderTest
     from ..settings.board import BoardConfig
 
     pitch_mm = config.array.pitch_mm

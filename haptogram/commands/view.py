@@ -21,7 +21,7 @@ from .shell.exit_status import PASS, USAGE
 from .shell.output_files import CommandOutputs
 
 if TYPE_CHECKING:
-    from haptogram.evidence.backdoor_stream import BackdoorReader
+    from haptogram.evidence.backdoor import BackdoorReader
     from haptogram.report.formats.document import Document
     from haptogram.report.viewer.live import LiveViewerScene
     from haptogram.report.viewer.server import ViewServer
@@ -110,7 +110,7 @@ def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> i
 
 
 def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
-    from haptogram.evidence.backdoor_stream import BackdoorReader
+    from haptogram.evidence.backdoor import BackdoorReader
     from haptogram.report.viewer.live import LiveViewerScene
     from haptogram.report.viewer.scene import view_document
 

@@ -19,13 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.acoustics.arrays import as_float_array
 from haptogram.acoustics.solvers.several import Method
-from haptogram.driver.frames.dialect_boards import (
+from haptogram.driver.frames.dialect_frames import (
+    DialectFrame,
+    DialectFrameBuilder,
     assumed_dialect_frames_model,
     checked_display_channels,
     dialect_display_of,
     mounted_display_model,
 )
-from haptogram.driver.frames.dialect_frames import DialectFrame, DialectFrameBuilder
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.driver.identity import check_air_of_identity
 from haptogram.driver.line.budget import check_dialect_rate

@@ -14,14 +14,22 @@ from haptogram.driver.frames.builder import FrameBuilder
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.driver.identity import check_air_of_identity, read_geometry
-from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port
-from haptogram.driver.output import HostOutput
-from haptogram.driver.playback import MOST_PLAYED, PlaybackTiming, PlayReport, playback_period_us
+from haptogram.driver.line.link import NS_PER_S, Link
+from haptogram.driver.line.port import DEFAULT_BAUDRATE, Transport, check_port, open_transport
+from haptogram.driver.playback import (
+    MOST_PLAYED,
+    DriverPlayback,
+    PlaybackTiming,
+    PlayReport,
+    playback_period_us,
+)
 from haptogram.driver.session import DriverSession, Sink, choose_session_nonce
-from haptogram.driver.stream import StreamPacing, StreamReport
+from haptogram.driver.stream import Streamer, StreamPacing, StreamReport, stream_preparation_ns
 from haptogram.driver.timing import limits
+from haptogram.driver.timing.realtime import next_deadline_ns
 from haptogram.driver.timing.schedule import Schedule
-from haptogram.driver.upload import upload_correction
+from haptogram.driver.upload import SequenceData, upload_correction
+from haptogram.errors import ConfigurationError
 from haptogram.machine.closing import ClosedByWith
 from haptogram.records.frame import Focus, Intended, Observation
 from haptogram.records.kept import MOST_KEPT, KeptRecords, check_kept_records
@@ -32,7 +40,8 @@ from haptogram.settings.arguments import (
     check_number,
     check_whole,
 )
-from haptogram_protocol import messages
+from haptogram_protocol import HostConnection, messages
+from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.state import OutputState
 
@@ -132,20 +141,14 @@ class Driver(ClosedByWith):
         check_callable("sink", sink)
         elements = None if calibration is None else Calibration.of(calibration)
         self.session = choose_session_nonce(nonce, seed)
-        self._session = DriverSession.open(
-            port,
-            baudrate=baudrate,
-            timeout_s=timeout_s,
-            nonce=self.session,
-            keep=keep,
-            sink=sink,
-        )
-        link, pinger = self._session.link, self._session.pinger
+        connection = HostConnection(nonce=self.session, cobs=fastest_cobs())
+        transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
+        self._link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s, keep=keep)
+        self._session = DriverSession(self._link, keep, sink)
         self.identity, self.clock = self._session.identity, self._session.clock
         self.observations, self.events = self._session.observations, self._session.events
         self.warnings = self._session.warnings
         self.intended = KeptRecords[Intended](keep, sink)
-        self._link, self._pinger = link, pinger
         self._closed = False
         try:
             self.model = self._session.start(model, medium, elements)
@@ -155,7 +158,16 @@ class Driver(ClosedByWith):
         except BaseException:
             self._session.abandon()
             raise
-        self._output = HostOutput(self._session, self.intended)
+        session = self._session
+        self._streamer = Streamer(
+            self._link,
+            session.pinger,
+            self.identity,
+            intended=self.intended,
+            status=lambda: session.last_status,
+        )
+        self._player = DriverPlayback(self._link, session.pinger, self.identity, events=self.events)
+        self._held: Frame | None = None
 
     # --- life ----------------------------------------------------------------------------------
 
@@ -177,15 +189,15 @@ class Driver(ClosedByWith):
         A board mutes itself if it hears no frame for a while.  The next call that sends frames
         arms the board again after such a pause, until :meth:`mute` or :meth:`disarm`.
         """
-        return self._session.arming.arm()
+        return self._session.control.arm()
 
     def mute(self) -> OutputState:
         """Switch the output off, ahead of everything that waits."""
-        return self._session.arming.mute()
+        return self._session.control.mute()
 
     def disarm(self) -> OutputState:
         """Switch the output off and forbid it."""
-        return self._session.arming.disarm()
+        return self._session.control.disarm()
 
     # --- questions -----------------------------------------------------------------------------
 
@@ -218,8 +230,8 @@ class Driver(ClosedByWith):
         return self._link.request(messages.GetStatus(), messages.StatusReply)
 
     def ping(self) -> float:
-        """Measure the device clock again and return the remaining error, in microseconds."""
-        self._pinger.synchronise()
+        """Measure the device clock anew and return the error that is left, in microseconds."""
+        self._session.pinger.synchronise()
         return self.clock.uncertainty_us
 
     def silences_us(self) -> list[tuple[int, int]]:
@@ -232,7 +244,7 @@ class Driver(ClosedByWith):
 
     def config(self) -> messages.Config:
         """Return the board's configuration."""
-        return self._session.configuration.read()
+        return self._session.control.read()
 
     def configure(self, **changes: Any) -> messages.Config:
         """Change fields of the board's configuration and return the one then in force.
@@ -249,7 +261,7 @@ class Driver(ClosedByWith):
         DeviceError
             If the board refuses a value.
         """
-        return self._session.configuration.change(**changes)
+        return self._session.control.change(**changes)
 
     def correct_phases(self, codes: bytes) -> None:
         """Set the phase correction of every transducer, in 1/256 turns."""
@@ -273,7 +285,9 @@ class Driver(ClosedByWith):
         """Focus on one point, as soon as the frame is complete, and return its record."""
         focus = target_m if isinstance(target_m, Focus) else Focus.at(target_m)
         (frame,) = self._builder().build([(focus,)], mode)
-        return self._output.focus(frame)
+        self._make_ready([frame], 0)
+        self._held = frame
+        return self._streamer.send_now(frame)
 
     def hold(self, seconds: float) -> None:
         """Keep the last focus for *seconds*: neither lease nor hold timer expires meanwhile.
@@ -286,7 +300,23 @@ class Driver(ClosedByWith):
             If nothing was focused on yet, or the board is not armed.
         """
         limits.check_hold_duration(seconds)
-        self._output.hold(seconds)
+        if self._held is None:
+            raise ConfigurationError("there is no focus to hold; call focus first")
+        deadline_ns = self._link.now_ns()
+        end_ns = deadline_ns + int(seconds * NS_PER_S)
+        while deadline_ns < end_ns:
+            self._link.run_until(deadline_ns)
+            self._session.pinger.keep()
+            # Every time: a timer may have run out whenever the host was held up.
+            self._make_ready([self._held], 0)
+            self._streamer.send_now(self._held)
+            now_ns = self._link.now_ns()
+            deadline_ns = next_deadline_ns(
+                deadline_ns=deadline_ns,
+                now_ns=now_ns,
+                period_ns=self._session.control.refresh_ns,
+            )
+        self._link.run_until(end_ns)
 
     def frames(
         self, targets: Targets, *, mode: Mode = "phases", solver: Method = "naive"
@@ -362,14 +392,21 @@ class Driver(ClosedByWith):
         check_argument_kind("trim", trim, bool, "True or False")
         once = self._builder().frames_of(targets, mode, solver)
         limits.check_streamed_frames(loops * len(once))
-        return self._output.stream(
-            once,
-            loops,
-            schedule,
-            StreamPacing(spin_us, realtime),
-            trim_to=miss_share if trim else None,
-            progress=progress,
+        known, baudrate = self._session.control.known, self._link.line.baudrate
+        schedule.check(once, self.identity, baudrate)
+        schedule.check_timers(known)
+        pacing = StreamPacing(
+            spin_us,
+            realtime,
+            schedule.lead_trim(once, self.identity, known, baudrate, miss_share) if trim else None,
+            self._session.control.refresh_ns,
         )
+        every = once * loops
+        self._make_ready(once, schedule.lead_us + stream_preparation_ns(len(every)) // 1000)
+        report = self._streamer.stream(every, schedule, pacing, progress, self._ended)
+        for text in report.not_permitted:
+            self._session.warn(text)
+        return report
 
     def play(
         self,
@@ -402,7 +439,32 @@ class Driver(ClosedByWith):
         timing.check(self.identity)
         frames = self._builder().frames_of(targets, mode, solver)
         check_whole("number of frames, all loops of them", loops * len(frames), 1, MOST_PLAYED)
-        return self._output.play(frames, timing, progress)
+        data = SequenceData.of(frames)
+        data.check(self.identity)
+        timing.check_frames(frames, self.identity)
+        self._make_ready(frames, timing.lead_us)
+        self._player.store(data)
+        self._session.control.rearm_if_timed_out(lead_us)  # an upload takes longer than a hold
+        t0_us, end = self._player.play(frames, timing, self.intended, progress)
+        status = self._ended()
+        return PlayReport(
+            frames=loops * len(frames),
+            latched=None if end is None else end.frames,
+            t0_us=t0_us,
+            clock_uncertainty_us=self.clock.uncertainty_us,
+            status=status,
+        )
+
+    def _make_ready(self, frames: list[Frame], first_us: int) -> None:
+        """Stop a running playback, set the sound speed of *frames*, rearm if needed."""
+        self._player.stop()
+        self._session.control.agree_on_sound_speed(frames)
+        self._session.control.rearm_if_timed_out(first_us)
+
+    def _ended(self) -> messages.StatusReply:
+        """Take the latches of the trace ring, and ask the board how it went."""
+        self._session.collect_ring()
+        return self.status()
 
     def _builder(self) -> FrameBuilder:
         return FrameBuilder(self.model, self.identity)

@@ -1,31 +1,192 @@
-"""A session with a board: its identity, its clock, and the messages that it sends unasked."""
+"""A session with a board: its identity, clock, configuration and output state, and its events."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import random
 import secrets
-from collections.abc import Callable
-from typing import Final, TypeAlias
+from collections.abc import Callable, Iterable
+from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium
-from haptogram.driver.arming import Arming
-from haptogram.driver.configuration import SessionConfiguration
+from haptogram.driver.frames.frame import Frame
 from haptogram.driver.identity import assumed_model_of_identity
-from haptogram.driver.line.handshake import open_line_session
-from haptogram.driver.line.link import NS_PER_S, Link
-from haptogram.driver.line.port import Transport, open_transport
+from haptogram.driver.line.link import NS_PER_S, Link, open_line_session
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram.driver.trace import DriverTraceReader
-from haptogram.errors import HaptogramError, LinkError, WrongProtocolError
+from haptogram.errors import ConfigurationError, HaptogramError, LinkError, WrongProtocolError
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import MOST_SEED, check_argument_kind, check_whole
-from haptogram_protocol import HostConnection
-from haptogram_protocol.cobs import fastest_cobs
+from haptogram_protocol import LocalProtocolError, messages
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
 from haptogram_protocol.messages import DriveKind, MuteReply, Status, TraceMode, unwrap
+from haptogram_protocol.state import MuteReason, OutputState
+
+_TIMEOUTS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
+_AT_ONCE_US: Final = 2_000  # from a question to the latch of the frame that follows the answer
+_REFRESHES: Final = 4  # within the shorter one of the two timers
+
+
+class SessionControl:
+    """Keeps configuration and output state of one board as the host wants them.
+
+    Parameters
+    ----------
+    link : Link
+        The open session.
+    clock : ClockEstimate
+        Tells how long a drive is held already.
+    identity : HelloReply
+        Its features say whether the board can be configured.
+
+    Attributes
+    ----------
+    known : Config
+        The configuration that the board confirmed last.
+    """
+
+    def __init__(self, link: Link, clock: ClockEstimate, identity: messages.HelloReply) -> None:
+        self._link, self._clock, self._identity = link, clock, identity
+        self._wanted = False  # the output, by the caller: a timeout does not change that
+        self.known = self.read()
+
+    # --- output --------------------------------------------------------------------------------
+
+    def arm(self) -> OutputState:
+        """Allow output; it stays silent until the first frame is latched."""
+        self._wanted = True
+        return self._link.request(messages.Arm(), messages.ArmReply).state
+
+    def mute(self) -> OutputState:
+        """Switch the output off, ahead of everything that waits."""
+        self._wanted = False
+        return self._mute()
+
+    def disarm(self) -> OutputState:
+        """Switch the output off and forbid it."""
+        self._wanted = False
+        return self._link.request(messages.Disarm(), messages.DisarmReply).state
+
+    def _mute(self) -> OutputState:
+        """Send MUTE; return the output state of the reply."""
+        return self._link.mute(messages.MuteReply, self._link.timeout_ns).state
+
+    def rearm_if_timed_out(self, first_us: int) -> None:
+        """Arm again a board that a timer muted, or would mute before the next frame is latched.
+
+        Parameters
+        ----------
+        first_us : int
+            Time until the first latch of the frames to come.  A hold that runs out before would
+            mute the board under the frames on their way, and all of them would be lost.
+
+        Raises
+        ------
+        ConfigurationError
+            If the board is not armed for any other reason.
+        """
+        status = self._fresh_status()
+        if self._wanted and self._hold_ends_before(first_us, status):
+            self._mute()
+            self.arm()
+        elif self._wanted and status.reason in _TIMEOUTS:
+            self.arm()
+        elif status.state is not OutputState.ARMED:
+            raise ConfigurationError(
+                f"the board is {status.state.name} ({status.reason.name}); arm it first"
+            )
+
+    @property
+    def refresh_ns(self) -> int:
+        """Time between two frames that keeps both timers of the board from running out."""
+        return min(self.known.hold_ms, self.known.host_timeout_ms) * 1_000_000 // _REFRESHES
+
+    def _fresh_status(self) -> messages.StatusReply:
+        """Return the status; ask again if the host was delayed before it read the reply."""
+        for _ in range(_REFRESHES):
+            asked_ns = self._link.now_ns()
+            status = self._link.request(messages.GetStatus(), messages.StatusReply)
+            if self._link.now_ns() - asked_ns < self.refresh_ns:
+                break
+        return status
+
+    def _hold_ends_before(self, first_us: int, status: messages.StatusReply) -> bool:
+        """Return True if the current hold may expire before the first frame latches.
+
+        The first frame may come later than planned: by half of *first_us*, or by some
+        milliseconds if it is sent at once.
+        """
+        if status.state is not OutputState.ARMED or not status.counters.latched:
+            return False
+        known = self.known
+        now_us = self._clock.to_device_us(self._link.now_ns())
+        held_us = now_us - messages.unwrap(status.last_latch_us, now_us, 32)
+        hold_us, ramp_us = known.hold_ms * 1000, known.ramp_ms * 1000
+        wait_us = first_us + max(first_us // 2, min(_AT_ONCE_US, hold_us // 4))
+        return hold_us - wait_us < held_us <= hold_us + ramp_us  # later: armed, nothing latched yet
+
+    # --- configuration -------------------------------------------------------------------------
+
+    def read(self) -> messages.Config:
+        """Ask the board for its configuration and return it."""
+        self.known = self._link.request(messages.GetConfig(), messages.ConfigReply).config
+        self._in_doubt = False
+        return self.known
+
+    def confirmed(self) -> messages.Config:
+        """Return the configuration; ask the board if the answer to a change was lost."""
+        return self.read() if self._in_doubt else self.known
+
+    def change(self, **changes: Any) -> messages.Config:
+        """Change fields of :class:`~haptogram_protocol.messages.Config` and return the result.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such field, or a value does not fit its field.
+        DeviceError
+            If the board refuses a value.
+        """
+        fields = {field.name for field in dataclasses.fields(messages.Config)}
+        if unknown := sorted(set(changes) - fields):
+            raise ConfigurationError(
+                f"configuration has no {unknown[0]!r}; it has {', '.join(sorted(fields))}"
+            )
+        for name, value in changes.items():
+            check_whole(name, value, 0, 2**32 - 1)
+        wanted = messages.SetConfig(dataclasses.replace(self.confirmed(), **changes))
+        self._in_doubt = True  # the board may apply the change, and its answer be lost
+        try:
+            self.known = self._link.request(wanted, messages.SetConfigReply).config
+        except LocalProtocolError as error:
+            self._in_doubt = False
+            raise ConfigurationError(f"configuration {changes} does not fit: {error}") from error
+        self._in_doubt = False
+        return self.known
+
+    def agree_on_sound_speed(self, frames: Iterable[Frame]) -> None:
+        """Set the speed of sound for which *frames* of focal points were made.
+
+        Raises
+        ------
+        ConfigurationError
+            If the board assumes another speed of sound and has no configuration to change.
+        """
+        known = self.confirmed()
+        speeds = (f.sound_speed_mm_s for f in frames if f.sound_speed_mm_s is not None)
+        speed_mm_s = next(speeds, None)
+        if speed_mm_s is None or speed_mm_s == known.sound_speed_mm_s:
+            return
+        if not self._identity.features & messages.Feature.CONFIG:
+            raise ConfigurationError(
+                f"the frames are for a speed of sound of {speed_mm_s / 1000:g} m/s; the board "
+                f"assumes {known.sound_speed_mm_s / 1000:g} m/s and cannot be told"
+            )
+        self.change(sound_speed_mm_s=speed_mm_s)
+
 
 #: Called with every frame that is sent, and with every latch that the board reports.
 Sink: TypeAlias = Callable[[Intended | Observation], object]
@@ -50,14 +211,12 @@ def choose_session_nonce(nonce: int | None, seed: int | None) -> int:
 
 
 class DriverSession:
-    """One session on an open link.
+    """One session on an open link, which is closed again where no session can be opened.
 
     Parameters
     ----------
     link : Link
         Its connection has the nonce of the session.
-    nonce : int
-        For the keys of observations.
     keep : int or None
         Number of observations and of events that are kept, each; None: all.
     sink : callable or None
@@ -68,43 +227,26 @@ class DriverSession:
     link, identity, clock, pinger
         The open link, the board's answer to HELLO, the estimate of its clock, and the pings that
         feed the estimate.
-    configuration, arming
+    control
         Configuration and output state of the board, once the session was started.
     observations, events, last_status, warnings
         See :class:`haptogram.driver.driver.Driver`.
     """
 
-    def __init__(self, link: Link, nonce: int, keep: int | None, sink: Sink | None) -> None:
+    def __init__(self, link: Link, keep: int | None, sink: Sink | None) -> None:
         self.link = link
-        self.identity = open_line_session(link)
-        self.warnings = list(link.connection.warnings)
-        self.clock = ClockEstimate(self.identity.clock_ppm)
-        self.pinger = Pinger(link, self.clock)
-        self._traces = DriverTraceReader(nonce, self.identity.transducers, self.clock)
-        self.observations = KeptRecords[Observation](keep, sink)
-        self.events = KeptRecords[EventReceived](keep)
-        self.last_status: Status | None = None
-
-    @classmethod
-    def open(
-        cls,
-        port: str | Transport,
-        *,
-        baudrate: int,
-        timeout_s: float,
-        nonce: int,
-        keep: int | None,
-        sink: Sink | None,
-    ) -> DriverSession:
-        """Open *port* and a session on it; close the port again if that fails."""
-        connection = HostConnection(nonce=nonce, cobs=fastest_cobs())
-        transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
-        link = Link(transport, connection, baudrate=baudrate, timeout_s=timeout_s, keep=keep)
         try:
-            return cls(link, nonce, keep, sink)
+            self.identity = open_line_session(link)
         except BaseException:
             link.close()
             raise
+        self.warnings = list(link.connection.warnings)
+        self.clock = ClockEstimate(self.identity.clock_ppm)
+        self.pinger = Pinger(link, self.clock)
+        self._traces = DriverTraceReader(link, self.identity.transducers, self.clock)
+        self.observations = KeptRecords[Observation](keep, sink)
+        self.events = KeptRecords[EventReceived](keep)
+        self.last_status: Status | None = None
 
     def start(
         self, model: AcousticModel | None, medium: Medium | None, elements: Calibration | None
@@ -121,8 +263,7 @@ class DriverSession:
         calibrated = assumed if elements is None else assumed.calibrated(elements)
         self.link.handler = self._take
         self.pinger.synchronise()
-        self.configuration = SessionConfiguration(self.link, self.identity)
-        self.arming = Arming(self.link, self.clock, self.configuration)
+        self.control = SessionControl(self.link, self.clock, self.identity)
         return calibrated
 
     def abandon(self) -> None:
@@ -144,7 +285,7 @@ class DriverSession:
         try:
             self.link.mute(MuteReply, min(_MUTE_TIMEOUT_NS, self.link.timeout_ns))
         except HaptogramError as error:
-            known = self.configuration.known
+            known = self.control.known
             raise LinkError(
                 f"{self.link.url}: the board did not confirm that it is mute; it mutes itself "
                 f"after {max(known.hold_ms, known.host_timeout_ms)} ms without a host"
@@ -155,12 +296,12 @@ class DriverSession:
     def read_drive(self, kind: DriveKind) -> Observation:
         """Return the present drive at the transducers; see :class:`DriverTraceReader`."""
         check_argument_kind("kind", kind, DriveKind, "a DriveKind")
-        return self._traces.read_drive(self.link, kind)
+        return self._traces.read_drive(kind)
 
     def collect_ring(self) -> None:
         """Add the latches in the board's trace ring, if it keeps one, to the observations."""
-        if self.configuration.known.trace_mode is TraceMode.RING:
-            self.observations.extend(self._traces.read_ring(self.link))
+        if self.control.known.trace_mode is TraceMode.RING:
+            self.observations.extend(self._traces.read_ring())
 
     def warn(self, text: str) -> None:
         """Add *text* to the warnings, once, and 100 warnings at most."""

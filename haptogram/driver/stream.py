@@ -148,11 +148,11 @@ class Streamer:
         intended: KeptRecords[Intended],
         status: Callable[[], Status | None],
     ) -> None:
-        self._link = link
-        self._pinger = pinger
+        self.link = link
+        self.pinger = pinger
         self._identity = identity
         self._intended = intended
-        self._status = status
+        self.status = status
 
     def send_now(self, frame: Frame) -> Intended:
         """Send one frame that is latched as soon as it is complete."""
@@ -160,9 +160,9 @@ class Streamer:
 
     def send_for(self, frame: Frame, due_us: int | None) -> Intended:
         """Send one frame that is due at the unwrapped device time *due_us*; None: at once."""
-        index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=due_us)
+        index, wire = self.link.connection.stream_frame(frame.message, t_apply_us=due_us)
         intended = self._note(frame, index, due_us)
-        self._link.write_frame(wire)
+        self.link.write_frame(wire)
         return intended
 
     def stream(
@@ -180,9 +180,9 @@ class Streamer:
         LinkError
             The link broke, or the board's clock jumped: the frames would come at wrong times.
         """
-        stalls = self._link.stalls
+        stalls = self.link.stalls
         with real_time_process(strict=pacing.strict) as refused:
-            run = _StreamRun(self._link, self._pinger, schedule, pacing, self._status, len(frames))
+            run = _StreamRun(self, schedule, pacing, len(frames))
             t0_us = self._start_us(schedule, len(frames))
             coming = self._encoded(frames, schedule, t0_us)
             ready = deque(islice(coming, _AHEAD))
@@ -200,7 +200,7 @@ class Streamer:
             run.wait_for_queue(due_us)
         if progress is not None:
             progress(len(frames), len(frames))
-        stalls, lateness_us = self._link.stalls - stalls, run.ticks.lateness_us()
+        stalls, lateness_us = self.link.stalls - stalls, run.ticks.lateness_us()
         status = ended()
         return StreamReport(
             frames=run.ticks.count,
@@ -212,15 +212,15 @@ class Streamer:
             lead_moves=pacing.trim.moves if pacing.trim else 0,
             ticks=run.ticks,
             not_permitted=tuple(refused),
-            clock_uncertainty_us=self._pinger.clock.uncertainty_us,
+            clock_uncertainty_us=self.pinger.clock.uncertainty_us,
             t0_us=t0_us,
             status=status,
         )
 
     def _start_us(self, schedule: Schedule, count: int) -> int:
         """Return when the first frame is due: after the time to encode the first 256 frames."""
-        begin_ns = self._link.now_ns() + stream_preparation_ns(count)
-        begin_us = self._pinger.clock.to_device_us(begin_ns)
+        begin_ns = self.link.now_ns() + stream_preparation_ns(count)
+        begin_us = self.pinger.clock.to_device_us(begin_ns)
         return next_boundary_on_device_clock_us(
             begin_us + schedule.lead_us, self._identity.carrier_hz
         )
@@ -229,7 +229,7 @@ class Streamer:
         """Yield each frame with its number, due time and wire bytes."""
         for number, frame in enumerate(frames):
             due_us = t0_us + schedule.offset_us(number)
-            index, wire = self._link.connection.stream_frame(frame.message, t_apply_us=due_us)
+            index, wire = self.link.connection.stream_frame(frame.message, t_apply_us=due_us)
             yield frame, index, due_us, wire
 
     def _note(
@@ -256,14 +256,9 @@ class _StreamRun:
     """The ticks of one stream."""
 
     def __init__(
-        self,
-        link: Link,
-        pinger: Pinger,
-        schedule: Schedule,
-        pacing: StreamPacing,
-        status: Callable[[], Status | None],
-        ticks: int,
+        self, streamer: Streamer, schedule: Schedule, pacing: StreamPacing, ticks: int
     ) -> None:
+        link, pinger, status = streamer.link, streamer.pinger, streamer.status
         self.ticks, self.skipped = TickLog(ticks), list[int]()
         self.lead_us = schedule.lead_us
         self._link, self._pinger = link, pinger

@@ -24,16 +24,16 @@ class DriverTraceReader:
 
     Parameters
     ----------
-    session : int
-        For the keys.
+    link : Link
+        The open session.
     transducers : int
         Length of a drive.
     clock : ClockEstimate
         Unwraps the times.
     """
 
-    def __init__(self, session: int, transducers: int, clock: ClockEstimate) -> None:
-        self._session = session
+    def __init__(self, link: Link, transducers: int, clock: ClockEstimate) -> None:
+        self._link = link
         self._transducers = transducers
         self._clock = clock
         self._next_in_ring = 0
@@ -41,40 +41,37 @@ class DriverTraceReader:
     def take(self, event: EventReceived) -> Observation | None:
         """Return the latch that *event* reports, None if it reports something else."""
         message = event.message
+        shown: bytes | int
         if isinstance(message, messages.Trace):
-            key, drive, crc = messages.LatchKey(0, 0, message.index), None, message.crc
+            key, shown = messages.LatchKey(0, 0, message.index), message.crc
         elif isinstance(message, messages.TracePlayback):
-            key, drive, crc = message.key, None, message.crc
+            key, shown = message.key, message.crc
         elif isinstance(message, messages.TraceDrive):
-            drive = self._drive(message.data)
-            key, crc = message.key, drive.digest()
+            key, shown = message.key, message.data
         else:
             return None
-        return Observation(
-            key=self._key(key),
-            t_latch_us=self._unwrap(event.header.time_us, event.t_rx_us * 1000),
-            late=bool(event.header.flags & messages.Flag.LATE),
-            evidence=Evidence.SELF_REPORTED,
-            drive=drive,
-            drive_crc=crc,
-        )
+        header = event.header
+        return self._latch(key, header.time_us, event.t_rx_us * 1000, shown, header.flags)
 
-    def read_ring(self, link: Link) -> list[Observation]:
+    def read_ring(self) -> list[Observation]:
         """Return the latches in the board's ring that were not read before, oldest first."""
         found: list[Observation] = []
         while True:
-            reply = link.request(
+            reply = self._link.request(
                 messages.ReadTrace(self._next_in_ring, _RING_READ), messages.TraceReply
             )
-            now_ns = link.now_ns()
-            found += [self._observation(record, now_ns) for record in reply.records]
+            now_ns = self._link.now_ns()
+            found += [
+                self._latch(record.key, record.t_latch_us, now_ns, record.crc, record.flags)
+                for record in reply.records
+            ]
             if not reply.records or reply.records[-1].number < self._next_in_ring:
                 return found
             self._next_in_ring = reply.records[-1].number + 1
             if self._next_in_ring >= reply.next:
                 return found
 
-    def read_drive(self, link: Link, kind: messages.DriveKind) -> Observation:
+    def read_drive(self, kind: messages.DriveKind) -> Observation:
         """Return the drive at the transducers now, latched or radiated.
 
         Raises
@@ -85,58 +82,46 @@ class DriverTraceReader:
             Every reading was overtaken by another latch.
         """
         for _ in range(_READ_TRIES):
-            replies = self._read_parts(link, kind)
+            replies = self._read_parts(kind)
             if len({(reply.key, reply.t_latch_us) for reply in replies}) == 1:
-                return self._joined(replies, link.now_ns())
+                halves = [(r.data[: len(r.data) // 2], r.data[len(r.data) // 2 :]) for r in replies]
+                data = b"".join(b"".join(part) for part in zip(*halves, strict=True))
+                key, t_us = replies[0].key, replies[0].t_latch_us  # a read-back tells no lateness
+                return self._latch(key, t_us, self._link.now_ns(), data)
         raise WrongProtocolError(
-            f"{link.url}: the drive changed during each of {_READ_TRIES} read-backs"
+            f"{self._link.url}: the drive changed during each of {_READ_TRIES} read-backs"
         )
 
-    def _read_parts(self, link: Link, kind: messages.DriveKind) -> list[messages.DriveReply]:
+    def _read_parts(self, kind: messages.DriveKind) -> list[messages.DriveReply]:
         replies: list[messages.DriveReply] = []
         first = 0
         while first < self._transducers:
-            reply = link.request(
+            reply = self._link.request(
                 messages.ReadDrive(kind, first, self._transducers - first), messages.DriveReply
             )
             if reply.first != first or not reply.data:
                 raise WrongProtocolError(
-                    f"{link.url}: READ_DRIVE from {first} gave {len(reply.data) // 2} transducers "
-                    f"from {reply.first}"
+                    f"{self._link.url}: READ_DRIVE from {first} gave {len(reply.data) // 2} "
+                    f"transducers from {reply.first}"
                 )
             replies.append(reply)
             first += len(reply.data) // 2
         return replies
 
-    def _joined(self, replies: list[messages.DriveReply], now_ns: int) -> Observation:
-        """Join READ_DRIVE replies into one observation."""
-        halves = [(r.data[: len(r.data) // 2], r.data[len(r.data) // 2 :]) for r in replies]
-        data = b"".join(phases for phases, _ in halves) + b"".join(levels for _, levels in halves)
-        drive = self._drive(data)
+    def _latch(
+        self, key: messages.LatchKey, wire_us: int, near_ns: int, shown: bytes | int, flags: int = 0
+    ) -> Observation:
+        """Return a latch near a time of the host, of which a drive or its CRC-32 is *shown*."""
+        drive = self._drive(shown) if isinstance(shown, bytes) else None
+        crc = shown if isinstance(shown, int) else None
         return Observation(
-            key=self._key(replies[0].key),
-            t_latch_us=self._unwrap(replies[0].t_latch_us, now_ns),
-            late=False,  # a read-back does not say
+            key=FrameKey(self._link.connection.session, key.sequence, key.loop, key.index),
+            t_latch_us=messages.unwrap(wire_us, self._clock.to_device_us(near_ns), 32),
+            late=bool(flags & messages.Flag.LATE),
             evidence=Evidence.SELF_REPORTED,
             drive=drive,
-            drive_crc=drive.digest(),
+            drive_crc=drive.digest() if drive is not None else crc,
         )
-
-    def _observation(self, record: messages.TraceRecord, now_ns: int) -> Observation:
-        return Observation(
-            key=self._key(record.key),
-            t_latch_us=self._unwrap(record.t_latch_us, now_ns),
-            late=bool(record.flags & messages.Flag.LATE),
-            evidence=Evidence.SELF_REPORTED,
-            drive_crc=record.crc,
-        )
-
-    def _key(self, key: messages.LatchKey) -> FrameKey:
-        return FrameKey(self._session, key.sequence, key.loop, key.index)
-
-    def _unwrap(self, wire_us: int, near_ns: int) -> int:
-        """Extend a 32-bit device time by the current clock."""
-        return messages.unwrap(wire_us, self._clock.to_device_us(near_ns), 32)
 
     def _drive(self, data: bytes) -> Drive:
         """Return the drive of N phase codes and N amplitude codes, or raise."""

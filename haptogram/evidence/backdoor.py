@@ -1,4 +1,4 @@
-"""Records of a virtual board's back door, read as observations.
+"""Records of a virtual board's back door: as they come from a file or socket, and as observations.
 
 The records are described in docs/backdoor.md.  They come from the board's latch and not over the
 line, so they are external evidence: no firmware vouches for itself here.
@@ -7,10 +7,13 @@ line, so they are external evidence: no firmware vouches for itself here.
 from __future__ import annotations
 
 import dataclasses
-import itertools
+import json
 import math
+import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import socket
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -29,7 +32,8 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
 )
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, plain_reason, unreadable_file
+from haptogram.machine.closing import ClosedByWith
 from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
 from haptogram.records.latch import Codes
 from haptogram.records.losses import BoardLosses, FrameDrop
@@ -49,6 +53,10 @@ LATCHES: Final = ("latch", "pulses")
 _ARMED: Final = "ARMED"
 #: Reasons for which a timer of the board mutes it: the host, or its stream, fell silent.
 TIMED_OUT: Final = frozenset({"HOLD_EXPIRED", "HOST_SILENT", "UNATTENDED"})
+UNIX_PREFIX: Final = "unix:"
+_AT_A_TIME: Final = 1 << 20  # bytes: about a thousand latches
+_LONGEST_LINE: Final = 1 << 22
+_POLL_S: Final = 0.01
 
 
 def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
@@ -210,10 +218,7 @@ def observed_silences_on_clock_of(
     intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]
 ) -> list[int]:
     """Return :func:`_observed_silences_of` *records*, counted as the times of *intended* are."""
-    latches = (record for record in records if record["kind"] == "latch")
-    shift_us = _wrap_shift_us(
-        intended, ((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches)
-    )
+    shift_us = _wrap_shift_us(intended, _times_of_frames(records))
     return [t_us + shift_us for t_us in _observed_silences_of(records)]
 
 
@@ -227,14 +232,7 @@ def observed_losses_on_clock_of(
     output = [record for record in records if record["kind"] == "output"]
     drops = [record for record in output if record["event"] == "dropped"]
     states = [r for r in output if r["event"] == "state" and r["state"] != _ARMED]
-    latches = [record for record in records if record["kind"] == "latch"]  # numbered, of our wire
-    shift_us = _wrap_shift_us(
-        intended,
-        itertools.chain(
-            ((FrameKey.from_record(latch), latch["t_latch_us"]) for latch in latches),
-            ((_dropped_frame_key(drop), drop["t_us"]) for drop in drops),
-        ),
-    )
+    shift_us = _wrap_shift_us(intended, _times_of_frames(records))
     return BoardLosses(
         drops={
             _dropped_frame_key(drop): FrameDrop(drop["counter"], drop["t_us"] + shift_us)
@@ -243,9 +241,19 @@ def observed_losses_on_clock_of(
         timeouts_us=tuple(r["t_us"] + shift_us for r in states if r["reason"] in TIMED_OUT),
         mutes_us=tuple(r["t_us"] + shift_us for r in states if r["requested"]),
         is_machine_in_between=is_machine_in_between,
-        is_told_in_order=bool(intended and latches)
+        is_told_in_order=bool(intended)
+        and any(record["kind"] == "latch" for record in records)  # numbered, of our wire
         and not _lacked_latches(records, intended[0].key.session),
     )
+
+
+def _times_of_frames(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[FrameKey, int]]:
+    """Yield key and device time of every frame that was latched or dropped."""
+    for record in records:
+        if record["kind"] == "latch":
+            yield FrameKey.from_record(record), record["t_latch_us"]
+        elif record.get("event") == "dropped":
+            yield _dropped_frame_key(record), record["t_us"]
 
 
 def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
@@ -280,3 +288,135 @@ def _observed_value(value: Any) -> Any:
     if isinstance(value, list):
         return tuple(_observed_value(item) for item in value)
     return math.inf if value is None else value
+
+
+class BackdoorReader(ClosedByWith):
+    """Reads the records of one board, and never waits for them.
+
+    Parameters
+    ----------
+    source : str
+        ``unix:PATH`` of the socket that a board listens on, or a file that it appends to.
+
+    Attributes
+    ----------
+    is_open : bool
+        Whether more records may come: a file may grow as long as it is read.
+
+    Raises
+    ------
+    ConfigurationError
+        There is no such socket or file.
+
+    Examples
+    --------
+    >>> BackdoorReader("unix:/nowhere")
+    Traceback (most recent call last):
+        ...
+    haptogram.errors.ConfigurationError: no board listens at unix:/nowhere (there is no such \
+directory): start one with haptogram board --backdoor unix:/nowhere
+    """
+
+    def __init__(self, source: str) -> None:
+        self.is_open = True
+        self._source = source
+        self._unread = b""
+        self._lines = 0
+        is_socket = source.startswith(UNIX_PREFIX)
+        self._input: _BackdoorSocketReader | _BackdoorFileStream = (
+            _BackdoorSocketReader(source) if is_socket else _BackdoorFileStream(source)
+        )
+
+    def read(self) -> list[dict[str, Any]]:
+        """Return the records that came since the last call, about a thousand at most.
+
+        Raises
+        ------
+        ConfigurationError
+            A line that is no record; it is named by its number.
+        """
+        while data := self._input.receive():
+            *lines, self._unread = (self._unread + data).split(b"\n")
+            if len(self._unread) > _LONGEST_LINE:
+                raise ConfigurationError(f"{self._source}: line {self._lines + 1} has no end")
+            if lines:
+                return [self._record(line) for line in lines]
+        self.is_open = data is not None
+        return []
+
+    def read_first(self, patience_s: float = 5.0) -> list[dict[str, Any]]:
+        """Return the first records, as soon as there is one.
+
+        Raises
+        ------
+        ConfigurationError
+            None comes for so long.
+        """
+        end_s = time.monotonic() + patience_s
+        while not (records := self.read()):
+            if time.monotonic() > end_s or not self.is_open:
+                raise ConfigurationError(f"{self._source}: no record of a back door came")
+            time.sleep(_POLL_S)
+        return records
+
+    def close(self) -> None:
+        """Close the file or the connection."""
+        self.is_open = False
+        self._input.close()
+
+    def _record(self, line: bytes) -> dict[str, Any]:
+        self._lines += 1
+        try:
+            record: dict[str, Any] = json.loads(line)
+            record["kind"]
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise ConfigurationError(
+                f"{self._source}: line {self._lines} is no record of a back door"
+            ) from error
+        return record
+
+
+class _BackdoorSocketReader:
+    def __init__(self, source: str) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self._socket.connect(source.removeprefix(UNIX_PREFIX))
+        except OSError as error:
+            self.close()
+            raise ConfigurationError(
+                f"no board listens at {source} ({plain_reason(error)}): start one with "
+                f"haptogram board --backdoor {source}"
+            ) from error
+        self._socket.setblocking(False)
+
+    def receive(self) -> bytes | None:
+        """Return the bytes that have come; None: no more will come."""
+        try:
+            return self._socket.recv(_AT_A_TIME) or None
+        except BlockingIOError:
+            return b""
+        except OSError:
+            return None
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def _open_backdoor_reader(path: str, flags: int) -> int:
+    """Open a file, or a pipe whether or not a board has begun to write to it."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+class _BackdoorFileStream:
+    def __init__(self, path: str) -> None:
+        try:
+            self._file = open(path, "rb", buffering=0, opener=_open_backdoor_reader)  # noqa: SIM115  closed by close()
+        except OSError as error:
+            raise unreadable_file(path, error) from error
+
+    def receive(self) -> bytes | None:
+        """Return the bytes that were appended."""
+        return self._file.read(_AT_A_TIME) or b""
+
+    def close(self) -> None:
+        self._file.close()

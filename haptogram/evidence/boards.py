@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Final, Protocol, Self, TypeAlias
 
 from haptogram.acoustics import AcousticModel
 from haptogram.driver.driver import Driver
@@ -13,9 +14,11 @@ from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes_on_line
 from haptogram.driver.line.port import Transport
 from haptogram.errors import ConfigurationError
 from haptogram.evidence import backdoor
+from haptogram.evidence.backdoor import BackdoorReader
 from haptogram.evidence.dialects.latches import (
     are_records_of_another_dialect,
     dialect_run_observations,
+    has_dialect_latched_all,
 )
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import Intended, Observation
@@ -29,6 +32,12 @@ _TRACE_SHARE: Final = 0.5  # share of the line from the board for traces with dr
 _AFTER_LAST_NS: Final = 5_000_000
 _LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as it likes
 _DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
+
+
+_Records: TypeAlias = Sequence[Mapping[str, Any]]
+_LAST_S: Final = 10.0  # until it has told its last latch
+_QUEUE_S: Final = 2.0
+_POLL_S: Final = 0.01
 
 
 class DriverEvidence(Protocol):
@@ -68,10 +77,15 @@ class BoardUnderTest:
     is_in_process = False
 
     def __init__(
-        self, label: str, port: str | Transport, model: AcousticModel | None = None
+        self,
+        label: str,
+        port: str | Transport,
+        model: AcousticModel | None = None,
+        records: Callable[[], _Records] = tuple,
     ) -> None:
         self.label, self.port, self.model = label, port, model
         self.unseen: str | None = None
+        self._records = records
 
     def prepare(self, driver: Driver) -> None:
         """Make it tell, or be ready to tell, what it latches: a back door tells everything."""
@@ -86,18 +100,17 @@ class BoardUnderTest:
         """End it, if it is this program's own, without a session; return whether it still ran."""
         return True
 
-    def observations(
-        self,
-        driver: DriverEvidence,
-        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
-        *,
-        skip_fields: bool = False,  # noqa: ARG002  nor to leave out
-    ) -> Sequence[Observation]:
-        """Return the latches of the session of *driver*, which is closed by now.
+    def settle(
+        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
+    ) -> None:
+        """Wait for the latches of the session of *driver*, which is closed by now.
 
         *progress* is called with the number of latches so far and the number that may come, if
         that takes time.  With *skip_fields* the board rebuilds no field any more.
         """
+
+    def observations(self, driver: DriverEvidence) -> Sequence[Observation]:
+        """Return the latches of the session of *driver*, which have settled by now."""
         return dialect_run_observations(driver.intended, self.records(), driver.session)
 
     def silences(self, driver: Driver) -> list[int]:
@@ -113,12 +126,12 @@ class BoardUnderTest:
             driver.intended, self.brief_records(), is_machine_in_between=not self.is_in_process
         )
 
-    def records(self) -> Sequence[Mapping[str, Any]]:
+    def records(self) -> _Records:
         """Return the records of its back door so far; none, if it has no back door."""
-        return ()
+        return self._records()
 
-    def brief_records(self) -> Sequence[Mapping[str, Any]]:
-        """Return :meth:`records`; latches may have key and time only."""
+    def brief_records(self) -> _Records:
+        """Return :meth:`records`, of which latches may hold key and time alone."""
         return self.records()
 
     @property
@@ -131,7 +144,8 @@ class ProcessBoardUnderTest(BoardUnderTest):
     """The virtual board in a process of its own, on a pty, seen through its back door."""
 
     def __init__(self, board: VirtualBoard) -> None:
-        super().__init__("virtual board, on a pty, in a process of its own", board.url, board.model)
+        label = "virtual board, on a pty, in a process of its own"
+        super().__init__(label, board.url, board.model, board.records)
         self._board = board
 
     def wait_for_queue(self, driver: Driver) -> None:
@@ -147,10 +161,10 @@ class ProcessBoardUnderTest(BoardUnderTest):
         self._board.finish(skip_fields=True)
         return ran
 
-    def observations(
+    def settle(
         self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
-    ) -> Sequence[Observation]:
-        """End the board, and return everything that came out of its back door."""
+    ) -> None:
+        """End the board, and read everything that comes out of its back door."""
         expected = driver.intended.total
         show = None if progress is None else lambda done: progress(min(done, expected), expected)
         fate = self._board.how_it_ended()
@@ -158,15 +172,10 @@ class ProcessBoardUnderTest(BoardUnderTest):
         self.unseen = backdoor.why_observations_incomplete(self.records(), driver.session)
         if self.unseen is not None and fate is not None:
             self.unseen += f" ({fate})"
-        return super().observations(driver)
 
     def losses(self, driver: Driver) -> BoardLosses:
         """Return the records of the back door; faults on purpose may delay the line."""
         return self._board.losses(driver.intended)
-
-    def records(self) -> Sequence[Mapping[str, Any]]:
-        """Return the records of the back door."""
-        return self._board.records()
 
 
 class InProcessBoardUnderTest(BoardUnderTest):
@@ -196,15 +205,15 @@ class InProcessBoardUnderTest(BoardUnderTest):
     def __init__(
         self,
         port: Transport,
-        records: Callable[[], Sequence[Mapping[str, Any]]],
+        records: Callable[[], _Records],
         wait_until_ns: Callable[[int], None],
         model: AcousticModel,
         label: str = "virtual board, in virtual time",
         latches: Callable[[], Sequence[Observation]] | None = None,
-        brief: Callable[[], Sequence[Mapping[str, Any]]] | None = None,
+        brief: Callable[[], _Records] | None = None,
     ) -> None:
-        super().__init__(label, port, model)
-        self._port, self._records, self._wait_until_ns = port, records, wait_until_ns
+        super().__init__(label, port, model, records)
+        self._port, self._wait_until_ns = port, wait_until_ns
         self._latches, self._brief = latches, brief or records
 
     def wait_for_queue(self, driver: Driver) -> None:
@@ -216,21 +225,15 @@ class InProcessBoardUnderTest(BoardUnderTest):
         self._port.close()
         return True
 
-    def observations(
-        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
-    ) -> Sequence[Observation]:
+    def observations(self, driver: DriverEvidence) -> Sequence[Observation]:
         """Return the latches of the session of *driver*."""
         if self._latches is None or are_records_of_another_dialect(self._brief()):
-            return super().observations(driver, progress, skip_fields=skip_fields)
+            return super().observations(driver)
         own = [latch for latch in self._latches() if latch.key.session == driver.session]
         return backdoor.observations_on_clock_of(driver.intended, own)
 
-    def records(self) -> Sequence[Mapping[str, Any]]:
-        """Return the records of the back door."""
-        return self._records()
-
-    def brief_records(self) -> Sequence[Mapping[str, Any]]:
-        """Return the records; latches may have key and time only."""
+    def brief_records(self) -> _Records:
+        """Return the records, of which latches may hold key and time alone."""
         return self._brief()
 
 
@@ -342,13 +345,7 @@ class PortBoardUnderTest(BoardUnderTest):
         if self._mode is TraceMode.RING and driver.intended.total > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
 
-    def observations(
-        self,
-        driver: DriverEvidence,
-        progress: Progress | None = None,  # noqa: ARG002  nothing to wait for
-        *,
-        skip_fields: bool = False,  # noqa: ARG002  nor to leave out
-    ) -> Sequence[Observation]:
+    def observations(self, driver: DriverEvidence) -> Sequence[Observation]:
         """Return the latches that the board reported."""
         if not self._read_back:
             return driver.observations
@@ -374,3 +371,82 @@ class PortBoardUnderTest(BoardUnderTest):
             ),
             is_machine_in_between=self._baudrate is None,
         )
+
+
+class ShownPortBoardUnderTest(BoardUnderTest):
+    """A board that somebody else started, at a port, seen through its back door.
+
+    Parameters
+    ----------
+    url : str
+        Its port.
+    reader : BackdoorReader
+        Its back door.
+
+    Attributes
+    ----------
+    unseen : str or None
+        Why it may have latched what it did not show.
+
+    Raises
+    ------
+    ConfigurationError
+        The back door tells nothing.
+    """
+
+    def __init__(self, url: str, reader: BackdoorReader) -> None:
+        self._seen: list[Mapping[str, Any]] = [*reader.read_first()]
+        model = backdoor.board_model_of_evidence(self._seen[0])
+        super().__init__(f"{url}, seen through its back door", url, model, lambda: self._seen)
+        self._reader = reader
+        while self._read():
+            pass
+        if are_records_of_another_dialect(self._seen):
+            del self._seen[1:]  # of clients before; frames of other boards carry no number
+
+    @classmethod
+    @contextmanager
+    def opened(cls, url: str, source: str) -> Iterator[Self]:
+        """Open the back door at *source* and give the board."""
+        with BackdoorReader(source) as reader:
+            yield cls(url, reader)
+
+    @property
+    def fault_counts(self) -> dict[str, int] | None:
+        """None: it has not ended."""
+        return None
+
+    def wait_for_queue(self, driver: Driver) -> None:  # noqa: ARG002  it cannot tell any more
+        """Wait for the frames that the board still has."""
+        time.sleep(_QUEUE_S)
+
+    def settle(
+        self,
+        driver: DriverEvidence,
+        progress: Progress | None = None,
+        *,
+        skip_fields: bool = False,  # noqa: ARG002  the board decides
+    ) -> None:
+        """Wait until all latches that are due have come, or for 10 s."""
+        end_s, total = time.monotonic() + _LAST_S, driver.intended.total
+        while (why := self._why_incomplete(driver)) is not None and time.monotonic() < end_s:
+            self._read()
+            if progress is not None:
+                progress(min(len(self._seen), total), total)
+        self.unseen = why
+
+    def _why_incomplete(self, driver: DriverEvidence) -> str | None:
+        if are_records_of_another_dialect(self._seen):
+            if has_dialect_latched_all(driver.intended, self._seen):
+                return None
+            return "the back door has told fewer latches than frames were sent"
+        last = driver.intended[-1].key if driver.intended else None
+        return backdoor.why_observations_incomplete(self._seen, driver.session, last)
+
+    def _read(self) -> bool:
+        """Read new records; return False after a short sleep if there are none."""
+        if found := self._reader.read():
+            self._seen += found
+            return True
+        time.sleep(_POLL_S)
+        return False

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, cast
 
 from haptogram import verification
-from haptogram.acoustics import AcousticModel, Calibration
+from haptogram.acoustics import AcousticModel, Calibration, TransducerArray
+from haptogram.acoustics.arrays import FloatArray
 from haptogram.driver.dialect_driver import DialectDriver, DialectReport
 from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, DEFAULT_UNATTENDED_MS, Driver
 from haptogram.driver.frames.frame import Frame, Mode
@@ -19,6 +20,7 @@ from haptogram.driver.playback import PlayReport
 from haptogram.driver.stream import StreamReport
 from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import BoardUnderTest
+from haptogram.evidence.dialects.latches import upload_loss_text
 from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.machine.terminal import printable_on_terminal
 from haptogram.objects import run_frames
@@ -28,14 +30,14 @@ from haptogram.records.kept import only_kept_records
 from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import Progress
 from haptogram.settings.run.verify import VerifyConfig
+from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.messages import GROWING_COUNTERS, Counters, HelloReply, StateChanged
 
 if TYPE_CHECKING:
     from haptogram.acoustics.solvers.several import Method
     from haptogram.evidence.recordings.writer import RecordingWriter
 
-
-_UNDER_WAY_US: Final = 5_000  # time until the first frame after a silence is at the board
+_UNDER_WAY_US: Final = 5_000  # until the first frame after a silence is at the board
 _OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
 
 
@@ -143,7 +145,7 @@ def measure_run(
     shown = run_frames.frames_of_run(config.shape, config.pace, config.modulation)
     model = run_frames.host_model_of_run_frames(config.array)
     own_array = config.link.port is not None and config.array.array is None
-    elements = calibration_of_run(config)
+    elements = _calibration_of_run(config)
     tap = None if writer is None else recorded_port_of_run(board, config.link.baud, writer)
     driver = Driver(
         tap or board.port,
@@ -163,32 +165,25 @@ def measure_run(
     total = shown.count * config.pace.repeat
     growth: dict[str, int] = {}
     lease_us = math.inf
-    try:
-        if elements is not None:
-            note_calibration_of_run(found, elements, driver.model)
-        verification.check_frame_tolerance(
-            found.model, shown.points_m, verification.tolerance_of(config.tolerance)
+    with (
+        _checked_run(found, driver, config, shown.points_m, elements),
+        _cut_of_run(found, driver, board, total, faulty=faulty),
+    ):
+        before = driver.status().counters
+        board.prepare(driver)
+        with _interrupted_run(found, driver, total):
+            frames = _frames_of_run(config, driver, shown)
+            driver.arm()  # now: the lease would run out while a solver is at work
+            found.report = _display_run(config, driver, frames, progress)
+        board.finish(driver)  # after an interrupt as well: the board is there
+        growth, lease_us = _counter_growth(driver, before), _effective_lease_us(driver, config)
+        found.troubles = _unexpected_run_counters(
+            driver, growth, _OWN_MUTE if found.interrupted else ()
         )
-        with _end_on_failure(found, driver, board, total, faulty=faulty):
-            before = driver.status().counters
-            board.prepare(driver)
-            with _interrupted_run(found, driver, total):
-                frames = _frames_of_run(config, driver, shown)
-                driver.arm()  # now: the lease would run out while a solver is at work
-                found.report = _display_run(config, driver, frames, progress)
-            board.finish(driver)  # after an interrupt as well: the board is there
-            growth, lease_us = _counter_growth(driver, before), _effective_lease_us(driver, config)
-            found.troubles = _unexpected_run_counters(
-                driver, growth, _OWN_MUTE if found.interrupted else ()
-            )
-    finally:
-        close_driver_of_run(driver, found)
     found.warnings += _board_state_changes(driver, found.report)
-    found.observations = board.observations(driver, settling, skip_fields=found.interrupted)
+    _observe_run(found, driver, board, settling, tap)
     if found.cut is not None:
         found.observations = _drop_after_interruption(found)
-    if tap is not None:
-        tap.tell(board.records())
     found.silences = board.silences(driver)
     losses = board.losses(driver)
     found.losses = dataclasses.replace(
@@ -197,7 +192,6 @@ def measure_run(
         counters=found.troubles.get("board", {}),
         latched=growth.get("latched"),
     )
-    found.unseen, found.fault_counts = board.unseen, board.fault_counts
     return found
 
 
@@ -221,13 +215,13 @@ def recorded_port_of_run(
     return RecordingTransport(transport, writer, offset_ns=-transport.now_ns())  # from 0 on
 
 
-def calibration_of_run(config: VerifyConfig) -> Calibration | None:
+def _calibration_of_run(config: VerifyConfig) -> Calibration | None:
     """Return the calibration of the elements; None: they are taken for equal."""
     file = config.elements.calibration
     return None if file is None else Calibration.from_file(file)
 
 
-def note_calibration_of_run(
+def _note_calibration_of_run(
     found: RunRecord, elements: Calibration, assumed: AcousticModel
 ) -> None:
     """Let the judge know the elements, and the reader that the host, which *assumed* none, did not.
@@ -246,13 +240,57 @@ def note_calibration_of_run(
 
 
 @contextlib.contextmanager
-def _interrupted_run(found: RunRecord, driver: Driver, total: int) -> Iterator[None]:
+def _checked_run(
+    found: RunRecord,
+    driver: Driver | DialectDriver,
+    config: VerifyConfig,
+    points_m: FloatArray,
+    elements: Calibration | None,
+) -> Iterator[None]:
+    """Check the run before its first frame; mute the board behind the last one.
+
+    A board that does not answer then is a warning, and not the end of the results.
+    """
+    try:
+        if elements is not None:
+            _note_calibration_of_run(found, elements, driver.model)
+        verification.check_frame_tolerance(
+            found.model, points_m, verification.tolerance_of(config.tolerance)
+        )
+        yield
+    finally:
+        try:
+            driver.close()
+        except LinkError as error:
+            found.warnings.append(str(error))
+
+
+def _observe_run(
+    found: RunRecord,
+    driver: Driver | DialectDriver,
+    board: BoardUnderTest,
+    settling: Progress | None,
+    tap: RecordingTransport | None,
+) -> None:
+    """Take what *board* latched, once it has settled."""
+    board.settle(driver, settling, skip_fields=found.interrupted)
+    found.observations = board.observations(driver)
+    found.unseen, found.fault_counts = board.unseen, board.fault_counts
+    if tap is not None:
+        tap.tell(board.records())
+
+
+@contextlib.contextmanager
+def _interrupted_run(
+    found: RunRecord, driver: Driver | DialectDriver, total: int
+) -> Iterator[None]:
     """Convert an interrupt into the end of the run; the board is muted at once."""
     try:
         yield
     except KeyboardInterrupt:
         found.interrupted = True
-        sent, muted_us = driver.intended.total, _earliest_mute_us(driver)
+        sent = driver.intended.total
+        muted_us = _earliest_mute_us(driver) if isinstance(driver, Driver) else None
         found.cut = verification.Cut(
             f"interrupted after {sent} of {total} frames", muted_us, total - sent
         )
@@ -269,8 +307,13 @@ def _earliest_mute_us(driver: Driver) -> int:
 
 
 @contextlib.contextmanager
-def _end_on_failure(
-    found: RunRecord, driver: Driver, board: BoardUnderTest, total: int, *, faulty: bool
+def _cut_of_run(
+    found: RunRecord,
+    driver: Driver | DialectDriver,
+    board: BoardUnderTest,
+    total: int,
+    *,
+    faulty: bool,
 ) -> Iterator[None]:
     """Convert a broken link or an interrupt into the end of the run.
 
@@ -284,7 +327,8 @@ def _end_on_failure(
             raise
         if found.cut is None:
             found.cut = verification.Cut(str(error), not_sent=total - driver.intended.total)
-        board.wait_for_queue(driver)
+        if isinstance(driver, Driver):
+            board.wait_for_queue(driver)
 
 
 def _counter_growth(driver: Driver, before: Counters) -> dict[str, int]:
@@ -372,9 +416,89 @@ def _board_state_changes(driver: Driver, report: StreamReport | PlayReport | Non
     ]
 
 
-def close_driver_of_run(driver: Driver | DialectDriver, found: RunRecord) -> None:
-    """Mute the board; if it does not answer, that is a warning and not the end of the results."""
-    try:
-        driver.close()
-    except LinkError as error:
-        found.warnings.append(str(error))
+@dataclass(frozen=True, slots=True)
+class DialectBoardsUnderTest:
+    """The boards on a line, as their own programs have them.
+
+    Attributes
+    ----------
+    dialect : Dialect
+        Their wire.
+    array : TransducerArray
+        Their emitters.
+    channels : tuple of int
+        Channel that drives each of them.
+    mounting : Calibration or None
+        How they are mounted, if not all alike.
+    """
+
+    dialect: Dialect
+    array: TransducerArray
+    channels: tuple[int, ...]
+    mounting: Calibration | None = None
+
+    @property
+    def count(self) -> int:
+        """Boards that have so many channels."""
+        return max(self.channels) // self.dialect.channels + 1
+
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of a frame for all of them."""
+        return self.dialect.frame_bytes(self.count)
+
+
+def measure_run_of_dialect(
+    config: VerifyConfig,
+    boards: DialectBoardsUnderTest,
+    board: BoardUnderTest,
+    progress: Progress | None,
+    settling: Progress | None = None,
+    *,
+    writer: RecordingWriter | None = None,
+) -> RunRecord:
+    """Display the object on *boards* and collect what *board* latched.
+
+    As :func:`~haptogram.evidence.run_record.measure_run` on Haptogram's own boards. At a port that
+    tells nothing, the observations are what the bytes that left the host are.
+    """
+    shown = run_frames.frames_of_run(config.shape, config.pace, config.modulation)
+    model = run_frames.host_model_of_run_frames(config.array, boards.array)
+    if boards.mounting is not None:
+        model = model.calibrated(boards.mounting)
+    elements = _calibration_of_run(config)
+    tap = None if writer is None else recorded_port_of_run(board, config.link.baud, writer)
+    driver = DialectDriver(
+        tap or board.port,
+        dialect=boards.dialect,
+        baudrate=config.link.baud if boards.dialect.bauds else None,
+        model=model,
+        calibration=elements if config.elements.compensate else None,
+        channels=boards.channels,
+        keep=run_frames.MOST_FRAMES,
+    )
+    about = {
+        "dialect": boards.dialect.name,
+        "boards": boards.count,
+        "phase_steps": driver.phase_steps,
+        "transducers": boards.array.count,
+        "carrier_hz": model.frequency_hz,
+    }
+    found = RunRecord(board.label, board.model or driver.model, about, warnings=driver.warnings)
+    found.intended = driver.intended
+    total = shown.count * config.pace.repeat
+    with (
+        _checked_run(found, driver, config, shown.points_m, elements),
+        _cut_of_run(found, driver, board, total, faulty=True),
+    ):
+        frames = driver.frames(
+            run_frames.targets_of_run(config, shown),
+            solver=cast("Method", config.solver_of_host),
+        )
+        found.report = driver.stream(
+            frames, config.pace.rate_hz, loops=config.pace.repeat, progress=progress
+        )
+    _observe_run(found, driver, board, settling, tap)
+    if (loss := upload_loss_text(board.records())) is not None:
+        found.warnings.append(loss)
+    return found

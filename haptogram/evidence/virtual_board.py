@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -20,15 +19,16 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
 from haptogram.evidence import backdoor
+from haptogram.evidence.backdoor import BackdoorReader
 from haptogram.evidence.board_process import BoardInProgram, BoardProcess
-from haptogram.evidence.board_records import BoardRecords
 from haptogram.evidence.dialects.latches import (
     are_records_of_another_dialect,
     dialect_run_observations,
+    has_dialect_latched_all,
 )
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.working_folder import WorkingFolder
-from haptogram.records.frame import Intended, Observation, check_intended
+from haptogram.records.frame import FrameKey, Intended, Observation, check_intended
 from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import (
     check_argument_kind,
@@ -49,6 +49,9 @@ if TYPE_CHECKING:
 _VIRTUAL_BAUD: Final = 3_000_000  # without a rate, frames would come at one moment
 _MOST_LATCHES: Final = 10**9
 _LONGEST_WAIT_S: Final = 1e7
+_POLL_S: Final = 0.01
+_QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
+_LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
 
 
 class VirtualBoard(ClosedByWith):
@@ -180,10 +183,11 @@ class VirtualBoard(ClosedByWith):
             config = dataclasses.replace(config, calibration=copy)
         start = self._start_in_program if self.is_virtual else self._start_process
         try:
-            start(config, reconstruct=reconstruct)
+            self._process = start(config, reconstruct=reconstruct)
         except BaseException:
             self._folder.remove()
             raise
+        self._records = BoardRecords(self.backdoor, self._process)
         try:
             if isinstance(self._process, BoardProcess):
                 self._process.wait_until_ready()
@@ -193,15 +197,12 @@ class VirtualBoard(ClosedByWith):
             self.close()
             raise
 
-    def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> None:
-        self._process: BoardProcess | BoardInProgram
-        self._process = board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
+    def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram:
+        board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
         self.url = board.url
-        self._records = BoardRecords(
-            self.backdoor, is_running=board.is_running, now_s=board.now_s, sleep=board.sleep
-        )
+        return board
 
-    def _start_process(self, config: BoardConfig, *, reconstruct: bool) -> None:
+    def _start_process(self, config: BoardConfig, *, reconstruct: bool) -> BoardProcess:
         self.url = str(self._folder.path / "board")
         port = [f"--link={self.url}", f"--backdoor={self.backdoor}"]
         if not reconstruct:
@@ -209,16 +210,12 @@ class VirtualBoard(ClosedByWith):
         # Without a seed the process takes a random one.
         values = {"seed": config.seed} | config.non_default()
         arguments = [*port, *written_options(values, BOARD_OPTIONS)]
-        self._process = process = BoardProcess(arguments, self._folder.path / "log")
-        self._records = BoardRecords(self.backdoor, is_running=process.is_running)
+        return BoardProcess(arguments, self._folder.path / "log")
 
     def sleep(self, seconds: float) -> None:
         """Let time pass on the clock of the board."""
         check_number("seconds", seconds, 0.0, _LONGEST_WAIT_S)
-        if isinstance(self._process, BoardInProgram):
-            self._process.sleep(seconds)
-        else:
-            time.sleep(seconds)
+        self._process.sleep(seconds)
 
     # --- evidence ------------------------------------------------------------------------------
 
@@ -282,7 +279,7 @@ class VirtualBoard(ClosedByWith):
             self._process.close_pipe()
         else:
             self._process.terminate()
-        self._records.read_to_the_end(progress)
+        self._records.read_until(lambda: False, progress)
 
     def verify(
         self,
@@ -420,3 +417,105 @@ def _board_model(config: BoardConfig, elements: Calibration | None) -> AcousticM
         Transducer(),
     )
     return model if elements is None else model.calibrated(elements)
+
+
+class BoardRecords:
+    """Reads the back door of a board, and waits for its records.
+
+    Parameters
+    ----------
+    path : Path
+        File that the board appends to.
+    board : BoardProcess or BoardInProgram
+        The board, on whose clock it is waited for.
+
+    Attributes
+    ----------
+    records : list of dict
+        Those that were read.
+    """
+
+    def __init__(self, path: Path, board: BoardProcess | BoardInProgram) -> None:
+        path.touch()
+        self.records: list[dict[str, Any]] = []
+        self._stream = BackdoorReader(str(path))
+        self._board = board
+
+    def read(self) -> list[dict[str, Any]]:
+        """Return all records so far."""
+        while self._stream.is_open and (found := self._stream.read()):
+            self.records += found
+        return self.records
+
+    def close(self) -> None:
+        """Read what there is, and close the back door."""
+        self.read()
+        self._stream.close()
+
+    def wait_for_latches(self, count: int, timeout_s: float) -> bool:
+        """Wait for *count* latches; return whether they came before the end and *timeout_s*."""
+        end_s = self._board.now_s() + timeout_s
+        while sum(record["kind"] in backdoor.LATCHES for record in self.read()) < count:
+            if self._board.now_s() > end_s or self._is_closed:
+                return False
+            self._board.sleep(_POLL_S)
+        return True
+
+    def wait_for_latch(self, key: FrameKey) -> str | None:
+        """Wait for the latch with this *key*, for the end, or until the board falls silent.
+
+        Returns
+        -------
+        str or None
+            Why latches of its session may be missing; None: none is.
+        """
+        looked_at = 0
+
+        def is_there() -> bool:
+            nonlocal looked_at
+            new = self.records[looked_at:]
+            looked_at += len(new)
+            return any(backdoor.is_observed_latch_of(record, key) for record in new)
+
+        self.read_until(is_there)
+        return backdoor.why_observations_incomplete(self.records, key.session, key)
+
+    def wait_for_all(self, intended: Sequence[Intended]) -> str | None:
+        """Wait for a latch of each frame of *intended* on a board that numbers none.
+
+        Returns
+        -------
+        str or None
+            As :meth:`wait_for_latch`.
+        """
+        self.read_until(lambda: has_dialect_latched_all(intended, self.records))
+        if has_dialect_latched_all(intended, self.records):
+            return None
+        return backdoor.why_observations_incomplete(self.records)
+
+    def read_until(
+        self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
+    ) -> None:
+        """Read until *enough* returns True, or until no more records are expected.
+
+        *progress* is called with the number of records so far.
+        """
+        quiet_since_s = self._board.now_s()
+        while True:
+            count = len(self.records)
+            if len(self.read()) > count:
+                quiet_since_s = self._board.now_s()
+                if progress is not None:
+                    progress(len(self.records))
+            if enough() or self._is_closed:
+                return
+            patience_s = _QUIET_S if self._board.is_running() else _LAST_WORDS_S
+            if self._board.now_s() - quiet_since_s > patience_s:
+                return
+            self._board.sleep(_POLL_S)
+
+    @property
+    def _is_closed(self) -> bool:
+        """Return True once the end record has been received."""
+        records = self.records
+        return bool(records) and records[-1]["kind"] == "end"

@@ -17,13 +17,14 @@ from haptogram_protocol.state import OutputState
 from ..board import events
 from ..board.events import CarrierState
 from ..board.settings import BoardSettings
+from ..line.vcd import vcd_identifier, write_vcd_head
 from .pin_waveforms import (
     Edges,
     PinWaveformPulses,
     PinWaveformSampler,
+    UartWaveform,
     starts_of_periods,
 )
-from .uart_waveforms import UartWaveform
 
 CARRIER: Final = "carrier"
 LATCH: Final = "latch"
@@ -33,10 +34,9 @@ _SIGNALS: Final = 2  # signals before the pins of the elements
 _RAMP_STEP_US: Final = 1000  # HG-6.11/2: as often the amplitude of a ramp has to follow
 _BITS_OF_A_BYTE: Final = 10
 _FULL: Final = 255.0
-_SECOND_US: Final = 1e6  # time at the end for which pins that never fall silent are shown
-_QUIET_PERIODS: Final = 20.0  # silence before the first latch and after the last event
-_CODES: Final = [chr(code) for code in range(33, 127)]
-#: Device time in us, the drive of the pins from then on (None: silence), whether it is a latch, and
+_SECOND_US: Final = 1e6  # for which pins that never fall silent are shown at the end
+_QUIET_PERIODS: Final = 20.0  # before the first latch and after the last event
+#: From device time in us: what the pins do from then on (None: silence), whether it is a latch, and
 #: the carrier.
 _Act: TypeAlias = tuple[int, ComplexArray | None, bool, CarrierState]
 _Piece: TypeAlias = tuple[float, float, PinWaveformPulses, bool, CarrierState]
@@ -192,15 +192,8 @@ class BackdoorPinCapture:
 
     def _write(self, file: TextIO) -> int:
         names = [CARRIER, LATCH, *(f"e{n}" for n in self._elements), *self._lines]
-        codes = [_pin_capture_code(number) for number in range(len(names))]
         file.write("$comment drive pins of a virtual board of Haptogram $end\n")
-        file.write("$timescale 1 ns $end\n$scope module pins $end\n")
-        for name, code in zip(names, codes, strict=True):
-            file.write(f"$var wire 1 {code} {name} $end\n")
-        file.write("$upscope $end\n$enddefinitions $end\n#0\n$dumpvars\n")
-        idle = [name in self._lines for name in names]
-        file.writelines(f"{int(level)}{code}\n" for level, code in zip(idle, codes, strict=True))
-        file.write("$end\n")
+        write_vcd_head(file, names, self._lines)
         edges = 0
         ns_per_sample = 1e9 / self._config.capture_rate_hz
         for samples, channels, levels in self._segments():
@@ -301,16 +294,10 @@ class BackdoorPinCapture:
             passed = late / self._period_us
 
 
-def _pin_capture_code(number: int) -> str:
-    """Return an identifier of VCD: one or two printable characters."""
-    base = len(_CODES)
-    return _CODES[number] if number < base else _CODES[number // base - 1] + _CODES[number % base]
-
-
 def _write_pin_edges(
     file: TextIO, times_ns: np.ndarray, channels: np.ndarray, levels: np.ndarray
 ) -> None:
-    codes = [_pin_capture_code(number) for number in range(int(channels.max(initial=0)) + 1)]
+    codes = [vcd_identifier(number) for number in range(int(channels.max(initial=0)) + 1)]
     words = [[f"{level}{code}\n" for code in codes] for level in (0, 1)]
     begun = np.concatenate([[True], times_ns[1:] != times_ns[:-1]])[: len(times_ns)]
     file.writelines(

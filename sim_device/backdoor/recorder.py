@@ -170,8 +170,7 @@ class InlineReconstructionWorker:
         self._estimator = BackdoorEstimator(settings.truth, steps) if reconstruct else None
         self._latched = self._reconstructed = 0
         self._texts: dict[Hashable, str] = {}  # of drives seen lately, as their records have them
-        self._faults: events.FaultsCounted | None = None
-        self._line: events.LineCounted | None = None
+        self._counted: dict[str, events.Counted] = {}
         self._modulation: events.Modulation | None = None
         write(records.backdoor_board_record(settings))
 
@@ -257,10 +256,8 @@ class InlineReconstructionWorker:
 
     def notice(self, notice: events.Notice) -> None:
         """Take down a change of the output; counts belong to the last record."""
-        if isinstance(notice, events.FaultsCounted):
-            self._faults = notice
-        elif isinstance(notice, events.LineCounted):
-            self._line = notice
+        if isinstance(notice, events.Counted):
+            self._counted[notice.what] = notice
         else:
             self._write(records.backdoor_output_record(notice))
 
@@ -274,7 +271,6 @@ class InlineReconstructionWorker:
                 dropped=dropped,
                 notices_dropped=notices_dropped,
                 clean=clean,
-                faults=self._faults,
-                line=self._line,
+                counted=self._counted,
             )
         )

@@ -6,6 +6,7 @@ import base64
 import dataclasses
 import enum
 import json
+from collections.abc import Mapping
 from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics import Reconstruction
@@ -146,11 +147,10 @@ def backdoor_end_record(
     dropped: int,
     notices_dropped: int,
     clean: bool,
-    faults: events.FaultsCounted | None = None,
-    line: events.LineCounted | None = None,
+    counted: Mapping[str, events.Counted],
 ) -> Record:
     """Return the last record: how many latches there were, and how many records are missing."""
-    plan = {} if faults is None else {"faults": faults.counts, "fault_plan": faults.plan}
+    faults, line = counted.get("faults"), counted.get("line")
     return {
         "kind": "end",
         "latched": latched,
@@ -158,7 +158,7 @@ def backdoor_end_record(
         "dropped": dropped,
         "notices_dropped": notices_dropped,
         "clean": clean,
-        **plan,
+        **({} if faults is None else {"faults": faults.counts, "fault_plan": faults.plan}),
         **({} if line is None else {"line": line.counts}),
     }
 

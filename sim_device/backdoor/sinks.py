@@ -8,7 +8,7 @@ import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 from haptogram.errors import ConfigurationError, unwritable_file
 from haptogram.machine.files import make_folder_of
@@ -20,24 +20,9 @@ UNIX_PREFIX: Final = "unix:"
 CLIENT_BUFFER: Final = 8 << 20  # bytes that a client may fall behind before it is dropped
 
 
-class RecordSink(Protocol):
-    """Takes records, one line of JSON each."""
-
-    def write(self, line: bytes) -> None:
-        """Take one line."""
-
-    def serve(self) -> None:
-        """Do what is due towards those who listen; never wait for them."""
-
-    @property
-    def pending(self) -> int:
-        """Bytes that those who listen have not taken yet."""
-
-    def close(self) -> None:
-        """Close; what is pending is lost."""
-
-
-def open_backdoor_sink(target: str, wait: Callable[[], bool] | None = None) -> RecordSink:
+def open_backdoor_sink(
+    target: str, wait: Callable[[], bool] | None = None
+) -> FileSink | SocketSink:
     """Return the sink that *target* names: a file, or ``unix:PATH``.
 
     A FIFO is open when somebody reads it. Between two looks for a reader *wait* waits, and tells

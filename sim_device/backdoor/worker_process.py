@@ -17,8 +17,8 @@ from haptogram.errors import ConfigurationError, HaptogramError
 from ..board.events import Latch, PulseLatch
 from .recorder import InlineReconstructionWorker
 from .records import backdoor_record_line
-from .sinks import RecordSink, open_backdoor_sink
-from .worker_batches import READY, SKIP_FIELDS, RecordsEnd, unpacked_worker_batches
+from .sinks import FileSink, SocketSink, open_backdoor_sink
+from .worker import READY, SKIP_FIELDS, RecordsEnd, unpacked_worker_batches
 
 LINGER_S: Final = 5.0  # time for readers of the back door to take the last records
 _READ_BYTES: Final = 65_536
@@ -79,7 +79,7 @@ def _send_to_board(to: int, text: bytes) -> None:
 
 
 def _record_batches(
-    batches: Iterator[list[Any]], recorder: InlineReconstructionWorker, sink: RecordSink
+    batches: Iterator[list[Any]], recorder: InlineReconstructionWorker, sink: FileSink | SocketSink
 ) -> None:
     for batch in batches:
         for kind, items in itertools.groupby(batch, type):
@@ -96,7 +96,7 @@ def _record_batches(
     recorder.finish(clean=False)  # the board ended without saying so
 
 
-def _drain_sink(sink: RecordSink) -> None:
+def _drain_sink(sink: FileSink | SocketSink) -> None:
     """Serve slow readers until their records are sent or a deadline passes."""
     deadline_s = time.monotonic() + LINGER_S
     while sink.pending and time.monotonic() < deadline_s:

@@ -230,26 +230,22 @@ class PlaybackEnd:
 
 
 @dataclass(frozen=True, slots=True)
-class FaultsCounted:
-    """Counts of the faults of a plan that fired, at the end.
+class Counted:
+    """Counts at the end.
 
     Attributes
     ----------
+    what : str
+        ``faults``: of a plan, that fired; ``line``: bytes that the line lost or damaged by its own
+        nature.
     plan : str
-        The plan and its seed, as TOML: with it the run can be repeated.
+        Of faults: the plan and its seed, as TOML, with which the run can be repeated.
     """
 
     t_us: int
+    what: str
     counts: dict[str, int]
     plan: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class LineCounted:
-    """Counts of the bytes that a line lost or damaged by its own nature, at the end."""
-
-    t_us: int
-    counts: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,8 +305,7 @@ class PowerDown:
 
 AnyLatch: TypeAlias = Latch | PulseLatch
 Notice: TypeAlias = (
-    FaultsCounted
-    | LineCounted
+    Counted
     | SessionOpened
     | StateChange
     | RampBegan

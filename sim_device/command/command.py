@@ -18,8 +18,15 @@ from haptogram.settings.board import BoardConfig
 from haptogram.settings.line import LineSettings
 from haptogram.settings.parser import Parser
 
-from .options import SERIAL_BAUD, board_config_of, pin_capture_config_of, set_up_board
-from .output_files import SOCKET, check_board_outputs, make_board_folders
+from .options import (
+    SERIAL_BAUD,
+    SOCKET,
+    board_config_of,
+    check_board_outputs,
+    make_board_folders,
+    pin_capture_config_of,
+    set_up_board,
+)
 
 if TYPE_CHECKING:
     from haptogram.machine.device_client import DeviceClient
@@ -148,9 +155,12 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             failed = None if client is None else client.close()
             if failed and not (heartbeat and heartbeat.was_stopped):  # Ctrl-C ends both
                 ends.append(HaptogramError(f"{options.client[0]} ended with status {failed}"))
-            failures = [_end_board_worker(worker) if worker is not None else ""]
+            failures = [worker.close() if worker is not None else ""]
             if pins is not None and port is not None:
-                failures.append(_end_pin_capture(pins))
+                try:
+                    _LOG.info("%s", pins.close())
+                except ConfigurationError as error:  # the recording is still to be closed
+                    ends.append(error)
             if tap is not None:
                 failures.append(tap.close())
     ends += [ConfigurationError(failure) for failure in failures if failure]
@@ -199,23 +209,6 @@ def _private_board_path(stack: contextlib.ExitStack, name: str) -> str:
     folder = WorkingFolder("haptogram-board-")
     stack.callback(folder.remove)
     return str(folder.path / name)
-
-
-def _end_board_worker(worker: ReconstructionWorker) -> str:
-    """Stop the worker of the ground-truth channel; return why it ended early, or ""."""
-    failure = worker.close()
-    if worker.dropped:
-        _LOG.warning("the back door lacks %d latches", worker.dropped)
-    return failure
-
-
-def _end_pin_capture(pins: BackdoorPinCapture) -> str:
-    """Write the capture; return why it could not be written, or nothing."""
-    try:
-        _LOG.info("%s", pins.close())
-    except ConfigurationError as error:  # the recording is still to be closed
-        return str(error)
-    return ""
 
 
 def _start_board_client(options: argparse.Namespace, heartbeat: Heartbeat) -> DeviceClient:

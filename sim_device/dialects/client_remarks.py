@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
@@ -101,14 +102,23 @@ class ClientRemarks:
         The wire of the board.
     frame_bytes : sequence of int
         Bytes of a frame for each number of boards that may be on the line.
+    notices : list of Notice
+        Takes the remarks, in order.
+    counters : Counter
+        Counts ``frames_unfinished`` and ``other_wires``.
     """
 
-    def __init__(self, dialect: Dialect, frame_bytes: Sequence[int]) -> None:
+    def __init__(
+        self,
+        dialect: Dialect,
+        frame_bytes: Sequence[int],
+        notices: list[Notice],
+        counters: Counter[str],
+    ) -> None:
         self._dialect = dialect
         self._sizes = tuple(frame_bytes)
-        self._notices: list[Notice] = []
+        self._notices, self._counters = notices, counters
         self._is_stopped = False  # the frames up to the next whole one follow from a part of one
-        self.other_wires = self.frames_unfinished = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -125,11 +135,6 @@ class ClientRemarks:
     def waits(self) -> bool:
         """True if the next silence may tell more."""
         return bool(self._first_bytes) and not self._is_own and not self._is_other
-
-    def take_notices(self) -> list[Notice]:
-        """Return the remarks since the last call, in order."""
-        taken, self._notices = self._notices, []
-        return taken
 
     def pause(self, unfinished: int) -> None:
         """Remember a pause after *unfinished* bytes of a frame: it may never go on.
@@ -198,7 +203,8 @@ class ClientRemarks:
             self.silent(dataclasses.replace(unshown, whole=0) if is_one else unshown, t_us)
             if waits:
                 self._is_stopped = True
-                self.frames_unfinished += not self._is_other
+                if not self._is_other:
+                    self._counters["frames_unfinished"] += 1
                 text = f"the client left before the commit ({unshown.commit}) of a whole frame"
                 self._say_once("left", About.STOPPED, text, t_us)
             self._notices.append(ClientLeft(t_us))
@@ -208,7 +214,7 @@ class ClientRemarks:
         """Record that a frame stopped with *unfinished* bytes."""
         self._is_stopped, self._paused = True, 0
         if not self._is_other:
-            self.frames_unfinished += 1
+            self._counters["frames_unfinished"] += 1
             came = "1 byte came" if unfinished == 1 else f"{unfinished} bytes came"
             whole = f"; a frame has {self._sizes_text}" if self._dialect.bauds else ""
             self._remark(About.STOPPED, f"a frame stops in its middle: {came}{whole}", t_us)
@@ -243,18 +249,13 @@ class ClientRemarks:
         self._is_own = self._dialect.name in names or (not names and unshown.is_without_commit)
         self._is_other = bool(names) and not self._is_own
         if self._is_other:
-            self.other_wires += 1
-            self._remark(
-                About.OTHER_WIRE,
+            self._remark_other_wire(
                 f"these bytes look like {' or '.join(names)}, not {self._dialect.name}: "
                 "choose the dialect that the client speaks",
                 t_us,
             )
         elif not self._is_own and _TEXT.fullmatch(self._first_bytes):
-            self._is_other = True
-            self.other_wires += 1
-            self._remark(
-                About.OTHER_WIRE,
+            self._remark_other_wire(
                 f"these bytes are lines of text, not {self._dialect.name}: the board takes frames, "
                 "and no commands of a controller in front of it",
                 t_us,
@@ -266,6 +267,11 @@ class ClientRemarks:
             self._tell_compared(t_us)
         else:
             self._tell_compared(t_us)
+
+    def _remark_other_wire(self, text: str, t_us: int) -> None:
+        self._is_other = True
+        self._counters["other_wires"] += 1
+        self._remark(About.OTHER_WIRE, text, t_us)
 
     def _are_finer_frames(self) -> bool:
         """Return True for frames of right size and finer phases, some equal to command bytes."""

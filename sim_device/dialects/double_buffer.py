@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.model.pulses import PulseDrive
-from haptogram_protocol.dialects.codec import Operation, Reply
 from haptogram_protocol.dialects.fpga_bytes import operations
-from haptogram_protocol.dialects.fpga_bytes.rules import FpgaByteRules
+from haptogram_protocol.dialects.fpga_bytes.operations import FpgaByteRules
 
 from ..board.events import Modulation, PulseLatch
 from .unit import LatchingUnit
@@ -91,7 +90,7 @@ class DoubleBuffer(LatchingUnit):
         self._written = False
         self._clocked = True
         self._step = modulation_step
-        self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
+        self._handlers = {  # starts and selections are the codec's
             operations.Begin: self._begin,
             operations.SetPhases: self._set_phases,
             operations.SetAmplitudes: self._set_amplitudes,
@@ -100,12 +99,6 @@ class DoubleBuffer(LatchingUnit):
             operations.ModulationStep: self._set_modulation,
         }
         self._latch(POWER_UP, now_us)
-
-    def take(self, operation: Operation, t_us: int) -> list[Reply]:
-        """Do *operation*; starts and selections are the codec's."""
-        if (handler := self._handlers.get(type(operation))) is not None:
-            handler(operation, t_us)
-        return []
 
     def _begin(self, _: operations.Begin, __: int) -> None:
         """Reset the next frame to full amplitude on all channels."""

@@ -10,8 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
-
 from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.settings.option import Settings
@@ -93,21 +91,10 @@ class Emulation:
 
     def power_up(self, options: Settings, settings: BoardSettings) -> VirtualForeignDialect:
         """Return the boards of *settings* at the end of their line."""
-        if settings.wiring is None:
-            raise TypeError("settings of a board that speaks Haptogram's own wire")
         unit = self.unit(options, settings.boot_us)
         if settings.simulator is not None:
-            channels = 1 + max(settings.wiring.channels)
-            line, boot_us = settings.line.baud, settings.boot_us
-            unit = SimulatedUnit(
-                settings.simulator, line, channels, boot_us, unit, settings.simulator_capture
-            )
+            unit = SimulatedUnit(settings.simulator, settings, unit)
+        boards = self.boards(options)
         return VirtualForeignDialect(
-            self.dialect,
-            lambda: self.end(options),
-            unit,
-            np.array(settings.wiring.channels, dtype=np.intp),
-            settings.boot_us,
-            self.boards(options),
-            10e6 / settings.line.baud if settings.line.baud else 0.0,
+            self.dialect, lambda: self.end(options), unit, settings, boards
         )

@@ -8,21 +8,22 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptogram_protocol.dialects.codec import BoardEnd, Commits, Dialect, Reply
 
 from ..board.clock import earliest_board_time
-from ..board.events import CarrierState, Notice, PulseLatch
+from ..board.events import CarrierState
+from ..board.settings import BoardSettings
 from .client_remarks import ClientRemarks, UnshownToClient
 from .unit import HearsBytesUnit, HoldsBackUnit, RunsAheadUnit, Unit
+from .virtual_dialect import VirtualDialect
 
 PAUSE_US: Final = 30_000  # silence after which another frame may begin
 PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
 
-class VirtualForeignDialect:
+class VirtualForeignDialect(VirtualDialect):
     """All boards on one line that speaks another dialect than Haptogram's.
 
     Bytes are handed to the codec message by message, so that each latch knows what went wrong
@@ -35,20 +36,16 @@ class VirtualForeignDialect:
     end : callable
         Makes the board's end of it.
     unit : Unit
-        The emulated boards.
-    channels : (N,) numpy.ndarray of integers
-        For each emitter of the array the channel that drives it.
-    now_us : int
-        Device time at power-up.
+        What the boards do.
+    settings : BoardSettings
+        The boards, with the wiring of the emitters and the line.
     boards : int
         Boards on the line.
-    byte_us : float
-        Time that the line needs for a byte, microseconds; 0 for a line without a speed.
 
-    Attributes
-    ----------
-    line_free_us : int
-        See :class:`~sim_device.dialects.virtual_dialect.VirtualDialect`.
+    Raises
+    ------
+    TypeError
+        The board speaks Haptogram's own wire.
     """
 
     def __init__(
@@ -56,15 +53,16 @@ class VirtualForeignDialect:
         dialect: Dialect,
         end: Callable[[], BoardEnd],
         unit: Unit,
-        channels: NDArray[np.intp],
-        now_us: int,
-        boards: int = 1,
-        byte_us: float = 0.0,
+        settings: BoardSettings,
+        boards: int,
     ) -> None:
-        self.line_free_us = now_us
+        super().__init__(settings.boot_us)
+        if settings.wiring is None:
+            raise TypeError("settings of a board that speaks Haptogram's own wire")
+        channels = np.array(settings.wiring.channels, dtype=np.intp)
+        byte_us = 10e6 / settings.line.baud if settings.line.baud else 0.0
         self._dialect, self._unit, self._channels = dialect, unit, channels
         self.ahead = unit if isinstance(unit, RunsAheadUnit) else None
-        self.announce: Callable[[float, bytes], None] | None = None
         if self.ahead is not None:
             self.announce = self.ahead.announce
         elif isinstance(unit, HearsBytesUnit):
@@ -72,16 +70,14 @@ class VirtualForeignDialect:
             self.announce = lambda begin_us, data: hear(begin_us, begin_us + byte_us * len(data))
         self._new_end = end
         self._connect()
-        self._now_us = now_us
-        self._output = bytearray()
         self._own: Counter[str] = Counter()
         self._counted: Counter[str] = Counter()  # at the last latch
         self._latched = 0
-        self._byte_us, self._last_us = byte_us, now_us  # when the last byte came
+        self._byte_us, self._last_us = byte_us, settings.boot_us  # when the last byte came
         self._quiet_us: int | None = None  # when the client has been silent for long enough
-        self._latches: list[PulseLatch] = []
         self._frame_bytes = 0  # since the last latch
-        self._remarks = ClientRemarks(dialect, [*map(dialect.frame_bytes, range(1, boards + 1))])
+        sizes = [*map(dialect.frame_bytes, range(1, boards + 1))]
+        self._remarks = ClientRemarks(dialect, sizes, self._notices, self._own)
         self._collect()
 
     def _connect(self) -> None:
@@ -93,24 +89,9 @@ class VirtualForeignDialect:
     # --- time and bytes ------------------------------------------------------------------------
 
     @property
-    def now_us(self) -> int:
-        """Time up to which everything has happened."""
-        return self._now_us
-
-    @property
     def counters(self) -> dict[str, int]:
         """Counts of bytes and operations that codec and boards refused, by kind."""
-        remarks = self._remarks
-        said = {
-            "frames_unfinished": remarks.frames_unfinished,
-            "other_wires": remarks.other_wires,
-        }
-        return dict(self._end.counters + self._unit.counters + self._own + Counter(said))
-
-    @property
-    def output_bytes(self) -> int:
-        """Bytes that wait for the line."""
-        return len(self._output)
+        return dict(self._end.counters + self._unit.counters + self._own)
 
     @property
     def room_bytes(self) -> int | None:
@@ -156,12 +137,6 @@ class VirtualForeignDialect:
         waits = unshown.is_something or self._remarks.waits
         self._quiet_us = t_us + PATIENCE_US if waits else None
 
-    def take_output(self, limit: int | None = None) -> bytes:
-        """Return bytes for the line, at most *limit* if given."""
-        taken = bytes(self._output[:limit])
-        del self._output[: len(taken)]
-        return taken
-
     def client_left(self) -> None:
         """Report an unfinished frame, and start over with the next client.
 
@@ -177,21 +152,7 @@ class VirtualForeignDialect:
             self._counted = self._unit.counters.copy()
             self._output.clear()
 
-    def power_down(self) -> None:
-        """Switch off boards that are simulated: the others say nothing as they go."""
-        if self.ahead is not None:
-            self.ahead.power_down()
-
     # --- what happened -------------------------------------------------------------------------
-
-    def take_latches(self) -> list[PulseLatch]:
-        """Return the latches since the last call, in order."""
-        taken, self._latches = self._latches, []
-        return taken
-
-    def take_notices(self) -> list[Notice]:
-        """Return the remarks since the last call, in order."""
-        return self._remarks.take_notices()
 
     def _reply(self, replies: Sequence[Reply | bytes]) -> None:
         for reply in replies:

@@ -21,6 +21,7 @@ from ..board.events import Latch, Notice, PlaybackEnd, StateChange, StreamDroppe
 from ..board.refusal import RefusalError
 from ..board.registers import Content, drive_of_registers
 from ..board.stream_queue import StreamFrame
+from .virtual_dialect import VirtualDialect
 
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
 _TRACED_AT_ONCE: Final = (m.TraceMode.CRC, m.TraceMode.DRIVE)
@@ -30,7 +31,7 @@ _STATUS_LIMIT: Final = OUTPUT_LIMIT * 3 // 4  # the last quarter is for response
 _Handler: TypeAlias = Callable[[Any, connection.RequestReceived], m.Message]
 
 
-class VirtualHaptogramDialect:
+class VirtualHaptogramDialect(VirtualDialect):
     """One board at the end of one line.
 
     Time is device time, unwrapped, as in :class:`Board`; bytes that come at a moment find
@@ -52,17 +53,14 @@ class VirtualHaptogramDialect:
         of its first byte. Whoever takes the output keeps it up to date.
     """
 
-    ahead: Final = None
-    announce: Final = None
-
     def __init__(
         self,
         board: Board,
         link: connection.BoardConnection,
         watch: Callable[[connection.BoardEvent], None] | None = None,
     ) -> None:
+        super().__init__(board.now_us)
         self.board = board
-        self.line_free_us = board.now_us
         self._link = link
         link.departure_us = lambda _: self._first_byte_us
         self._watch = watch
@@ -71,8 +69,6 @@ class VirtualHaptogramDialect:
         self._next_status_us: int | None = None
         self._next_us: int | None = None  # next event, as long as nothing changes it
         self._is_next_known = False
-        self._latches: list[Latch] = []
-        self._notices: list[Notice] = []
         self._handlers: dict[type[m.Message], _Handler] = {
             m.Mute: self._mute,
             m.Ping: self._ping,
@@ -85,11 +81,6 @@ class VirtualHaptogramDialect:
     def now_us(self) -> int:
         """Time up to which everything has happened."""
         return self.board.now_us
-
-    @property
-    def room_bytes(self) -> int | None:
-        """Return None: nothing holds the host back."""
-        return None
 
     def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index after the next delimiter that may end a frame."""
@@ -143,19 +134,6 @@ class VirtualHaptogramDialect:
     def output_bytes(self) -> int:
         """Bytes that wait for the line."""
         return self._link.output_bytes
-
-    def take_latches(self) -> list[Latch]:
-        """Return the latches since the last call, in order."""
-        taken, self._latches = self._latches, []
-        return taken
-
-    def take_notices(self) -> list[Notice]:
-        """Return the notices of the board since the last call, in order."""
-        taken, self._notices = self._notices, []
-        return taken
-
-    def client_left(self) -> None:
-        """Do nothing: a session ends by the lease, not with its port."""
 
     def raise_hardware_fault(self) -> None:
         """Let the hardware fail now, and say so."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, runtime_checkable
 
 from haptogram_protocol.dialects.codec import Operation, Reply
 
@@ -79,12 +79,19 @@ class LatchingUnit:
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
         self._latches: list[PulseLatch] = []
+        self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {}
+
+    def take(self, operation: Operation, t_us: int) -> Sequence[Reply | bytes]:
+        """Do *operation*, if there is a handler for it."""
+        if (handler := self._handlers.get(type(operation))) is not None:
+            handler(operation, t_us)
+        return []
 
     def next_event_us(self) -> int | None:
         """Return None: nothing is ever due."""
         return None
 
-    def advance_to(self, t_us: int) -> list[Reply]:  # noqa: ARG002  nothing is ever due
+    def advance_to(self, t_us: int) -> Sequence[Reply | bytes]:  # noqa: ARG002  nothing is ever due
         """Do nothing."""
         return []
 

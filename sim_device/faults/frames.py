@@ -1,28 +1,35 @@
-"""Effects of the faults of a frame on those that the host sends.
+"""Effects of the faults of frames and of reports.
 
 A frame is taken apart on its way to the board, changed in one field and sealed with a CRC that is
 right again: no receiver can tell it from one that a host built wrong.  Only frames that are whole
 within a chunk are seen; a host writes whole frames unless the line is full.
+
+Faults of reports change frames of the board on their way to the host in the same way: a board that
+does the right thing and says something else.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import random
 import zlib
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
-from haptogram_protocol import framing
+from haptogram_protocol import framing, messages
 from haptogram_protocol.cobs import cobs_encode
 from haptogram_protocol.errors import ProtocolError
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header
+from haptogram_protocol.state import MuteReason, OutputState
 
 from .line import Acted, FaultChunk, LineFault, Values
 
 # A body in, what follows the first delimiter out (COBS and the last delimiter); None: unchanged.
 Rewrite: TypeAlias = Callable[[bytes, Values, random.Random], bytes | None]
 _Change: TypeAlias = Callable[[Header, Values], dict[str, int]]
+_TRUE_COUNTERS: Final = ("frames", "latched", "requests")  # those that rise when all is well
+_PONG_TIMES: Final = ("t_rx_us", "t_tx_us")
 
 
 def fault_on_frames(rewrite: Rewrite) -> LineFault:
@@ -115,5 +122,46 @@ FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
         "frame.future": fault_on_frames(
             _header_fault(lambda header, values: _shifted_header_by_fault(values["us"], header))
         ),
+    }
+)
+
+
+def _clock_report_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
+    header, message = messages.parse_body(body)
+    by_us = round(values["us"] + values["jitter_us"] * source.uniform(-1, 1))
+    if isinstance(message, messages.Pong):
+        times = {name: (getattr(message, name) + by_us) & 0xFFFFFFFF for name in _PONG_TIMES}
+        message = dataclasses.replace(message, **times)
+    return _rebuilt_faulty_report(header, message, by_us) if by_us else None
+
+
+def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | None:
+    header, message = messages.parse_body(body)
+    if not isinstance(message, messages.Status | messages.StatusReply):
+        return None
+    true = {name: getattr(message.counters, name) for name in _TRUE_COUNTERS}
+    counters = messages.Counters(**{**dict.fromkeys(messages.Counters.WIRE, 0), **true})
+    lie = dataclasses.replace(
+        message, state=OutputState.ARMED, reason=MuteReason.NONE, counters=counters
+    )
+    return None if lie == message else _rebuilt_faulty_report(header, lie, 0)
+
+
+def _rebuilt_faulty_report(header: messages.Header, message: messages.Message, by_us: int) -> bytes:
+    return sealed_by_fault(
+        messages.build_body(
+            message,
+            flags=header.flags,
+            seq=header.seq,
+            time_us=header.time_us + by_us,
+            session=header.session,
+        )
+    )
+
+
+REPORT_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
+    {
+        "device.clock": fault_on_frames(_clock_report_fault),
+        "device.status": fault_on_frames(_status_report_fault),
     }
 )

@@ -18,14 +18,12 @@ from haptogram.settings.faults.kinds import is_transducer_fault
 from haptogram.settings.faults.plan import Fault, FaultPlan
 
 from ..board.clock import BoardClock, earliest_board_time
-from ..board.events import AnyLatch, FaultsCounted
+from ..board.events import AnyLatch, Counted
 from ..board.settings import BoardSettings
 from .clock import clock_fault_changes
-from .frames import FRAME_FAULTS
+from .frames import FRAME_FAULTS, REPORT_FAULTS
 from .line import LINE_FAULTS, FaultChunk
-from .phasors import FaultyPhasors
-from .reports import REPORT_FAULTS
-from .transducers import FaultContext, fault_place, faulty_drive
+from .transducers import FaultContext, FaultyPhasors, fault_place, faulty_drive
 
 _ON_CHUNKS: Final = {**LINE_FAULTS, **FRAME_FAULTS, **REPORT_FAULTS}
 
@@ -163,6 +161,6 @@ class FaultInjector:
             counts[name] += at_ns <= t_ns
         return counts
 
-    def counted(self, t_us: int, t_ns: int) -> FaultsCounted:
+    def counted(self, t_us: int, t_ns: int) -> Counted:
         """Return the counts up to *t_ns*, at which the board's time is *t_us*."""
-        return FaultsCounted(t_us, self.counts(t_ns), self.plan.as_toml())
+        return Counted(t_us, "faults", self.counts(t_ns), self.plan.as_toml())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import random
 from collections.abc import Callable, Mapping
@@ -12,17 +13,67 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics import Drive
+from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.errors import ConfigurationError
 from haptogram.settings.faults.kinds import NOWHERE
 from haptogram.settings.faults.plan import Fault
 
+from ..board.events import AnyLatch, Latch
 from ..board.settings import BoardSettings
 from .line import Values
-from .phasors import FaultyPhasors
+
+_CODES: Final = 256  # phase codes of a register
+
+
+@dataclass(frozen=True, slots=True)
+class FaultyPhasors:
+    """Phases and amplitudes of all transducers.
+
+    Attributes
+    ----------
+    turns : (N,) numpy.ndarray
+        Lag in periods, 0 to 1; of what is silent as well.
+    amplitudes : (N,) numpy.ndarray
+        Share of the full amplitude.
+    """
+
+    turns: FloatArray
+    amplitudes: FloatArray
+
+    @classmethod
+    def of_weights(cls, weights: ComplexArray) -> FaultyPhasors:
+        """Return the phasors of complex weights."""
+        return cls(np.angle(weights) / math.tau % 1.0, np.abs(weights))
+
+    @classmethod
+    def of_latch(cls, latch: AnyLatch) -> FaultyPhasors:
+        """Return the phasors that *latch* radiates."""
+        if isinstance(latch, Latch):
+            drive = latch.radiated
+            return cls(drive.phase_codes / _CODES, drive.amplitude_codes / FULL_AMPLITUDE)
+        return cls.of_weights(latch.weights())
+
+    def weights(self) -> ComplexArray:
+        """Return the (N,) complex weights."""
+        weights: ComplexArray = self.amplitudes * np.exp(1j * math.tau * self.turns)
+        return weights
+
+    def as_drive(self) -> Drive:
+        """Return the drive in the 8 bits of the registers that is nearest."""
+        phases = np.floor(self.turns * _CODES + 0.5) % _CODES
+        amplitudes = np.floor(self.amplitudes * FULL_AMPLITUDE + 0.5)
+        return Drive(phases.astype(np.uint8), amplitudes.astype(np.uint8))
+
+    def on(self, latch: AnyLatch) -> AnyLatch:
+        """Return *latch* as one that radiates this."""
+        if isinstance(latch, Latch):
+            return dataclasses.replace(latch, radiated=self.as_drive())
+        return dataclasses.replace(latch, radiated=self.weights(), is_faulty=True)
+
 
 BANK: Final = 64  # transducers that one driver chip feeds, one after the other
-_CODES: Final = 256  # phase codes of a turn, as faults are written
 
 
 @dataclass(slots=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import struct
+import sys
 from pathlib import Path
 from typing import Final
 
@@ -12,9 +14,10 @@ from haptogram.machine.posix import posix_module
 
 from .port import BoardPort
 from .pty_link import INSTEAD_OF_PTY, PtyLink
-from .terminal_rate import UNTOUCHED_BAUD, baud_of_pty
 
 _CLOSED: Final = -1
+UNTOUCHED_BAUD: Final = 38_400  # of a new pseudo-terminal
+_TCGETS2: Final = 0x802C542A  # asm-generic/ioctls.h: as the names of termios have no odd rates
 
 
 class PtyPort(BoardPort):
@@ -95,3 +98,21 @@ class PtyPort(BoardPort):
         if error.errno == errno.EIO:  # a client closed: only said where our slave did not count
             return b""
         return super()._lost(error)
+
+
+_TERMIOS2: Final = struct.Struct("4IB19x2I")  # flags, line, characters, rates in and out
+
+
+def baud_of_pty(descriptor: int) -> int | None:
+    """Return the rate at which *descriptor* sends, or None where the system does not tell.
+
+    A pseudo-terminal carries bytes at any rate, so a client with a wrong one would never notice; a
+    real board would understand nothing.
+    """
+    if not sys.platform.startswith("linux"):
+        return None
+    fcntl = posix_module("fcntl", "a pty port", INSTEAD_OF_PTY)
+    with contextlib.suppress(OSError):
+        told = fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
+        return int(_TERMIOS2.unpack(told)[-1])
+    return None

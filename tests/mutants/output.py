@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 from dataclasses import dataclass
 from typing import Any, Final
@@ -22,6 +23,9 @@ from sim_device.board.registers import radiated_drive_of_registers
 from sim_device.board.timers import FULL_CODE, BoardTimers, Fade
 from sim_device.dialects.haptogram import VirtualHaptogramDialect
 from sim_device.mutants import Mutant
+
+_JUMP_EVERY_US: Final = 500_000
+_JUMP_US: Final = 2_000
 
 _WRAP: Final = 2**32
 _NEVER_US: Final = 1 << 60
@@ -219,7 +223,36 @@ class OutputsReversed(BoardOutput):
 
 _WIRE, _SELF, _EXTERNAL, _ = Evidence
 
+
+class WatchdogMissing(BoardOutput):
+    """Never misses the host: the lease does not run."""
+
+    def renew_lease(self) -> None:
+        """Do nothing."""
+
+
+class ClockSteps(BoardClock):
+    """Its clock jumps ahead by 2 ms every 500 ms."""
+
+    def device_us(self, t_ns: int) -> int:
+        """Return the reading of the clock at *t_ns*."""
+        return self._with_jumps(super().device_us(t_ns))
+
+    def reached_ns(self, device_us: int) -> int:
+        """Return the first time at which it shows *device_us* or more."""
+        shown_us = range(self.boot_us, device_us)  # without a jump, and so too late
+        place = bisect.bisect_left(shown_us, device_us, key=self._with_jumps)
+        return super().reached_ns(min(device_us, self.boot_us + place))
+
+    def _with_jumps(self, steady_us: int) -> int:
+        """Add the clock steps to a steady time."""
+        jumps = max(0, steady_us - self.boot_us) // _JUMP_EVERY_US
+        return steady_us + jumps * _JUMP_US
+
+
 MUTANTS: Final = (
+    Mutant.of(WatchdogMissing, "HG-12.2/1", _WIRE),
+    Mutant.of(ClockSteps, "HG-6.9/1", _WIRE),
     Mutant.of(FaultRefusesSettings, "HG-6.2/1", _WIRE),
     Mutant.of(SilenceKeepsPhases, "HG-8.6/4", _SELF),
     Mutant.of(ArmedAtBoot, "HG-6.1/1", _WIRE),

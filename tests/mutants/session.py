@@ -265,7 +265,17 @@ class ReservedBitClaimed(VirtualHaptogramDialect):
 
 _WIRE, _SELF = Evidence.WIRE, Evidence.SELF_REPORTED
 
+
+class GapsUncounted(BoardConnection):
+    """Does not count the stream frames that are missing."""
+
+    def count(self, reason: str, number: int = 1) -> None:
+        """Leave gaps out."""
+        super().count(reason, 0 if reason == "gap" else number)
+
+
 MUTANTS: Final = (
+    Mutant.of(GapsUncounted, "HG-5.5/2", _SELF),
     Mutant.of(SequenceOf8Bits, "HG-5.5/2", _SELF),
     Mutant.of(UnwrappedTo24Bits, "HG-3.6/5", _SELF),
     Mutant.of(SequenceNeverWraps, "HG-3.6/1", _SELF),

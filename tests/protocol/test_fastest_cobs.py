@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-import haptogram.driver.session
+import haptogram.driver.driver
 import sim_device.assembly
 from haptogram.driver.driver import Driver
 from haptogram_protocol.cobs import PURE_PYTHON, Cobs, fastest_cobs
@@ -65,7 +65,7 @@ def test_python_serves_without_the_extension(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_driver_and_board_take_what_is_fastest(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (haptogram.driver.session, sim_device.assembly):
+    for module in (haptogram.driver.driver, sim_device.assembly):
         used = {"encode": 0, "decode": 0}
 
         def counted(name: str, used: dict[str, int] = used) -> Callable[[bytes], bytes]:

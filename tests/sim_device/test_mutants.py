@@ -138,7 +138,7 @@ def test_a_class_that_is_no_part_of_a_board_is_refused(address, says):
         BoardClock(7, ppm=-999),
         BoardClock(7, changes=(ClockChange(300_000, step_us=50), ClockChange(300_500, ppm=9_000))),
         BoardClock(7, -300, (ClockChange(0, step_us=5), ClockChange(900_001, -900_000, 70))),
-        mutant_parts("clock-steps").clock(7),
+        mutant_parts(MUTANTS["clock-steps"].address).clock(7),
     ],
 )
 def test_a_clock_and_its_inverse_agree(clock):

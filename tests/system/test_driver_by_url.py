@@ -10,8 +10,7 @@ import pytest
 import sim_device
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import observations_of_backdoor
-from haptogram.evidence.backdoor_stream import BackdoorReader
+from haptogram.evidence.backdoor import BackdoorReader, observations_of_backdoor
 from haptogram.verification import verify_run
 from haptogram_protocol.messages import TraceMode
 

@@ -232,6 +232,7 @@ def _run(ran: Ran, program: Program, random: Random) -> None:
         finally:
             with contextlib.suppress(LinkError):
                 driver.close()
+        board.settle(driver)
         seen = board.observations(driver)
         told = {
             "model": program.known(program.model()),

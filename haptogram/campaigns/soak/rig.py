@@ -5,8 +5,7 @@ from __future__ import annotations
 import random
 from typing import Final
 
-from haptogram.driver.line.handshake import open_line_session
-from haptogram.driver.line.link import NS_PER_S, Link
+from haptogram.driver.line.link import NS_PER_S, Link, open_line_session
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
 from haptogram_protocol import HostConnection

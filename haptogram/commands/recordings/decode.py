@@ -135,7 +135,7 @@ def _print_decoded_text(found: _Found, *, verbose: bool) -> bool:
 
 
 def _print_decoded_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is always in full
-    from haptogram_protocol.annotation.words import annotated_fields_of
+    from haptogram_protocol.annotation.frames import annotated_fields_of
 
     piece = found.piece
     line: dict[str, Any] = {"offset": piece.offset, "size": piece.size}

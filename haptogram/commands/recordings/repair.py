@@ -19,7 +19,7 @@ def set_up_repair(parser: Parser) -> None:
 
 def run_repair(arguments: argparse.Namespace) -> int:
     """Copy the recording; return 0."""
-    from haptogram.evidence.recordings.repair import repair_recording
+    from haptogram.evidence.recordings.reader import repair_recording
 
     if STANDARD_OUTPUT in (arguments.file, arguments.copy):
         raise ConfigurationError("-: a repair reads and writes files; name both")

@@ -74,7 +74,7 @@ def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
     outputs = CommandOutputs(arguments, "json")
     recording = Recording(arguments.file)
     if arguments.port is not None:
-        from haptogram.evidence.recordings.real_time import replay_to_port
+        from haptogram.evidence.recordings.replay import replay_to_port
 
         result = replay_to_port(recording, arguments.port, baudrate=arguments.baud)
     else:

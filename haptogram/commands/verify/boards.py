@@ -24,7 +24,8 @@ from haptogram.settings.run.verify import VerifyConfig, load_verify_config
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
-    from haptogram.evidence.dialect_run import DialectBoardsUnderTest
+    from haptogram.evidence.run_record import DialectBoardsUnderTest
+    from haptogram.settings.board import BoardConfig
 
 _LAST_MOMENTS_S: Final = 2.0  # wait for the last records of a board that has closed its port
 _PTYS: Final = "/dev/pts/"
@@ -82,7 +83,7 @@ class RunBoards:
         """
         if config.link.dialect is None:
             return cls(config, None, made)
-        from haptogram.driver.frames.dialect_boards import dialect_display_of
+        from haptogram.driver.frames.dialect_frames import dialect_display_of
         from haptogram.driver.line.budget import check_dialect_rate
 
         boards = made.boards_of_dialect(config)
@@ -124,8 +125,11 @@ class RunBoards:
     @contextlib.contextmanager
     def open(self, show: Show) -> Iterator[BoardUnderTest]:
         """Give the board at a port, else the virtual one, and clean up after it."""
-        from haptogram.evidence.boards import PortBoardUnderTest, ProcessBoardUnderTest
-        from haptogram.evidence.shown_port import ShownPortBoardUnderTest
+        from haptogram.evidence.boards import (
+            PortBoardUnderTest,
+            ProcessBoardUnderTest,
+            ShownPortBoardUnderTest,
+        )
         from haptogram.evidence.virtual_board import VirtualBoard
 
         config, port = self.config, self.config.link.port or self._simulated_url

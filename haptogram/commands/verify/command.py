@@ -164,8 +164,7 @@ def _measured_by_verify(
     settling: Progress | None,
     writer: RecordingWriter | None,
 ) -> RunRecord:
-    from haptogram.evidence.dialect_run import measure_run_of_dialect
-    from haptogram.evidence.run_record import measure_run
+    from haptogram.evidence.run_record import measure_run, measure_run_of_dialect
 
     config = boards.config
     if boards.dialect is not None:

@@ -20,7 +20,7 @@ from haptogram.settings.command_line import given_options, written_options
 from .expected import WATCHED_BOARD_OPTIONS
 
 if TYPE_CHECKING:
-    from haptogram.evidence.backdoor_stream import BackdoorReader
+    from haptogram.evidence.backdoor import BackdoorReader
 
 Record: TypeAlias = dict[str, Any]
 #: Plays the bytes of a client to a virtual board; returns the records of its back door.
@@ -109,7 +109,7 @@ class WatchedRecords:
 @contextlib.contextmanager
 def open_watched_records(arguments: argparse.Namespace, replay: Replay) -> Iterator[WatchedRecords]:
     """Open what the command watches; see :class:`WatchedRecords`."""
-    from haptogram.evidence.backdoor_stream import BackdoorReader
+    from haptogram.evidence.backdoor import BackdoorReader
 
     with contextlib.ExitStack() as parts:
         if arguments.capture is not None:
@@ -190,7 +190,7 @@ def _refuse_watched_client_bytes(source: str) -> None:
 @contextlib.contextmanager
 def _started_watched_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
     """Start a board, at --link or with the program of --as-device, and end it with the watch."""
-    from haptogram.evidence.backdoor_stream import BackdoorReader
+    from haptogram.evidence.backdoor import BackdoorReader
     from haptogram.evidence.board_process import BoardProcess
     from haptogram.machine.working_folder import WorkingFolder
 

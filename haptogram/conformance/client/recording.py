@@ -10,8 +10,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.annotation.frames import Annotated, annotated_frame, annotated_frame_text
-from haptogram_protocol.annotation.words import annotated_message_text, annotated_type_name
+from haptogram_protocol.annotation.frames import (
+    Annotated,
+    annotated_frame,
+    annotated_frame_text,
+    annotated_message_text,
+    annotated_type_name,
+)
 from haptogram_protocol.framing import DELIMITER
 
 _KEPT_TRANSFERS: Final = 200  # transfers kept from the beginning of a case, and from its end

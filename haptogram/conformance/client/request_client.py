@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Final, TypeVar
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.annotation.frames import annotated_type_name
 from haptogram_protocol.errors import RemoteProtocolError
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES
 from haptogram_protocol.state import OutputState

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Self
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.annotation.frames import annotated_type_name
 from haptogram_protocol.state import MuteReason
 
 from ..outcome import record_differences

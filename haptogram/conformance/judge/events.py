@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.annotation.frames import annotated_type_name
 
 from ..client import malformed_frames, playback, uploads
 from ..client.board_client import BoardClient

@@ -15,8 +15,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.annotation.frames import annotated_frame_text, annotated_type_name
 from haptogram_protocol.framing import DELIMITER, HEADER_BYTES
 from haptogram_protocol.state import MuteReason, OutputState
 

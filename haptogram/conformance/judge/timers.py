@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.annotation.frames import annotated_type_name
 from haptogram_protocol.rules import CONFIG_BOUNDS
 from haptogram_protocol.state import MuteReason, OutputState
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, cast
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics import AcousticModel, Drive
+from haptogram.acoustics import AcousticModel, Calibration, Drive, Medium, Transducer
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.acoustics.solvers.several import METHODS, Method
 from haptogram.driver.frames.builder import (
@@ -22,13 +23,20 @@ from haptogram.driver.frames.frame import are_driver_frames
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey, Intended
-from haptogram.settings.arguments import check_argument_kind, check_choice
-from haptogram_protocol.dialects.codec import Codes, Display
+from haptogram.settings.arguments import (
+    check_argument_kind,
+    check_choice,
+    check_whole,
+    shown_argument,
+)
+from haptogram_protocol.dialects.codec import Codes, Dialect, Display
+from haptogram_protocol.errors import LocalProtocolError
 
 _BATCH: Final = 512  # frames whose phases are computed at a time
 _REGISTER_BITS: Final = 8  # phase bits of the drives in records and verdicts
 _TURN: Final = 1 << _REGISTER_BITS
 _SESSION: Final = 0  # these wires know none
+_HIGHEST_CHANNEL: Final = 0xFFFF  # of any line of boards
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,3 +182,72 @@ class DialectFrameBuilder:
             (np.floor(_TURN * turns + 0.5).astype(np.int64) % _TURN).astype(np.uint8),
             np.array([0 if code is None else level for code in found], dtype=np.uint8),
         )
+
+
+def checked_display_channels(channels: Any) -> tuple[int, ...]:
+    """Return *channels* as whole numbers; whether the boards have them, their display decides.
+
+    Raises
+    ------
+    ConfigurationError
+        If they are no sequence of whole numbers from 0 on.
+    """
+    is_row = isinstance(channels, np.ndarray) and channels.ndim == 1
+    is_list = isinstance(channels, Sequence) and not isinstance(channels, str | bytes)
+    if not (is_row or is_list) or len(channels) == 0:
+        raise ConfigurationError(
+            f"channels is {shown_argument(channels)}, must be a sequence of whole numbers, one for "
+            "each element"
+        )
+    return tuple(
+        check_whole(f"channels[{place}]", channel, 0, _HIGHEST_CHANNEL)
+        for place, channel in enumerate(channels)
+    )
+
+
+def dialect_display_of(dialect: Dialect, boards: int) -> Display:
+    """Return the display of so many boards of *dialect*.
+
+    Raises
+    ------
+    ConfigurationError
+        If this program does not drive that wire, or not so many boards.
+    """
+    if dialect.display is None:
+        raise ConfigurationError(
+            f"dialect {dialect.name} can be emulated and not driven: its wire says nothing of how "
+            "a host shows phases (Dialect.display, docs/dialects.md)"
+        )
+    try:
+        display = dialect.display(boards)
+    except LocalProtocolError as error:
+        raise ConfigurationError(f"dialect {dialect.name}: {error}") from error
+    if display.channels < boards * dialect.channels:
+        raise ConfigurationError(
+            f"dialect {dialect.name}: {boards} boards are needed for so many elements; the wire "
+            f"drives {display.channels // dialect.channels}, of {dialect.channels} channels each"
+        )
+    return display
+
+
+def assumed_dialect_frames_model(dialect: Dialect, medium: Medium | None = None) -> AcousticModel:
+    """Return the boards' own array, as their clients have it, in *medium*.
+
+    Raises
+    ------
+    ConfigurationError
+        If nobody here knows their array.
+    """
+    if dialect.layout not in LAYOUTS:
+        raise ConfigurationError(
+            f"model is None, and the array of dialect {dialect.name} is not known here: give one"
+        )
+    array = LAYOUTS[dialect.layout].array()
+    return AcousticModel(array, medium or Medium.air(), Transducer())
+
+
+def mounted_display_model(model: AcousticModel, display: Display) -> AcousticModel:
+    """Return *model* with the emitters mounted as the boards of *display* have them."""
+    count = model.array.count
+    phases_rad = math.tau * np.array(display.mounting[:count])
+    return model.calibrated(Calibration(np.ones(count), phases_rad, model.array.positions_m))

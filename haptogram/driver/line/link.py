@@ -8,13 +8,19 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Final, TypeAlias, TypeVar
+from typing import Final, NoReturn, TypeAlias, TypeVar
 
 from haptogram.driver.line.budget import LineBudget, line_transmission_ns
 from haptogram.driver.line.port import ClosedTransport, Transport
-from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
+from haptogram.errors import (
+    DeviceError,
+    LinkLostError,
+    NoAnswerError,
+    VersionMismatchError,
+    WrongProtocolError,
+)
 from haptogram.records.kept import MOST_KEPT
-from haptogram_protocol import NEED_DATA, HostConnection
+from haptogram_protocol import NEED_DATA, VERSION_MAJOR, HostConnection
 from haptogram_protocol.connection import (
     EventReceived,
     FrameDropped,
@@ -22,7 +28,7 @@ from haptogram_protocol.connection import (
     RequestRefused,
     RequestTimedOut,
 )
-from haptogram_protocol.messages import Error, ErrorCode, Message, UploadChunk
+from haptogram_protocol.messages import Error, ErrorCode, HelloReply, Message, UploadChunk
 
 NS_PER_S: Final = 1_000_000_000
 _SILENCE_NS: Final = 20_000_000  # the shortest lease of a board
@@ -312,4 +318,52 @@ def _link_error_name(code: int) -> str:
 
 
 def _ignore_link_event(_: EventReceived | ReplyReceived | FrameDropped) -> None:
-    """Ignore an event without a handler."""
+    """Take an event that nobody asked for."""
+
+
+def open_line_session(link: Link) -> HelloReply:
+    """Say HELLO and return the board's answer.
+
+    Raises
+    ------
+    NoAnswerError
+        The port is silent.
+    WrongProtocolError
+        Something answers, but no board.
+    VersionMismatchError
+        A board of another major version.
+    LinkLostError
+        The port closed.
+    """
+    deadline_ns = link.now_ns() + link.timeout_ns
+    seq = link.connection.send_hello(link.now_us())
+    try:
+        return link.wait_for(seq, HelloReply, deadline_ns)
+    except NoAnswerError as error:
+        _explain_line_silence(link, error)
+    except DeviceError as error:
+        if error.code == ErrorCode.VERSION:
+            raise VersionMismatchError(
+                f"{link.url}: the board speaks version {error.detail} of the protocol, "
+                f"this host version {VERSION_MAJOR}"
+            ) from error
+        raise
+
+
+def _explain_line_silence(link: Link, error: NoAnswerError) -> NoReturn:
+    connection = link.connection
+    seconds = f"{link.timeout_ns / 1e9:g} s"
+    if not connection.bytes_received:
+        raise NoAnswerError(f"{link.url}: nothing came back within {seconds}") from error
+    if not connection.frames_received:
+        raise WrongProtocolError(
+            f"{link.url}: {connection.bytes_received} bytes came within {seconds}, but no "
+            f"Haptogram frame: another device, or another rate than {link.line.baudrate} baud"
+        ) from error
+    if connection.counters["unknown_type"] == connection.frames_received:
+        raise WrongProtocolError(
+            f"{link.url}: the port sends back what is written to it; no board answers"
+        ) from error
+    raise NoAnswerError(
+        f"{link.url}: frames came within {seconds}, but no answer to HELLO"
+    ) from error

@@ -1,4 +1,4 @@
-"""Latches of a run on boards of any wire, from the records of a back door.
+"""Latches of boards of any wire, from the records of a back door.
 
 Those of other dialects carry no number. Latches in which every channel is off are the host's own
 before the first and after the last that sounds, and are left out there; between its frames a board
@@ -7,15 +7,23 @@ that goes dark is a latch without an intended frame.
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from haptogram.acoustics import Drive
+from haptogram.acoustics import Drive, Reconstruction
+from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.drive import saturated_weights
-from haptogram.evidence.backdoor import observations_of_backdoor, observations_on_clock_of
-from haptogram.evidence.dialects.pulse_records import pulse_observation_of
+from haptogram.acoustics.model.pulses import PulseDrive
+from haptogram.errors import ConfigurationError
+from haptogram.evidence.backdoor import (
+    observations_of_backdoor,
+    observations_on_clock_of,
+    observed_reconstruction_of,
+)
 from haptogram.records.frame import Evidence, Intended, Observation
 from haptogram.verification.unnumbered import UnnumberedLatch, observations_of_unnumbered
 from haptogram.verification.watch.latch import OWN_CAUSES, UPLOAD
@@ -94,3 +102,79 @@ def _dialect_latches_of_run(records: Sequence[Mapping[str, Any]]) -> list[Unnumb
             drives = Drive.from_weights(latched), Drive.from_weights(radiated)
             found.append(UnnumberedLatch(seen.number, seen.t_latch_us, *drives, evidence))
     return found[sounding[0] : sounding[-1] + 1] if sounding else []
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PulseObservation:
+    """One observed latch of a board whose channels are switched by pulses.
+
+    Attributes
+    ----------
+    number : int
+        Number of the latch.
+    t_latch_us : int
+        Device time of the latch, microseconds.
+    cause : str
+        What made the board latch.
+    pulses : PulseDrive
+        Pulses of every channel, those that drive no emitter among them.
+    weights : (N,) numpy.ndarray of complex128
+        Radiated weights of the emitters, faults on purpose included.
+    phase_steps : int or None
+        Steps to half of which the board has computed these phases, if they are coarser than others.
+    counted : mapping of str to int
+        What the board could not understand since the latch before.
+    reconstruction : Reconstruction or None
+        Focus and field rebuilt from the weights.
+    """
+
+    number: int
+    t_latch_us: int
+    cause: str
+    pulses: PulseDrive
+    weights: ComplexArray
+    phase_steps: int | None
+    counted: Mapping[str, int]
+    reconstruction: Reconstruction | None
+
+
+def pulse_observation_of(record: Mapping[str, Any], channels: Sequence[int]) -> PulseObservation:
+    """Return the observation in a ``pulses`` record.
+
+    Parameters
+    ----------
+    channels : sequence of int
+        Channel of each emitter: ``channels`` of the ``board`` record.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no such record.
+    """
+    try:
+        levels = {int(channel): bytes.fromhex(text) for channel, text in record["levels"].items()}
+        pulses = PulseDrive(
+            _pulse_numbers(record["rises"], "<u2"),
+            _pulse_numbers(record["widths"], "<u2"),
+            record["steps"],
+            levels,
+        )
+        radiated = record["radiated"]
+        return PulseObservation(
+            number=record["number"],
+            t_latch_us=record["t_latch_us"],
+            cause=record["cause"],
+            pulses=pulses,
+            weights=pulses.weights()[list(channels)]
+            if radiated is None
+            else _pulse_numbers(radiated, "<c8").astype(np.complex128),
+            phase_steps=record.get("phase_steps"),
+            counted=record["counted"],
+            reconstruction=observed_reconstruction_of(record["reconstruction"]),
+        )
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise ConfigurationError(f"not a pulses record of a back door: {error!r}") from error
+
+
+def _pulse_numbers(text: str, kind: str) -> np.ndarray[Any, Any]:
+    return np.frombuffer(base64.b64decode(text), dtype=kind)

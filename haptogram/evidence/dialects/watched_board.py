@@ -12,7 +12,7 @@ from haptogram.acoustics.model.boards.layout import Z_UP, Rows
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.dialects.captured_latches import PINS
-from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
+from haptogram.evidence.dialects.latches import PulseObservation, pulse_observation_of
 from haptogram.records.frame import Evidence
 from haptogram.verification.watch import SeenLatch
 from haptogram.verification.watch.latch import MODULATED

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import os
 from collections.abc import Collection, Iterator
@@ -10,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from haptogram.errors import ConfigurationError, unreadable_file
+from haptogram.errors import ConfigurationError, unreadable_file, unwritable_file
+from haptogram.machine.files import check_distinct_files
 from haptogram.records.latch import LatchRecord
 
 from . import channels
-from .writer import check_recordings
+from .writer import begin_recording, check_recordings
 
 _LARGEST_RECORD: Final = 1 << 28
 _VERSION_DIGITS: Final = 9
@@ -310,3 +312,45 @@ def _opened_recording(path: Path) -> BinaryIO:
     file.close()
     why = "is empty" if not begin else "is no recording: it does not begin as an MCAP file does"
     raise ConfigurationError(f"{path}: {why}")
+
+
+def repair_recording(source: Path, target: Path) -> tuple[int, str]:
+    """Write the messages of *source* that can be read to *target*.
+
+    Returns
+    -------
+    tuple of int and str
+        How many there were, and what was left out; empty: nothing.
+
+    Raises
+    ------
+    ConfigurationError
+        If *source* is no recording or holds no message that can be read, or *target* cannot be
+        written or is the same file.
+    """
+    from mcap.writer import CompressionType, Writer
+
+    check_distinct_files({"the copy": target}, [("the recording", source)])
+    recording = Recording(source, remedy="")
+    if next(_readable_entries(recording), None) is None:
+        raise ConfigurationError(
+            f"{source}: no message in it can be read; {target} was not written"
+        )
+    count = 0
+    try:
+        with target.open("wb") as file:
+            writer: Any = Writer(file, compression=CompressionType.NONE)
+            ids = begin_recording(writer, recording.library)
+            for entry in _readable_entries(recording):
+                count += 1
+                writer.add_message(ids[entry.topic], entry.t_ns, entry.content, entry.published_ns)
+            writer.finish()
+    except OSError as error:
+        raise unwritable_file(target, error) from error
+    return count, recording.note
+
+
+def _readable_entries(recording: Recording) -> Iterator[RecordingEntry]:
+    """Yield the messages that lie before the damage."""
+    with contextlib.suppress(ConfigurationError):
+        yield from recording.entries(channels.CHANNELS)

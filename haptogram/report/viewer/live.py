@@ -10,7 +10,7 @@ from typing import Any, Final
 from haptogram.acoustics import Drive, NotSingle, Reconstruction, saturated_weights
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
-from haptogram.evidence.dialects.pulse_records import PulseObservation, pulse_observation_of
+from haptogram.evidence.dialects.latches import PulseObservation, pulse_observation_of
 from haptogram.machine.terminal import printable_on_terminal
 from haptogram.records.frame import Observation
 

@@ -8,8 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from ..dialects.codec import Dialect, Operation, Reply
-from .frames import Annotated
-from .words import annotated_value
+from .frames import Annotated, annotated_fields_of
 
 _MOST_SILENT: Final = 65_536  # bytes without an operation that are reported as one piece
 _SHOWN: Final = 8  # items of a sequence in one line
@@ -68,7 +67,7 @@ class OperationAnnotator:
         sizes = [self._size - behind] + [1] * behind + [0] * (len(found) - 1 - behind)
         fault = self._odd()
         for operation, size in zip(found, sizes, strict=True):
-            name, fields = type(operation).__name__, _annotated_fields(operation)
+            name, fields = type(operation).__name__, annotated_fields_of(operation)
             inner = ", ".join(_inner_operation_names(operation))
             text = f"{name}{f' of {inner}:' if inner else ''}{_fields_text(fields)}" + (
                 f": {fault}" if fault else ""
@@ -92,13 +91,6 @@ class OperationAnnotator:
         return ", ".join(f"{kind} {count}" for kind, count in new.items())
 
 
-def _annotated_fields(operation: Any) -> dict[str, Any]:
-    return {
-        field.name: _annotated_value(getattr(operation, field.name))
-        for field in dataclasses.fields(operation)
-    }
-
-
 def _inner_operation_names(value: Any) -> Iterator[str]:
     """Yield the names of the operations that a message carries, such as those of devices."""
     for field in dataclasses.fields(value):
@@ -108,14 +100,6 @@ def _inner_operation_names(value: Any) -> Iterator[str]:
                 yield type(part).__name__
             elif dataclasses.is_dataclass(part):
                 yield from _inner_operation_names(part)
-
-
-def _annotated_value(value: Any) -> Any:
-    if dataclasses.is_dataclass(value):
-        return {"is": type(value).__name__} | _annotated_fields(value)
-    if isinstance(value, tuple | list):
-        return [_annotated_value(item) for item in value]
-    return annotated_value(value)
 
 
 def _fields_text(fields: Mapping[str, Any]) -> str:

@@ -8,7 +8,8 @@ checks output state, time and configuration.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Container
+from collections import deque
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from typing import Final, cast
 
@@ -19,8 +20,45 @@ from ..framing import HEADER_BYTES, FrameDecoder, encode_frame
 from .counters import LINK_COUNTERS
 from .events import NEED_DATA, BoardEvent, FrameDropped, NeedData, RequestReceived, StreamReceived
 from .inbox import ConnectionInbox
-from .outbox import OUTPUT_LIMIT, ConnectionOutbox
-from .received import IMMEDIATE, ReceivedFrame, unknown_received_flags
+
+OUTPUT_LIMIT: Final = 65_536  # bytes that may wait for the line
+
+
+# HG-3.5: IMMEDIATE has a meaning in these only.  MUTE is carried out whatever its flags (HG-6.4).
+_TAKES_IMMEDIATE: Final = frozenset({*m.STREAM_RANGE, int(m.MessageType.PLAY)})
+IMMEDIATE: Final = int(m.Flag.IMMEDIATE)  # as a number: an operation on a Flag costs microseconds
+
+
+@dataclass(slots=True)  # frozen would take four times as long to make
+class ReceivedFrame:
+    """A frame whose CRC was right.
+
+    Attributes
+    ----------
+    header : Header
+        Its header.
+    payload : bytes
+        Bytes behind the header.
+    crc : int
+        CRC-32 of header and payload, by which a repeated request is known.
+    t_rx_us : int
+        Device time, unwrapped, at which its last byte came.
+    in_session : bool
+        True if the frame is of the open session; it renews the lease then (HG-6.7).
+    """
+
+    header: m.Header
+    payload: bytes
+    crc: int
+    t_rx_us: int
+    in_session: bool
+
+
+def unknown_received_flags(header: m.Header) -> int:
+    """Return the must-understand flags that have no meaning in such a frame.  HG-3.4."""
+    known = IMMEDIATE if header.type in _TAKES_IMMEDIATE else 0
+    return header.flags & m.MUST_UNDERSTAND & ~known
+
 
 #: How far ahead of the expected one a stream number is at which the frame is a copy.  HG-5.5/1.
 COPY_AHEAD: Final = 0x10000 - 32
@@ -57,6 +95,8 @@ class BoardConnection:
         The open session, 0 if there is none.
     counters : dict of str to int
         :data:`LINK_COUNTERS`, modulo 2^32.
+    output_bytes : int
+        Bytes that wait for the line.
     departure_us : callable
         Returns when the first byte of an answer leaves that the connection itself gives to a frame
         of which it is told the arrival. Whoever knows the line sets it; without, it leaves at once.
@@ -77,7 +117,8 @@ class BoardConnection:
         self._types = frozenset(kind for kind in m.MESSAGES if kind not in unsupported)
         self._stuff = cobs.encode
         self._inbox = ConnectionInbox(FrameDecoder(cobs) if decoder is None else decoder)
-        self._outbox = ConnectionOutbox()
+        self._frames: deque[bytes] = deque()  # that wait for the line
+        self.output_bytes = 0
         self._greeting: m.HelloReply | None = None
         self._start_sequences(0)
 
@@ -367,12 +408,18 @@ class BoardConnection:
         limit : int or None
             Most bytes to return; None: all.
         """
-        return self._outbox.take(limit)
+        if limit is None or self.output_bytes <= limit:
+            taken = b"".join(self._frames)
+            self._frames.clear()
+        else:
+            taken = b"".join(self._oldest(limit))
+        self.output_bytes -= len(taken)
+        return taken
 
-    @property
-    def output_bytes(self) -> int:
-        """Number of bytes that wait for the line."""
-        return self._outbox.waiting
+    def _oldest(self, limit: int) -> Iterator[bytes]:
+        while self._frames and len(self._frames[0]) <= limit:
+            limit -= len(self._frames[0])
+            yield self._frames.popleft()
 
     def _answer(self, request: RequestReceived, message: m.Message, now_us: int) -> None:
         wire = self._response(message, request.seq, now_us)
@@ -388,8 +435,12 @@ class BoardConnection:
         return encode_frame(body, self._stuff)
 
     def _queue(self, wire: bytes, limit: int) -> bool:
-        """Queue a frame if there is room; a host that misses a response asks again (HG-9.6)."""
-        return self._outbox.put(wire, limit)
+        """Queue a frame, never a part; without room a host asks again for a response (HG-9.6)."""
+        has_room = self.output_bytes + len(wire) <= limit
+        if has_room:
+            self._frames.append(wire)
+            self.output_bytes += len(wire)
+        return has_room
 
 
 def _at_once(t_rx_us: int) -> int:

@@ -26,10 +26,8 @@ from typing import Final
 
 from .codec import Codes, Dialect, Operation
 from .fpga_bytes.board_end import FpgaBoardEnd
-from .fpga_bytes.display import FpgaDisplay
-from .fpga_bytes.host_end import FpgaHostEnd
-from .fpga_bytes.operations import Begin, Clocks, ModulationStep, Select, Swap
-from .fpga_bytes.rules import FpgaByteRules
+from .fpga_bytes.host_end import FpgaDisplay, FpgaHostEnd
+from .fpga_bytes.operations import Begin, Clocks, FpgaByteRules, ModulationStep, Select, Swap
 
 CHANNELS: Final = 256
 OFF: Final = 32

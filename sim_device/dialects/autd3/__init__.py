@@ -2,5 +2,5 @@
 
 The codec of the link is :mod:`haptogram_protocol.dialects.autd3`. Here is the work of a device's
 processor (:mod:`.device`, :mod:`.memory`, :mod:`.refusals`), that of its FPGA (:mod:`.segments`,
-:mod:`.foci`, :mod:`.drive`), and the clock that devices share (:mod:`.unit`).
+:mod:`.foci`), and the pulses and the clock of all devices (:mod:`.unit`).
 """

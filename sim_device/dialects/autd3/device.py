@@ -24,12 +24,12 @@ from haptogram_protocol.dialects.autd3.frame import (
 )
 from haptogram_protocol.dialects.codec import Operation
 
-from .drive import FULL
 from .foci import MAX_FOCI_OF_PATTERN, Autd3Foci, read_autd3_foci
 from .memory import Autd3Memory
 from .refusals import Autd3Limits, autd3_segment_refusal, autd3_silencer_refusal
 from .segments import Autd3Sampling
 
+FULL: Final = 255  # intensity, modulation
 _FOCUS_BYTES: Final = 8
 # v12.1.0, the newest firmware that autd3 38 knows
 _FIRMWARE: Final = {

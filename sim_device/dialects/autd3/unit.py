@@ -12,25 +12,58 @@ poses changes nothing: foci come in the coordinates of each device.
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from haptogram.acoustics.model.boards.grids import AUTD3 as ONE_DEVICE
+from haptogram.acoustics.model.boards.grids import autd_row
+from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.acoustics.model.pulses import PulseDrive
-from haptogram_protocol.dialects.autd3 import messages
+from haptogram.settings.option import Settings, option
+from haptogram_protocol.dialects.autd3 import link, messages
 from haptogram_protocol.dialects.autd3.operations import CHANNELS
 from haptogram_protocol.dialects.codec import Operation, Reply
 
 from ...board.events import PulseLatch
+from ..emulation import Emulation
 from ..unit import LatchingUnit
-from .device import Autd3Device, Output
-from .drive import STEPS, autd3_pulses_of
+from .device import FULL, Autd3Device, Output
 from .segments import PERIOD_NS
 
 PERIODS_BETWEEN_LATCHES: Final = 10
 MAX_KNOWN: Final = 1024  # pulses that are kept
 _NS_PER_US: Final = 1_000
 PERIOD_US: Final = PERIOD_NS // _NS_PER_US
+STEPS: Final = 512
+MAX_DEVICES: Final = 4  # an array has 1024 elements at the most
+
+
+@dataclass(frozen=True, kw_only=True)
+class Devices(Settings):
+    """Options of the dialect."""
+
+    devices: int = option(
+        1, unit="N", low=1, high=MAX_DEVICES, help="devices, 192 mm apart along x"
+    )
+    system_ns: int = option(
+        0,
+        unit="NS",
+        low=0,
+        high=2**63 - 1,
+        help="system time at power-up, for clients that name times: since 2000-01-01 UTC",
+    )
+    latch_us: int = option(
+        PERIODS_BETWEEN_LATCHES * PERIOD_US,
+        unit="US",
+        low=PERIOD_US,
+        high=1_000_000,
+        help="time between latches that sequences and modulation make by themselves",
+    )
 
 
 class Autd3Unit(LatchingUnit):
@@ -38,14 +71,11 @@ class Autd3Unit(LatchingUnit):
 
     Parameters
     ----------
+    options : Devices
+        How many there are: a client that opens another number is refused.  Times are rounded down
+        to periods of 25 µs.
     now_us : int
         Device time of the power-up.
-    devices : int
-        How many there are; a client that opens another number is refused.
-    system_ns : int
-        System time of the power-up, nanoseconds since 2000-01-01 UTC; rounded down to 25 µs.
-    periods_between_latches : int
-        Periods of 25 µs between latches that the devices make by themselves.
 
     Attributes
     ----------
@@ -54,20 +84,13 @@ class Autd3Unit(LatchingUnit):
         :class:`~sim_device.dialects.autd3.device.Autd3Device`.
     """
 
-    def __init__(
-        self,
-        now_us: int,
-        *,
-        devices: int = 1,
-        system_ns: int = 0,
-        periods_between_latches: int = PERIODS_BETWEEN_LATCHES,
-    ) -> None:
+    def __init__(self, options: Devices, now_us: int) -> None:
         super().__init__()
-        self._devices = [Autd3Device(self.counters) for _ in range(devices)]
-        self._boot_us, self._boot_period = now_us, system_ns // PERIOD_NS
-        self._gap = periods_between_latches
+        self._devices = [Autd3Device(self.counters) for _ in range(options.devices)]
+        self._boot_us, self._boot_period = now_us, options.system_ns // PERIOD_NS
+        self._gap = options.latch_us // PERIOD_US
         self._outputs: list[Output] = []
-        self._pulses = PulseDrive.off(CHANNELS * devices, STEPS)
+        self._pulses = PulseDrive.off(CHANNELS * options.devices, STEPS)
         self._known: dict[tuple[Output, ...], PulseDrive] = {}
         self._asked: int | None = None  # period in which what operations ask for takes effect
         self._changes: int | None = None  # period in which something changes by itself
@@ -180,3 +203,54 @@ class Autd3Unit(LatchingUnit):
 
     def _start_us(self, period: int) -> int:
         return self._boot_us + (period - self._boot_period) * PERIOD_US
+
+
+_WIDTHS: Final = np.array(
+    [round(math.asin(intensity / FULL) / math.pi * STEPS) for intensity in range(FULL + 1)],
+    dtype=np.int64,
+)
+
+
+def autd3_pulses_of(
+    phases: NDArray[np.uint8], intensities: NDArray[np.uint8], modulation: NDArray[np.uint8]
+) -> PulseDrive:
+    """Return the pulses of (N,) channels, each symmetric around its phase.
+
+    The FPGA computes 512 steps of a period from phases of 256. The width follows the intensity by
+    an arcsine, so that the pressure is linear in it. Checked, all 249 channels, against
+    ``pyautd3_emulator`` 38.0.1 (its phases, pulse widths and output voltage); the source is
+    shinolab/autd3-firmware 03314c4, ``pwm_preconditioner.sv``. The table that PulseWidthEncoder
+    would change, phase correction and output mask are not emulated.
+
+    Parameters
+    ----------
+    phases : (N,) numpy.ndarray of uint8
+        In 1/256 of a period.
+    intensities, modulation : (N,) numpy.ndarray of uint8
+        Their product over 255 is the intensity that is out.
+    """
+    widths = _WIDTHS[intensities.astype(np.int64) * modulation // FULL]
+    rises = (2 * phases.astype(np.int64) - widths // 2) % STEPS
+    return PulseDrive(np.where(widths > 0, rises, 0), widths, STEPS)
+
+
+def _autd3_layout(options: Devices) -> BoardLayout:
+    if options.devices == 1:
+        return ONE_DEVICE
+    return dataclasses.replace(
+        ONE_DEVICE,
+        name=f"autd3-{options.devices}",
+        title=f"{options.devices} AUTD3 units in a row, first element of the first at the origin",
+        array=lambda: autd_row(options.devices),
+    )
+
+
+AUTD3: Final = Emulation(
+    dialect=link.AUTD3,
+    end=lambda _: link.Autd3BoardEnd(),
+    unit=Autd3Unit,
+    layout=_autd3_layout,
+    options=Devices,
+    boards=lambda options: options.devices,
+)
+EMULATIONS: Final = (AUTD3,)

@@ -8,13 +8,12 @@ from typing import Final
 
 from haptogram.errors import unwritable_file
 
+from ...line.vcd import vcd_identifier, write_vcd_head
 from .process import PERIOD, SAME, SimulatedHello, count_of_same
 
 _LINES: Final = ("carrier", "to_board", "to_host")
-_BITS: Final = 10  # bits of a byte on the line
-_OFF_NS: Final = 1_000_000  # gap in the capture for a reset of the board
-_FIRST_CODE: Final = 33  # first of the 94 signs of identifiers
-_SIGNS: Final = 94
+_BITS: Final = 10  # of a byte
+_OFF_NS: Final = 1_000_000  # between two boards, of which the second is the first after a reset
 
 
 class SimulatedCapture:
@@ -38,7 +37,7 @@ class SimulatedCapture:
     def __init__(self, path: Path, hello: SimulatedHello, byte_ns: float) -> None:
         self._path, self._period_ns, self._bit_ns = path, hello.period_ns, byte_ns / _BITS
         names = [*_LINES, *hello.pins]
-        self._codes = [_vcd_code(number) for number in range(len(names))]
+        self._codes = [vcd_identifier(number) for number in range(len(names))]
         self._hold_ns = max(round(byte_ns), hello.period_ns)  # until all of a time is known
         self._high = self._periods = 0
         self._changes: list[tuple[int, int]] = []  # since the period began, and levels
@@ -50,7 +49,7 @@ class SimulatedCapture:
             raise unwritable_file(path, error, "--simulator-capture") from error
         self._offset_ns = self._end_of_file_ns()
         if not self._offset_ns:
-            self._write_header(names)
+            write_vcd_head(self._file, names, _LINES[1:])
 
     def _end_of_file_ns(self) -> int:
         """Return the time at which the appended capture continues."""
@@ -58,15 +57,6 @@ class SimulatedCapture:
         self._file.seek(max(0, size - 100))
         _, mark, last = self._file.read().rpartition("#")
         return int(last.split()[0]) + _OFF_NS if mark else 0
-
-    def _write_header(self, names: list[str]) -> None:
-        variables = zip(self._codes, names, strict=True)
-        self._file.write("$timescale 1 ns $end\n$scope module pins $end\n")
-        self._file.writelines(f"$var wire 1 {code} {name} $end\n" for code, name in variables)
-        self._file.write("$upscope $end\n$enddefinitions $end\n#0\n")
-        levels = [int(name in _LINES[1:]) for name in names]
-        edges = zip(levels, self._codes, strict=True)
-        self._file.writelines(f"{level}{code}\n" for level, code in edges)
 
     def carried(self, line: str, begin_ns: float, value: int) -> None:
         """Take down a byte, whose start bit begins at a time."""
@@ -129,9 +119,3 @@ class SimulatedCapture:
         self.write(now_ns + self._hold_ns)
         self._file.write(f"#{now_ns + self._offset_ns}\n")
         self._file.close()
-
-
-def _vcd_code(number: int) -> str:
-    """Return an identifier of a variable."""
-    text = chr(_FIRST_CODE + number % _SIGNS)
-    return text if number < _SIGNS else _vcd_code(number // _SIGNS - 1) + text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections import Counter, deque
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Final
 
 from haptogram.acoustics.model.pulses import PulseDrive
@@ -13,7 +13,9 @@ from haptogram_protocol.dialects.codec import Operation
 
 from ...board.clock import earliest_board_time
 from ...board.events import PulseLatch
+from ...board.settings import BoardSettings
 from ..unit import Unit
+from ..virtual_dialect import VirtualDialect
 from .capture import SimulatedCapture
 from .pins import STEPS, SimulatedPins
 from .process import SentByte, SimulatorProcess
@@ -36,16 +38,11 @@ class SimulatedUnit:
     ----------
     command : str
         The simulator.
-    baud : int or None
-        Rate of the line.
-    channels : int
-        Pins that the array needs.
-    now_us : int
-        Device time at power-up, at which the board takes bytes.
+    settings : BoardSettings
+        The board, which takes bytes from its power-up on: its line, its pins, and the file that
+        takes down what they do.
     expected : Unit or None
         The unit of the dialect.
-    capture : Path or None
-        File that takes down what pins and line do.
 
     Raises
     ------
@@ -55,15 +52,9 @@ class SimulatedUnit:
         It has ended, does not answer, or makes no sense.
     """
 
-    def __init__(
-        self,
-        command: str,
-        baud: int | None,
-        channels: int,
-        now_us: int,
-        expected: Unit | None = None,
-        capture: Path | None = None,
-    ) -> None:
+    def __init__(self, command: str, settings: BoardSettings, expected: Unit | None = None) -> None:
+        baud, capture, wiring = settings.line.baud, settings.simulator_capture, settings.wiring
+        channels = 1 if wiring is None else 1 + max(wiring.channels)
         self._process = SimulatorProcess(command, baud, channels)
         hello = self._process.hello
         self._byte_ns = 1e10 / baud if baud else 0.0
@@ -73,7 +64,7 @@ class SimulatedUnit:
         self._expected_pins = None if expected is None else self._last_of(expected)
         self._latches: list[PulseLatch] = []  # in their order
         self._sent: deque[SentByte] = deque()
-        self._now_us = self._boot_us = now_us
+        self._now_us = self._boot_us = settings.boot_us
         self._is_lost = self._has_warned = False
         periods = -(-hello.start_ns // hello.period_ns) + _PERIODS_AHEAD
         self._boot_ns = periods * hello.period_ns
@@ -207,3 +198,46 @@ class SimulatedUnit:
         count = self._pins.count
         levels = {channel: text for channel, text in pulses.levels.items() if channel < count}
         return PulseDrive(pulses.rises[:count], pulses.widths[:count], pulses.steps, levels)
+
+
+class SimulatedBoard(VirtualDialect):
+    """A simulator at the end of the line.
+
+    What it latches under which number only its own trace tells.
+
+    Parameters
+    ----------
+    unit : SimulatedUnit
+        The board.
+    now_us : int
+        Device time at power-up.
+    """
+
+    def __init__(self, unit: SimulatedUnit, now_us: int) -> None:
+        super().__init__(now_us)
+        self._unit = self.ahead = unit
+        self.announce = unit.announce
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Counts of pins that do not repeat."""
+        return self._unit.counters
+
+    def next_frame_end(self, data: bytes, at: int) -> int:  # noqa: ARG002  the board has them
+        """Return the end of *data*."""
+        return len(data)
+
+    def receive(self, data: bytes, t_us: int) -> None:  # noqa: ARG002  the board has them
+        """Let time pass."""
+        self.advance_to(t_us)
+
+    def next_event_us(self) -> int | None:
+        """Return the time of what is known to come, else of the next look at the board."""
+        return self._unit.next_event_us()
+
+    def advance_to(self, t_us: int) -> None:
+        """Let time pass at the board."""
+        for sent in self._unit.advance_to(t_us):
+            self._output += sent
+        self._unit.take_latches()
+        self._now_us = max(self._now_us, t_us)

@@ -20,7 +20,7 @@ from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.dialects.ultraino.arduino import dialects, slots
 from haptogram_protocol.dialects.ultraino.arduino.board_end import ArduinoBoardEnd
-from haptogram_protocol.dialects.ultraino.arduino.firmware import (
+from haptogram_protocol.dialects.ultraino.arduino.operations import (
     MAX_BOARDS,
     MEGA64_FIRMWARE,
     NANO8_FIRMWARE,
@@ -30,8 +30,7 @@ from haptogram_protocol.dialects.ultraino.arduino.firmware import (
 from ...board.events import CarrierState
 from ..emulation import Emulation
 from ..unit import Unit
-from .slot_boards import Outputs, SlotBoards
-from .unsteady import UnsteadyUnit
+from .slot_boards import Outputs, SlotBoards, UnsteadyUnit
 
 _USUAL, _ANIMATION = "usual", "animation"
 _AT_ONCE, _STAGGERED = "at-once", "staggered"

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+import math
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +15,20 @@ from numpy.typing import NDArray
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
 from haptogram_protocol.dialects.ultraino.arduino import operations
-from haptogram_protocol.dialects.ultraino.arduino.firmware import ArduinoFirmware
+from haptogram_protocol.dialects.ultraino.arduino.operations import ArduinoFirmware
 from haptogram_protocol.dialects.ultraino.arduino.slots import ArduinoSlotLayout
 
-from ...board.events import PulseLatch
-from ..unit import LatchingUnit
-from .playlist import PERIOD_US, ArduinoPlaylist
+from ...board.clock import earliest_board_time
+from ...board.events import CarrierState, PulseLatch
+from ..unit import LatchingUnit, Unit
 
 POWER_UP: Final = "power-up"
-CYCLES: Final = 396  # processor cycles in a period of MEGA64
-_CYCLES_OF_A_PORT: Final = 30 / 9  # processor cycles from one of the ten ports to the next
+CYCLES: Final = 396  # of the processor, in a period of MEGA64
+_CYCLES_OF_A_PORT: Final = 30 / 9  # from the first of ten ports to the last
+PERIOD_US: Final = 25
+_COUNTER: Final = 256  # currentPeriods is a byte
+UPLOAD: Final = "upload"  # cause of a latch: bytes begin to arrive, or no more do
+_HALVED: Final = "pins_at_half_carrier"
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,7 @@ class SlotBoards(LatchingUnit):
         self._boot_us = now_us
         self._playlist = ArduinoPlaylist(firmware.patterns, counts=not outputs.shows_one)
         self._durations = bytearray(self._playlist.durations)  # for the next commit
-        self._handlers: dict[type[Operation], Callable[[Any, int], None]] = {
+        self._handlers = {
             operations.SetPattern: self._set_pattern,
             operations.SetDurations: self._set_durations,
             operations.CommitDurations: self._commit_durations,
@@ -93,13 +100,11 @@ class SlotBoards(LatchingUnit):
         }
         self._latch(POWER_UP, now_us)
 
-    def take(self, operation: Operation, t_us: int) -> list[Reply]:
+    def take(self, operation: Operation, t_us: int) -> Sequence[Reply | bytes]:
         """Do *operation*; return what the last board sends on."""
         if isinstance(operation, operations.Forward):
             return [operation]
-        if (handler := self._handlers.get(type(operation))) is not None:
-            handler(operation, t_us)
-        return []
+        return super().take(operation, t_us)
 
     def next_event_us(self) -> int | None:
         """Return when the next pattern of the first pass begins, or None."""
@@ -155,3 +160,180 @@ class SlotBoards(LatchingUnit):
             slots_of = np.searchsorted(begins, cycles % CYCLES, side="right") - 1
             return np.concatenate([board[slots_of, pins] for board in outputs], axis=1)
         return np.concatenate(list(outputs[:, :, pins]), axis=1)
+
+
+class ArduinoPlaylist:
+    """The pattern that is shown in each period of the carrier, counted from power-up.
+
+    The firmware counts a pattern's periods and then takes the next pattern, or the first one behind
+    the last duration that is not 0. A swap sets the pointer of the output back and not these two
+    counters, so that patterns and durations do not belong together until the list begins anew. A
+    duration of 0 in the first place, or one that is shortened below the periods that have passed,
+    lasts until the counter of 8 bits comes round. ``DriverMEGA.ino``, asiermarzo/Ultraino 3ad4bdf.
+
+    Parameters
+    ----------
+    patterns : int
+        Patterns that there is room for.
+    counts : bool
+        True if the firmware counts periods; one that does not shows a pattern until it is told.
+
+    Attributes
+    ----------
+    durations : bytes
+        Periods of each pattern; the first 0 behind the first pattern ends the list.
+    pointer : int
+        The pattern that is shown.
+    """
+
+    def __init__(self, patterns: int, *, counts: bool = True) -> None:
+        self._counts = counts
+        self.durations = bytes([1]) + bytes(patterns - 1)
+        self.pointer = 0
+        self._pattern = 0  # whose duration counts
+        self._passed = 0  # of its periods, before the one at _at
+        self._at = 0
+        self._passes_to_tell = 0
+
+    def next_change(self) -> int | None:
+        """Return the period in which another pattern is shown next, or None.
+
+        None also comes after the first whole pass: all others are the same.
+        """
+        if not (self._counts and self._passes_to_tell) or self._is_constant:
+            return None
+        return self._at + self._left
+
+    def advance_to(self, period: int) -> bool:
+        """Go on to the change at *period*; return whether the output changed."""
+        before = self.pointer
+        while self._at + self._left <= period:
+            self._at += self._left
+            self._complete()
+            if not self._pattern:
+                self._passes_to_tell = max(0, self._passes_to_tell - 1)
+                break
+        return self.pointer != before
+
+    def skip_to(self, period: int) -> None:
+        """Go on to *period*; nobody asks for the changes on the way."""
+        if not self._counts:
+            return
+        cycle = self._cycle()
+        while (left := self._left) <= period - self._at:
+            self._at += left
+            self._complete()
+            if not self._pattern:
+                self._at += (period - self._at) // cycle * cycle
+        self._passed += period - self._at
+        self._at = period
+
+    def commit(self, durations: bytes) -> None:
+        """Take other durations from now on."""
+        self.durations = durations
+        self._passes_to_tell = 2
+
+    def restart(self) -> None:
+        """Show the first pattern; the counters go on."""
+        self.pointer = 0
+        self._passes_to_tell = 2
+
+    def show(self, pattern: int) -> None:
+        """Show *pattern*; this firmware counts no periods."""
+        self.pointer = pattern
+
+    @property
+    def _left(self) -> int:
+        """Periods until the pattern whose duration counts is complete, at least 1."""
+        return (self.durations[self._pattern] - self._passed - 1) % _COUNTER + 1
+
+    @property
+    def _is_constant(self) -> bool:
+        """True if only the first pattern is ever shown."""
+        return not (self.pointer or self._pattern) and self._is_last(0)
+
+    def _is_last(self, pattern: int) -> bool:
+        return pattern + 1 == len(self.durations) or not self.durations[pattern + 1]
+
+    def _complete(self) -> None:
+        """Advance to the next pattern; return to the first one after the last."""
+        self._passed = 0
+        if self._is_last(self._pattern):
+            self._pattern = self.pointer = 0
+        else:
+            self._pattern += 1
+            self.pointer += 1
+
+    def _cycle(self) -> int:
+        """Return the length of the playlist in periods."""
+        periods, pattern = self.durations[0] or _COUNTER, 0
+        while not self._is_last(pattern):
+            pattern += 1
+            periods += self.durations[pattern]
+        return periods
+
+
+class UnsteadyUnit(LatchingUnit):
+    """A unit whose processor makes the carrier as well; see :class:`~..unit.Unit`.
+
+    Parameters
+    ----------
+    unit : Unit
+        What the boards do apart from that.
+    usual : CarrierState
+        The carrier while no byte arrives.
+    is_disturbed : bool
+        Whether bytes that arrive draw periods out.
+    """
+
+    def __init__(self, unit: Unit, usual: CarrierState, *, is_disturbed: bool) -> None:
+        super().__init__()
+        self.counters = unit.counters
+        self._unit, self._usual, self._is_disturbed = unit, usual, is_disturbed
+        self._carrier = usual
+        self._changes: deque[tuple[int, CarrierState]] = deque()
+        self._collect()
+
+    def hear(self, begin_us: float, end_us: float) -> None:
+        """Draw the periods out while bytes arrive."""
+        if not self._is_disturbed:
+            return
+        if self._changes and self._changes[-1][0] >= math.floor(begin_us):
+            self._changes.pop()  # back to back
+        else:
+            self._changes.append((math.ceil(begin_us), CarrierState.DRAWN_OUT))
+        self._changes.append((math.floor(end_us), self._usual))
+
+    def take(self, operation: Operation, t_us: int) -> Sequence[Reply | bytes]:
+        """Do *operation*; return what the boards answer."""
+        replies = self._unit.take(operation, t_us)
+        self._collect()
+        return replies
+
+    def next_event_us(self) -> int | None:
+        """Return when the boards, or the carrier, next change by themselves."""
+        change_us = self._changes[0][0] if self._changes else None
+        return earliest_board_time(self._unit.next_event_us(), change_us)
+
+    def advance_to(self, t_us: int) -> Sequence[Reply | bytes]:
+        """Let everything happen that is due up to *t_us*."""
+        replies: list[Reply | bytes] = []
+        while self._changes and self._changes[0][0] <= t_us:
+            changed_us, self._carrier = self._changes.popleft()
+            replies += self._unit.advance_to(changed_us)
+            self._collect()
+            again = dataclasses.replace(self._shown, t_latch_us=changed_us, cause=UPLOAD)
+            self._keep(again)
+        replies += self._unit.advance_to(t_us)
+        self._collect()
+        return replies
+
+    def _collect(self) -> None:
+        for latch in self._unit.take_latches():
+            self._keep(latch)
+
+    def _keep(self, latch: PulseLatch) -> None:
+        if self._carrier is CarrierState.HALVED:
+            self.counters[_HALVED] += 1
+        self._shown = dataclasses.replace(latch, carrier=self._carrier)
+        self._latches.append(self._shown)

@@ -8,12 +8,12 @@ from haptogram.acoustics import AcousticModel, NoFocus, NotSingle, SingleFocus
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import (
+    BackdoorReader,
     is_observed_latch_of,
     observations_of_backdoor,
     observations_on_clock_of,
     observed_silences_on_clock_of,
 )
-from haptogram.evidence.backdoor_stream import BackdoorReader
 from haptogram.records.frame import Evidence, FrameKey
 from latched_drives import intend, seen
 from sim_device.backdoor.recorder import InlineReconstructionWorker

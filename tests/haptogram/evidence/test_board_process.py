@@ -25,7 +25,6 @@ def start(program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Boar
         "Popen",
         lambda _, **options: popen([sys.executable, "-c", program], **options),
     )
-    monkeypatch.setattr(board_process, "_HUNG_S", 1.0)
     monkeypatch.setattr(board_process, "_SLOW_S", 0.2)
     return BoardProcess([], tmp_path / "log")
 
@@ -51,7 +50,7 @@ def test_a_slow_start_is_waited_for_and_told(
 @pytest.mark.parametrize(
     ("program", "said"),
     [
-        (STARTS + "input()", r"the virtual board hangs: .* for 1 s \(compiling\)"),
+        (STARTS + "input()", r"the virtual board hangs: .* after 1 s \(compiling\)"),
         ("input()", r"hangs: .* \(starting the Python interpreter\)"),
         ("print('no memory'); raise SystemExit(3)", "ended with status 3: no memory"),
         ("raise SystemExit(3)", "ended with status 3: it said nothing"),
@@ -60,6 +59,7 @@ def test_a_slow_start_is_waited_for_and_told(
 def test_one_that_hangs_or_ends_is_an_error_with_its_last_words(
     program: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(board_process, "_LONGEST_START_S", 1.0)
     board = start(program, tmp_path, monkeypatch)
     try:
         with pytest.raises(ConfigurationError, match=said):

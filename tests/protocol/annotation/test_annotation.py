@@ -9,9 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram_protocol.annotation.frames import Annotated, Annotator, FrameAnnotator
+from haptogram_protocol.annotation.frames import (
+    Annotated,
+    Annotator,
+    FrameAnnotator,
+    annotated_fields_of,
+    annotated_message_text,
+)
 from haptogram_protocol.annotation.operations import OperationAnnotator
-from haptogram_protocol.annotation.words import annotated_fields_of, annotated_message_text
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, FrameDecoder, encode_frame
 from haptogram_protocol.messages import MESSAGES, Error, Header, Message

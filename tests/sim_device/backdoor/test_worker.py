@@ -20,8 +20,11 @@ from haptogram_protocol.messages import LatchKey
 from sim_device.backdoor import recorder as recorder_module
 from sim_device.backdoor import worker as reconstruction
 from sim_device.backdoor.recorder import BackdoorEstimator, InlineReconstructionWorker
-from sim_device.backdoor.worker import ReconstructionWorker
-from sim_device.backdoor.worker_batches import packed_worker_batch, unpacked_worker_batches
+from sim_device.backdoor.worker import (
+    ReconstructionWorker,
+    packed_worker_batch,
+    unpacked_worker_batches,
+)
 from sim_device.board.events import Latch, SessionOpened
 from sim_device.board.settings import BoardSettings
 
@@ -224,7 +227,7 @@ def test_a_board_that_is_told_to_end_at_its_start_waits_for_its_worker(tmp_path,
         raise SystemExit(0)
 
     monkeypatch.setattr(reconstruction, "_start_worker_process", start)
-    monkeypatch.setattr(reconstruction, "_read_worker_line", leave)
+    monkeypatch.setattr(ReconstructionWorker, "_await_ready", leave)
     with pytest.raises(SystemExit):
         ReconstructionWorker(SETTINGS, "unix:door", reconstruct=False)
     assert started[0].returncode == 0

@@ -10,15 +10,14 @@ from hypothesis import strategies as st
 from dialect_boards import DialectBoard
 from dialect_frames import mega64_frame
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
-from haptogram_protocol.dialects.ultraino.arduino.firmware import MEGA64_FIRMWARE
+from haptogram_protocol.dialects.ultraino.arduino.operations import MEGA64_FIRMWARE
 from haptogram_protocol.dialects.ultraino.arduino.slots import (
     MEGA64_LAYOUT,
     NANO8_LAYOUT,
     NANO16_LAYOUT,
     Pulse,
 )
-from sim_device.dialects.ultraino.playlist import ArduinoPlaylist
-from sim_device.dialects.ultraino.slot_boards import Outputs, SlotBoards
+from sim_device.dialects.ultraino.slot_boards import ArduinoPlaylist, Outputs, SlotBoards
 
 PATTERNS = 5
 

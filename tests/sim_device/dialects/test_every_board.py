@@ -165,7 +165,7 @@ def test_latches_travel_to_the_worker_and_become_records(wire):
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({"mutant": "clock-steps"}, "mutant"),
+        ({"mutant": "mute-ignored"}, "mutant"),
         ({"fault": ("frame.crc",)}, "frame.crc"),
         ({"fault": ("device.clock",)}, "device.clock"),
         ({"fault": ("device.status",)}, "device.status"),

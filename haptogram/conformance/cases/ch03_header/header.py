@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.annotation.frames import annotated_frame_text, annotated_type_name
 from haptogram_protocol.rules import UPLOADS
 from haptogram_protocol.state import OutputState
 

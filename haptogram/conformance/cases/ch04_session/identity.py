@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.annotation.frames import annotated_type_name
 from haptogram_protocol.framing import HEADER_BYTES, MAX_BODY_BYTES, MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.rules import unsupported_types
 from haptogram_protocol.state import OutputState

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.annotation.frames import annotated_frame_text
-from haptogram_protocol.annotation.words import annotated_type_name
+from haptogram_protocol.annotation.frames import annotated_frame_text, annotated_type_name
 
 from ...case import Depth, case, case_about_host, case_about_text
 from ...client.board_client import BoardClient

@@ -9,8 +9,16 @@ from typing import Any, Final
 
 from ..codec import Operation, Reply, no_dialect_bytes_for
 from .cursor import FpgaChannelCursor
-from .operations import Begin, BeginAmplitudes, Select, SetAmplitudes, SetPhases, Swap
-from .rules import FpgaByteRules, FpgaCodes
+from .operations import (
+    Begin,
+    BeginAmplitudes,
+    FpgaByteRules,
+    FpgaCodes,
+    Select,
+    SetAmplitudes,
+    SetPhases,
+    Swap,
+)
 
 
 @dataclass(slots=True)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from ...errors import LocalProtocolError
 from ..codec import Operation
-from .operations import Begin, BeginAmplitudes, Select, SetAmplitudes, SetPhases, Swap
-from .rules import FpgaCodes
+from .operations import Begin, BeginAmplitudes, FpgaCodes, Select, SetAmplitudes, SetPhases, Swap
 
 
 class FpgaChannelCursor:

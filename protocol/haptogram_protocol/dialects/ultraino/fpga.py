@@ -26,22 +26,21 @@ from __future__ import annotations
 
 import functools
 import re
-from typing import Final
+from typing import Final, TypeVar
 
 from ...errors import LocalProtocolError
 from ..codec import Dialect, Operation
 from ..fpga_bytes.board_end import FpgaBoardEnd
-from ..fpga_bytes.display import FpgaDisplay
-from ..fpga_bytes.host_end import FpgaHostEnd
+from ..fpga_bytes.host_end import FpgaDisplay, FpgaHostEnd
 from ..fpga_bytes.operations import (
     Begin,
     BeginAmplitudes,
     Clocks,
+    FpgaByteRules,
     Select,
     Swap,
     ToggleMultiplex,
 )
-from ..fpga_bytes.rules import FpgaByteRules
 
 CHANNELS: Final = 256
 CHANNELS_128: Final = 72
@@ -65,30 +64,17 @@ RULES_128: Final = FpgaByteRules(
 )
 
 
-def _ultraino_board_end(*, fb: str = FALLS_THROUGH) -> FpgaBoardEnd:
-    """Return the board-side decoder for the given byte format of the firmware."""
-    return FpgaBoardEnd(_simple_ultraino_dialect(fb))
+_End = TypeVar("_End", FpgaBoardEnd, FpgaHostEnd)
 
 
-def _ultraino_host_end(*, fb: str = FALLS_THROUGH) -> FpgaHostEnd:
-    """Return the host-side encoder for the given byte format of the firmware."""
-    return FpgaHostEnd(_simple_ultraino_dialect(fb))
-
-
-def _simple_ultraino_dialect(fb: str) -> FpgaByteRules:
+def _simple_ultraino_end(end: type[_End], *, fb: str = FALLS_THROUGH) -> _End:
     if fb not in RULES:
         raise LocalProtocolError(f"fb={fb!r}; it is one of {', '.join(map(repr, RULES))}")
-    return RULES[fb]
+    return end(RULES[fb])
 
 
-def _chained_ultraino_board_end(*, boards: int = 2) -> FpgaBoardEnd:
-    """Return the board-side decoder for a chain of *boards*, 1 to 16."""
-    return FpgaBoardEnd(chained_ultraino_rules(boards), boards)
-
-
-def _chained_ultraino_host_end(*, boards: int = 2) -> FpgaHostEnd:
-    """Return the host-side encoder for a chain of *boards*, 1 to 16."""
-    return FpgaHostEnd(chained_ultraino_rules(boards), boards)
+def _chained_ultraino_end(end: type[_End], *, boards: int = 2) -> _End:
+    return end(chained_ultraino_rules(boards), boards)
 
 
 def chained_ultraino_rules(boards: int) -> FpgaByteRules:
@@ -114,8 +100,8 @@ SIMPLE: Final = Dialect(
     steps=32,
     channels=CHANNELS,
     frame_bytes=lambda boards: (CHANNELS + 2) * boards,
-    board=_ultraino_board_end,
-    host=_ultraino_host_end,
+    board=functools.partial(_simple_ultraino_end, FpgaBoardEnd),
+    host=functools.partial(_simple_ultraino_end, FpgaHostEnd),
     signature=re.compile(rb"(?<![\xa0-\xbf])\xfe[\x00-\x20]{256}(?:\xfb[\x00-\x10]{256})?\xfd"),
     display=lambda _: FpgaDisplay(RULES[FALLS_THROUGH], 32),
     layout="ultraino-sonicsurface",
@@ -140,8 +126,8 @@ CHAINED: Final = Dialect(
     steps=32,
     channels=CHANNELS,
     frame_bytes=lambda boards: (CHANNELS + 1) * boards + 1,
-    board=_chained_ultraino_board_end,
-    host=_chained_ultraino_host_end,
+    board=functools.partial(_chained_ultraino_end, FpgaBoardEnd),
+    host=functools.partial(_chained_ultraino_end, FpgaHostEnd),
     signature=re.compile(rb"(?<!\xfe)(?:[\xc0-\xcf][\x00-\x20]{256})+\xfd"),
     display=lambda boards: FpgaDisplay(chained_ultraino_rules(boards), 32, boards),
     layout="ultraino-sonicsurface-stack",

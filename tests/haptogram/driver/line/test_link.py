@@ -1,7 +1,6 @@
 import pytest
 
-from haptogram.driver.line.handshake import open_line_session
-from haptogram.driver.line.link import Link
+from haptogram.driver.line.link import Link, open_line_session
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
 from haptogram_protocol import HostConnection
 from haptogram_protocol.connection import EventReceived

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 pytest.importorskip("mcap")
 
 from haptogram.errors import NoAnswerError
-from haptogram.evidence.recordings.real_time import ReplayFrameShifter
+from haptogram.evidence.recordings.replay import ReplayFrameShifter
 from haptogram_protocol.annotation.frames import FrameAnnotator
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header, MessageType

@@ -31,12 +31,10 @@ from haptogram.evidence.recordings.channels import (
     TO_HOST,
     VERSION,
 )
-from haptogram.evidence.recordings.clock import RecordingClock
-from haptogram.evidence.recordings.reader import Recording, RecordingEntry
+from haptogram.evidence.recordings.reader import Recording, RecordingEntry, repair_recording
 from haptogram.evidence.recordings.recorded_run import record_intended, recorded_run
-from haptogram.evidence.recordings.repair import repair_recording
 from haptogram.evidence.recordings.replay import replay_recording
-from haptogram.evidence.recordings.writer import RecordingWriter
+from haptogram.evidence.recordings.writer import RecordingClock, RecordingWriter
 from haptogram.records.latch import Codes, LatchRecord
 from haptogram.settings.board import BoardConfig
 from haptogram_protocol.framing import encode_frame

@@ -24,8 +24,7 @@ import sim_device
 from haptogram.cli import main
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError
-from haptogram.evidence.backdoor import board_model_of_evidence
-from haptogram.evidence.backdoor_stream import BackdoorReader
+from haptogram.evidence.backdoor import BackdoorReader, board_model_of_evidence
 from haptogram.machine.provenance import UNSTATED
 from haptogram.report.formats.html import render_document_page
 from haptogram.report.viewer.live import KEPT, LiveViewerScene

@@ -38,7 +38,7 @@ from haptogram_protocol.dialects.autd3.operations import (
     Truncated,
     Unsupported,
 )
-from sim_device.dialects.autd3.unit import Autd3Unit
+from sim_device.dialects.autd3.unit import PERIOD_US, Autd3Unit, Devices
 from strategies_dialects import device_operations
 
 AT_ORIGIN = Pose((0, 0, 0), (1, 0, 0, 0))
@@ -90,47 +90,47 @@ ERRORS = [
 
 @pytest.mark.parametrize(("operation", "error"), ERRORS)
 def test_every_operation_has_its_error(operation, error) -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     assert answered(unit, operation) == Autd3DeviceState(1, error)
     name = f"refused_{ErrorCode(error).name.lower()}"
     assert unit.counters[name] == bool(error)
 
 
 def test_the_first_error_ends_a_frame() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     assert answered(unit, Unsupported(0x60), GAIN).error == 1
     unit.advance_to(1000)
     assert [latch.cause for latch in unit.take_latches()] == ["power-up"]
 
 
 def test_an_id_above_15_is_refused() -> None:
-    assert answered(Autd3Unit(0), message_id=16) == Autd3DeviceState(
+    assert answered(Autd3Unit(Devices(), 0), message_id=16) == Autd3DeviceState(
         16, ErrorCode.INVALID_MESSAGE_ID
     )
 
 
 def test_a_frame_with_the_id_of_the_last_changes_nothing() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     answered(unit, GAIN)
     unit.take(Write((Autd3DeviceFrame(1, (), repeated=True),)), 150)
     assert unit.take(Read(), 150) == [Autd3States((Autd3DeviceState(1),))]
 
 
 def test_firmware_is_v12_1_0() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     found = [answered(unit, FirmwareInfo(kind), message_id=kind).data for kind in range(1, 6)]
     assert found == [0xA5, 0, 0xA5, 0, 0]
 
 
 def test_the_link_is_answered() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     for operation in (Hello(), Open((AT_ORIGIN,)), Close()):
         assert unit.take(operation, 5) == [Accepted()]
     assert unit.take(Undecodable("why"), 6) == [Autd3Refused("why")]
 
 
 def test_another_number_of_devices_is_refused() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     (reply,) = unit.take(Open((AT_ORIGIN, AT_ORIGIN)), 1)
     assert reply == Autd3Refused("2 devices are opened, this board has 1")
     (reply,) = unit.take(Write((Autd3DeviceFrame(1, (GAIN,)), Autd3DeviceFrame(1, (GAIN,)))), 2)
@@ -139,7 +139,7 @@ def test_another_number_of_devices_is_refused() -> None:
 
 
 def test_devices_have_their_own_operations_and_share_a_clock() -> None:
-    unit = Autd3Unit(0, devices=3)
+    unit = Autd3Unit(Devices(devices=3), 0)
     frames = tuple(
         Autd3DeviceFrame(1, (Gain(0, True, bytes([number, 255] * CHANNELS)),))
         for number in (1, 2, 3)
@@ -153,7 +153,7 @@ def test_devices_have_their_own_operations_and_share_a_clock() -> None:
 
 
 def test_what_changes_by_itself_is_shown_every_250_us_at_the_most() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     answered(unit, JUMP, GAIN, message_id=1, t_us=10)
     samples = bytes(range(100))
     start = ModulationStart(IMMEDIATE, 1, 0xFFFF, 0)
@@ -165,7 +165,7 @@ def test_what_changes_by_itself_is_shown_every_250_us_at_the_most() -> None:
 
 
 def test_a_modulation_of_4_khz_is_shown_step_by_step() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     answered(unit, GAIN, message_id=1, t_us=10)
     samples = bytes([10, 60, 110, 160])
     start = ModulationStart(IMMEDIATE, 10, 0xFFFF, 0)
@@ -188,7 +188,7 @@ def looked_at(unit: Autd3Unit, until_us: int) -> int:
 
 
 def test_samples_that_change_nothing_cost_two_looks_in_250_us_at_the_most() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     answered(unit, JUMP, GAIN, message_id=1, t_us=10)
     start = ModulationStart(IMMEDIATE, 1, 0xFFFF, 0)
     answered(unit, Modulation(0, b"\xff\xff", start, True, True), message_id=2, t_us=20)
@@ -196,7 +196,7 @@ def test_samples_that_change_nothing_cost_two_looks_in_250_us_at_the_most() -> N
 
 
 def test_samples_that_change_nothing_make_no_sequence_late() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     steady = Modulation(0, b"\xff\xff", ModulationStart(IMMEDIATE, 10, 0xFFFF, 0), True, True)
     answered(unit, JUMP, steady, message_id=1, t_us=10)
     foci = bytes([0, 0, 0, 0, 4, 0, 0, 255]) + bytes([200, 1, 0, 0, 4, 0, 0, 255])
@@ -209,7 +209,7 @@ def test_samples_that_change_nothing_make_no_sequence_late() -> None:
 
 @given(data=st.data())
 def test_any_operations_are_answered_in_bounded_memory(data: st.DataObject) -> None:
-    unit = Autd3Unit(0, periods_between_latches=1)
+    unit = Autd3Unit(Devices(latch_us=PERIOD_US), 0)
     t_us = 0
     for number in range(data.draw(st.integers(1, 8))):
         operation = data.draw(device_operations(1))
@@ -221,7 +221,7 @@ def test_any_operations_are_answered_in_bounded_memory(data: st.DataObject) -> N
 
 
 def test_sequences_longer_than_the_memory_are_cut_and_counted() -> None:
-    unit = Autd3Unit(0)
+    unit = Autd3Unit(Devices(), 0)
     answered(
         unit,
         Modulation(0, b"\1" * 600, ModulationStart(IMMEDIATE, 10, 0xFFFF, 0), False, False),

@@ -15,7 +15,7 @@ from haptogram.verification.watch import SeenLatch, Watch
 from haptogram_protocol.dialects.autd3.frame import Autd3DeviceState
 from haptogram_protocol.dialects.autd3.link import Autd3BoardEnd
 from haptogram_protocol.dialects.autd3.messages import Accepted, Autd3States
-from sim_device.dialects.autd3.unit import Autd3Unit
+from sim_device.dialects.autd3.unit import Autd3Unit, Devices
 
 DATA = Path(__file__).parents[3] / "data" / "dialects" / "autd3" / "pyautd3_38.0.1.json"
 CASES = json.loads(DATA.read_text())
@@ -39,7 +39,7 @@ def played(name):
     """Return latches and replies of a unit that gets what the client sent, when it sent it."""
     sent = CASES[name]["sent"]
     first = sent[0][0] - EARLIER
-    unit = Autd3Unit(0, system_ns=first * PERIOD_US * 1000, periods_between_latches=1)
+    unit = Autd3Unit(Devices(system_ns=first * PERIOD_US * 1000, latch_us=PERIOD_US), 0)
     board, replies = Autd3BoardEnd(), []
     for period, packed in sent[:-1]:
         t_us = (period - first) * PERIOD_US - 1

@@ -8,10 +8,9 @@ from typing import Final
 
 from ...codec import Dialect
 from .board_end import ArduinoBoardEnd
-from .display import ONE_PATTERN, SlotDisplay
-from .firmware import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoFirmware
-from .host_end import ArduinoHostEnd
+from .host_end import ONE_PATTERN, ArduinoHostEnd, SlotDisplay
 from .line_bytes import BYTES_OF_DURATION, COMMAND, DURATION_BYTES, OTHER_HOPS, PARTS, SWAP
+from .operations import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoFirmware
 from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, ArduinoSlotLayout
 
 
