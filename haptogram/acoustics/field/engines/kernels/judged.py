@@ -12,11 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_checked_entry, jit_sums
-from haptogram.acoustics.field.engines.kernels.peaks import (
-    climb_kernel,
-    expected_peak_kernel,
-    length_kernel,
-)
+from haptogram.acoustics.field.engines.kernels.peaks import peak_apart_kernel
 from haptogram.acoustics.field.engines.kernels.pistons import (
     arrivals_at_kernel,
     cos_sin_turns_kernel,
@@ -104,28 +100,6 @@ def _is_in_place_kernel(offset: F8, axis: F8, found: F8) -> bool:
     return inside
 
 
-@jit_checked
-def _peak_error_kernel(
-    latched: F8, ideal: F8, target: F8, axes: F8, metric: F8, both: bool, medium: F8,
-    settings: F8, limit: float, sides: F8,
-) -> float:  # fmt: skip
-    """Return the distance of the peak of *latched* from that of *ideal*, in radians.
-
-    Negative: -1 where either is unclear, -2 where it is more than rounding explains.
-    """
-    place, rounding, offset = np.empty(3), np.empty(2), np.zeros(2)
-    if not expected_peak_kernel(
-        ideal, target, axes, metric, both, medium, settings, limit, sides, place, rounding
-    ):
-        return -1.0
-    if not climb_kernel(latched, place, axes, metric, both, medium, settings, offset):
-        return -1.0
-    for i in range(2 if both else 1):
-        if not abs(offset[i]) <= settings[7] * rounding[i] + settings[8]:
-            return -2.0
-    return length_kernel(offset[0], offset[1], metric)
-
-
 @jit_checked_entry
 def judged_frames_kernel(
     codes: NDArray[np.uint8], turn: float, targets: F8, axes: F8, distances: F8, offsets: F8,
@@ -140,7 +114,7 @@ def judged_frames_kernel(
     overwritten. Sets *found* (F, MEASURES) and *answers* (F,).
     """
     count, ideal = latched.shape[1], latched.copy()
-    waves, sides = np.empty((6, count)), np.empty((4, 6, count))
+    waves = np.empty((6, count))
     matrix, inverse, distance, equal = np.empty(9), np.empty(6), np.empty(count), np.ones(count)
     metrics, wavenumber, lost_share = np.empty((2, 3)), 2.0 * math.pi * medium[0], settings[5]
     for f in range(len(codes)):
@@ -174,9 +148,9 @@ def judged_frames_kernel(
         settings[5] = lost_share * distances[f]
         across, along = 0.0, 0.0
         for i in range(2):
-            across, along = along, _peak_error_kernel(
+            across, along = along, peak_apart_kernel(
                 latched, ideal, target, axes[f, 2 * i :], metrics[i], i == 0, medium, settings,
-                limit, sides,
+                limit,
             )  # fmt: skip
         measures[PEAK] = max(across, along)
         if min(across, along) == -1.0:

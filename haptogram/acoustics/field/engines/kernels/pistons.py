@@ -63,18 +63,41 @@ def cos_sin_turns_kernel(turns: Any) -> Any:
 @jit_inline
 def wave_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
     """Return distance, its inverse, and the magnitude of a piston at unit weight."""
+    distance, inverse, size, _, _ = wave_slope_kernel(dx, dy, dz, medium)
+    return distance, inverse, size
+
+
+@jit_inline
+def wave_slope_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
+    """Return distance, its inverse, the magnitude of a piston at unit weight, and its slopes.
+
+    They are the derivatives along the ray, the height kept, and along the height.
+    """
     d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, d12 = _GAIN
     l0, l1, l2, l3, l4, l5, l6, l7 = _LOSS
     square = dx * dx + dy * dy + dz * dz
     distance = np.sqrt(square)
     inverse = 1.0 / distance
-    height = dx * medium[4] + dy * medium[5] + dz * medium[6]
-    q = medium[3] * (1.0 - (height * inverse) * (height * inverse))
+    cosine = (dx * medium[4] + dy * medium[5] + dz * medium[6]) * inverse
+    q = medium[3] * (1.0 - cosine * cosine)
     high = d6 + q * (d7 + q * (d8 + q * (d9 + q * (d10 + q * (d11 + q * d12)))))
     gain = d0 + q * (d1 + q * (d2 + q * (d3 + q * (d4 + q * (d5 + q * high)))))
+    e6, e7, e8, e9 = 6.0 * d6, 7.0 * d7, 8.0 * d8, 9.0 * d9
+    turn = e6 + q * (
+        e7 + q * (e8 + q * (e9 + q * (10.0 * d10 + q * (11.0 * d11 + q * 12.0 * d12))))
+    )
+    turn = d1 + q * (2.0 * d2 + q * (3.0 * d3 + q * (4.0 * d4 + q * (5.0 * d5 + q * turn))))
     u = medium[2] * distance
     loss = l0 + u * (l1 + u * (l2 + u * (l3 + u * (l4 + u * (l5 + u * (l6 + u * l7))))))
-    return distance, inverse, medium[1] * gain * loss * inverse
+    level = medium[1] * loss * inverse
+    rising = -2.0 * medium[3] * cosine * inverse * turn * level
+    return (
+        distance,
+        inverse,
+        level * gain,
+        -level * gain * (inverse + medium[2]) - rising * cosine,
+        rising,
+    )
 
 
 @jit_inline
