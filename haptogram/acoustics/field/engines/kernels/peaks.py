@@ -54,10 +54,7 @@ def _with_heights_kernel(axes: Any, medium: Any) -> Any:
 def _peak_sums_kernel(
     places: F8, x: float, y: float, z: float, axes: F8, medium: F8, sums: F8
 ) -> None:
-    """Set the *sums* (SUMS,) of the waves at a place.
-
-    No loop here stores what it finds of each element: then it would not be vectorised.
-    """
+    """Set the *sums* (SUMS,) of the waves at a place."""
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     both, k = _with_heights_kernel(axes, medium), 2.0 * math.pi * medium[0]
     s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -120,7 +117,7 @@ def _level_kernel(
 
 @jit_checked
 def _square_kernel(sums: F8) -> float:
-    return sums[0] * sums[0] + sums[1] * sums[1]
+    return float(sums[0] * sums[0] + sums[1] * sums[1])
 
 
 @jit_checked
