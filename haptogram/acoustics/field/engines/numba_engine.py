@@ -206,7 +206,7 @@ class NumbaEngine:
     def disc_arguments(
         self, axes: FloatArray, nodes_m: FloatArray, areas_m2: FloatArray
     ) -> tuple[object, object]:
-        """Return what the loop for the stress on a disc takes of it, and of this engine.
+        """Return the arguments that the loop for the stress on a disc takes of disc and engine.
 
         Parameters
         ----------

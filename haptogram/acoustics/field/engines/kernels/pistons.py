@@ -200,7 +200,7 @@ def inverse_symmetric_kernel(matrix: F8, inverse: F8) -> float:
 
 @jit_sums
 def response_sums_kernel(places: F8, point: F8, mean: F8, inverse: F8, sums: F8) -> None:
-    """Set what the unit vectors to a point, less their *mean*, add up to, seen through *inverse*.
+    """Set the sums of the unit vectors to a point, less their *mean*, seen through *inverse*.
 
     *sums* (7,): of the magnitudes along x, y and z, of the squares, and of x, y and z times the
     distances.
