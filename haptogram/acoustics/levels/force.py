@@ -12,7 +12,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import FloatArray, as_complex_array, as_coordinates
+from haptogram.acoustics.arrays import (
+    ComplexArray,
+    FloatArray,
+    as_complex_array,
+    as_coordinates,
+)
+from haptogram.acoustics.field.engines.numba_engine import NumbaEngine
 from haptogram.acoustics.field.reference import FieldEngine, NumpyEngine
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.medium import Medium
@@ -24,7 +30,7 @@ from haptogram.settings.arguments import check_number, check_positive
 _REFERENCE_PRESSURE_PA: Final = 20e-6
 _TOTAL_REFLECTION: Final = 2.0
 _DISC_RADIUS_M: Final = 0.010
-_STENCIL_RAD: Final = 0.1  # half the span of a difference, as a phase: force is off by 0.3 %
+_STENCIL_RAD: Final = 1e-3  # half the span of a difference, as a phase
 _NO_LENGTH: Final = 1e-9
 
 
@@ -143,18 +149,21 @@ class ReflectingDisc:
     ) -> None:
         check_number("radius_m", radius_m, 1e-6, 0.1)
         self.engine = engine
-        wavenumber, axes = engine.model.wavenumber, _force_disc_axes(engine.model.array, normal)
-        nodes_m, self._areas_m2 = force_disc_nodes(radius_m, wavenumber)
+        self._axes = _force_disc_axes(engine.model.array, normal)
+        nodes_m, self._areas_m2 = force_disc_nodes(radius_m, engine.model.wavenumber)
         across = np.eye(3)[:2]
-        stencil_m = np.concatenate([np.zeros((1, 3)), across, -across]) * _STENCIL_RAD / wavenumber
-        self._nodes_m = (stencil_m[:, None] + nodes_m).reshape(-1, 3) @ axes
+        stencil_m = np.concatenate([np.zeros((1, 3)), across, -across])
+        stencil_m *= _STENCIL_RAD / engine.model.wavenumber
+        self._stencils_m = (stencil_m[:, None] + nodes_m).reshape(-1, 3) @ self._axes
+        self._nodes_m = self._stencils_m[: len(nodes_m)]
+        if isinstance(engine, NumbaEngine):
+            #: Of the compiled loop, besides drive and centre.
+            self.kernel_arguments = engine.disc_arguments(self._axes, nodes_m, self._areas_m2)
 
     @property
-    def kernel_arguments(self) -> tuple[FloatArray, FloatArray, float, float]:
-        """Nodes of all stencils, areas, and stress per |p|^2 and per squared difference."""
-        per_pa2 = float(radiation_pressure_pa(1.0, self.engine.model.medium))
-        per_slope2 = per_pa2 / (2.0 * math.sin(_STENCIL_RAD)) ** 2
-        return np.ascontiguousarray(self._nodes_m), self._areas_m2, per_pa2, per_slope2
+    def force_per_stress(self) -> float:
+        """Newtons per Pa^2 m^2 of |p|^2 less |rho c v|^2."""
+        return float(radiation_pressure_pa(1.0, self.engine.model.medium))
 
     def force_n(self, weights: ArrayLike, centre_m: ArrayLike) -> float:
         """Return the force, in newtons, of (N,) *weights* on the disc around (3,) *centre_m*.
@@ -165,16 +174,24 @@ class ReflectingDisc:
             Weights of several drives, or a disc that touches an element or reaches behind the
             array.
         """
-        nodes_m = as_coordinates("centre_m", centre_m) + self._nodes_m
-        pressure = self.engine.pressure(weights, nodes_m)
+        centre, engine = as_coordinates("centre_m", centre_m), self.engine
+        stress = None
+        if isinstance(engine, NumbaEngine):
+            points_m = centre + self._nodes_m
+            stress = engine.disc_stress(weights, centre, points_m, self.kernel_arguments)
+        if stress is None:
+            stress = self._stress(engine.pressure(weights, centre + self._stencils_m))
+        return self.force_per_stress * stress
+
+    def _stress(self, pressure: ComplexArray) -> float:
+        """Return the integral of |p|^2 less |rho c v|^2 along the disc, in Pa^2 m^2."""
         if pressure.ndim != 1:
             raise ConfigurationError(f"{len(pressure)} drives, the force is that of one")
         here, *around = pressure.reshape(5, -1)
-        # dp/d(kx), rho c v_t but for a factor j; the sine makes it exact for a wave along the disc.
+        # dp/d(kx), rho c v but for a factor j; the sine makes it exact for a wave along the disc.
         slopes = np.subtract(around[:2], around[2:]) / (2.0 * math.sin(_STENCIL_RAD))
-        along, across = radiation_pressure_pa(slopes, self.engine.model.medium)
-        stress = radiation_pressure_pa(here, self.engine.model.medium) - along - across
-        return float(stress @ self._areas_m2)
+        squares = np.abs(here) ** 2 - (np.abs(slopes) ** 2).sum(axis=0)
+        return float(squares @ self._areas_m2)
 
 
 def _force_disc_axes(array: TransducerArray, normal: ArrayLike | None) -> FloatArray:

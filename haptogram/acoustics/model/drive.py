@@ -199,7 +199,7 @@ def quantise_phase(phases_rad: ArrayLike, bits: int) -> PhaseCodes:
         raise ConfigurationError(f"a phase is {worst:g} rad, at most {_MAX_PHASE_RAD:g}")
     steps = np.floor(phases * ((1 << bits) / _TURN_RAD) + 0.5).astype(np.int64)
     # The remainder is taken among integers: casting a negative float is undefined.
-    return (steps % (1 << bits)).astype(_phase_code_type(bits))
+    return (steps & ((1 << bits) - 1)).astype(_phase_code_type(bits))
 
 
 def dequantise_phase(codes: PhaseCodes, bits: int) -> FloatArray:

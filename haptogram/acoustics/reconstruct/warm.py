@@ -16,7 +16,6 @@ from haptogram.acoustics.model.drive import (
     FULL_AMPLITUDE,
     REGISTER_BITS,
     Drive,
-    dequantise_phase,
     phase_step_rad,
 )
 from haptogram.acoustics.model.model import AcousticModel
@@ -31,7 +30,6 @@ CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M  # a fit nearer to an element 
 REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M  # nor is one this far away: a plane wave
 COARSE_RAD: Final = math.tau / 8.0 * (1.0 - 1e-9)  # phase step with ambiguous places (3 bits)
 _DISC_M: Final = 0.012  # above the highest element: a disc there touches none, however it lies
-_MANY: Final = 64  # elements whose errors average out in single precision
 _ALL: Final = (True, True, True)
 _LEAST_QUICK_RAD: Final = phase_step_rad(REGISTER_BITS) / 2.0
 _QUICK_MARGIN_RAD: Final = 1e-3  # the rounding of the quick fit, and of phases between two codes
@@ -73,19 +71,17 @@ class WarmReconstructor:
         engine = disc.engine
         assert isinstance(engine, NumbaEngine)
         self._pistons = ParallelPistons.of(model)
-        self._phasors = np.exp(1j * dequantise_phase(np.arange(256, dtype=np.uint8), REGISTER_BITS))
         self._full = bytes([FULL_AMPLITUDE]) * model.array.count
         self._tracker = tracker.kernel_arguments
-        self._engine = engine.kernel_arguments(careful=model.array.count < _MANY)
-        self._disc = disc.kernel_arguments
+        self._disc = *disc.kernel_arguments, disc.force_per_stress
         least_height_m = max(CLEARANCE_M, engine.clearance_m + _DISC_M)
         self._bounds = np.array([CLEARANCE_M, REACH_M, least_height_m, LEAST_SEEN_SHARE])
 
     @classmethod
     def why_not(cls, model: AcousticModel, disc: ReflectingDisc) -> str | None:
         """Return why a model has no such reconstructor; None: it has."""
-        if not isinstance(disc.engine, NumbaEngine) or not disc.engine.is_lattice:
-            return "another field engine, or an array that is no lattice"
+        if not isinstance(disc.engine, NumbaEngine):
+            return "another field engine"
         return ParallelPistons.why_not(model)
 
     def warm_up(self, start: FloatArray) -> None:
@@ -108,9 +104,9 @@ class WarmReconstructor:
         steps_rad = np.array([one.step_rad for one in asked])
         limits_rad = steps_rad / 2.0 + 1e-9 + np.array([one.slack_rad for one in asked])
         count = kernels.focused_frames_kernel(
-            codes, self._phasors, steps_rad, limits_rad, quick_limits_rad(limits_rad),
+            codes, 1 << REGISTER_BITS, steps_rad, limits_rad, quick_limits_rad(limits_rad),
             start.copy(), self._tracker, self._bounds, self._pistons.places, self._pistons.medium,
-            self._disc, self._engine, found,
+            *self._disc, found,
         )  # fmt: skip
         return [_warm_focus(row) for row in found[:count].tolist()]
 

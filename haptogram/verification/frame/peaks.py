@@ -16,12 +16,13 @@ from haptogram.acoustics import AcousticModel, propagators
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.errors import ConfigurationError
 
-_STENCIL_M: Final = 2e-4
+_STENCIL_M: Final = 1e-5  # of the differences of magnitudes, whose waves are taken out
+_AT_TOP_M: Final = 2e-4  # a step so short leads no higher where rounding errors are larger
 _STEPS: Final = 60
 _HALVINGS: Final = 10
 _LONGEST_STEP_RAD: Final = 0.7  # longest step: the main lobe reaches to about 2
 _SETTLED_M: Final = 2e-6
-#: Error of the peak search: its last step, and the error of the differences.
+#: Error of the peak search: its last step, and rounding errors.
 _SEARCH_M: Final = 5e-6
 #: How far the ideal peak may be from the target of one focus: further away it is another one.
 NEXT_TO_TARGET_RAD: Final = 0.5
@@ -37,7 +38,7 @@ _MARGIN: Final = 1.1  # factor for the second order of the response to rounding
 TURNED_RATIO: Final = 1e-6
 #: All of these, in the order of the compiled loops.
 PEAK_SETTINGS: Final[FloatArray] = np.array([
-    _STENCIL_M, _LONGEST_STEP_RAD, _SETTLED_M, _STEPS, NEXT_TO_TARGET_RAD, LOST, _ROUND, _MARGIN,
+    _AT_TOP_M, _LONGEST_STEP_RAD, _SETTLED_M, _STEPS, NEXT_TO_TARGET_RAD, LOST, _ROUND, _MARGIN,
     _SEARCH_M, TURNED_RATIO,
 ])  # fmt: skip
 
@@ -158,8 +159,8 @@ def find_frame_peak(
 ) -> FloatArray | None:
     """Return (D,) the offset of the pressure peak next to *start_m* along the axes of *direction*.
 
-    Newton steps on ln |p|^2 with derivatives from a stencil; its curvature is replaced by that of
-    an ideal focus, -2 k^2 C, where the field is not convex.  A step that does not climb is halved.
+    Newton steps on ln |p|^2; its curvature is replaced by that of an ideal focus, -2 k^2 C, where
+    there is none.  A step that does not climb is halved.
 
     Returns
     -------
@@ -167,15 +168,12 @@ def find_frame_peak(
         None: the ascent leads to the elements or behind them, or does not settle.
     """
     axes = direction.axes
-    stencil = _frame_peak_stencil(len(axes))
-    offset, level = np.zeros(len(axes)), _frame_peak_level(model, weights, start_m + stencil @ axes)
+    offset, here = np.zeros(len(axes)), _FramePeakLevel.at(model, weights, start_m, axes)
     for _ in range(_STEPS):
-        if level is None:
+        if here is None:
             return None
-        gradient, curvature = _frame_peak_derivatives(level, len(axes))
-        if not _is_frame_peak(curvature):
-            curvature = -2.0 * direction.metric
-        newton = np.linalg.solve(-curvature, gradient)
+        curvature = here.curvature if here.is_peak else -2.0 * direction.metric
+        newton = np.linalg.solve(-curvature, here.gradient)
         length_rad = direction.length_rad(newton @ axes)
         shortened = min(1.0, _LONGEST_STEP_RAD / max(length_rad, 1e-12))
         step = np.asarray(shortened * newton, dtype=np.float64)
@@ -183,12 +181,12 @@ def find_frame_peak(
             return offset + step
         for halving in range(_HALVINGS):
             higher = offset + 0.5**halving * step
-            there = _frame_peak_level(model, weights, start_m + (higher + stencil) @ axes)
-            if there is not None and there[0] > level[0]:
+            there = _FramePeakLevel.at(model, weights, start_m + higher @ axes, axes)
+            if there is not None and there.level > here.level:
                 break
-        else:  # at the top, as far as differences over the stencil can tell
-            return offset if float(np.linalg.norm(step)) < _STENCIL_M else None
-        offset, level = higher, there
+        else:  # at the top, as far as rounding errors can tell
+            return offset if float(np.linalg.norm(step)) < _AT_TOP_M else None
+        offset, here = higher, there
     return None
 
 
@@ -208,33 +206,68 @@ def frame_peak_response(
     (D, N) numpy.ndarray or None
         None: *place_m* is no peak.
     """
-    axes = direction.axes
-    count = len(axes)
-    arrivals = _frame_peak_arrivals(model, place_m + _frame_peak_stencil(count) @ axes)
-    if arrivals is None:
+    here = _FramePeakLevel.at(model, weights, place_m, direction.axes)
+    if here is None or not here.is_peak:
         return None
-    parts = arrivals * weights
-    pressure = parts.sum(axis=1)
-    if not np.abs(pressure).min() > 0.0:
-        return None
-    _, curvature = _frame_peak_derivatives(2.0 * np.log(np.abs(pressure)), count)
-    if not _is_frame_peak(curvature):
-        return None
-    slopes = -2.0 * (parts / pressure[:, None]).imag
-    mixed = (slopes[1 : 1 + 2 * count : 2] - slopes[2 : 2 + 2 * count : 2]) / (2.0 * _STENCIL_M)
-    response: FloatArray = np.linalg.solve(-curvature, mixed)
+    shares, slopes = here.waves / here.pressure, here.slopes / here.pressure
+    mixed = -2.0 * (slopes - shares * slopes.sum(axis=1)[:, None]).imag
+    response: FloatArray = np.linalg.solve(-here.curvature, mixed)
     return response
 
 
-def _frame_peak_level(
-    model: AcousticModel, weights: ComplexArray, points: FloatArray
-) -> FloatArray | None:
-    """Return ln |p|^2 at points (M, 3); None at an element, behind the array or without sound."""
-    arrivals = _frame_peak_arrivals(model, points)
-    if arrivals is None:
-        return None
-    pressure = np.abs(arrivals @ weights)
-    return 2.0 * np.log(pressure) if pressure.min() > 0.0 else None
+@dataclass(frozen=True, slots=True, eq=False)
+class _FramePeakLevel:
+    """L = ln |p|^2 and its derivatives along D axes; the waves (N,) and slopes (D, N) of p."""
+
+    pressure: complex
+    waves: ComplexArray
+    slopes: ComplexArray
+    gradient: FloatArray
+    curvature: FloatArray
+
+    @classmethod
+    def at(
+        cls, model: AcousticModel, weights: ComplexArray, place_m: FloatArray, axes: FloatArray
+    ) -> _FramePeakLevel | None:
+        """Return those at a place; None at an element, behind the array or without sound.
+
+        With a wave q = m e^{jkr}, the magnitude m is differentiated numerically, and its second
+        derivative is that of 1 / r.
+        """
+        places_m = place_m + _STENCIL_M * np.concatenate([0.0 * axes[:1], axes, -axes])
+        arrivals = _frame_peak_arrivals(model, places_m)
+        if arrivals is None:
+            return None
+        count, k, waves = len(axes), model.wavenumber, arrivals * weights
+        rays_m = places_m[:, None, :] - model.array.positions_m
+        distance = np.sqrt(np.einsum("mni,mni->mn", rays_m, rays_m))
+        here, r = waves[0], distance[0]
+        pressure = complex(here.sum())
+        if not abs(pressure) > 0.0:
+            return None
+        still = waves[1:] * np.exp(-1j * k * (distance[1:] - r))
+        fading = (still[:count] - still[count:]) / (2.0 * _STENCIL_M)
+        cosines = axes @ (rays_m[0] / r[:, None]).T
+        turning = 1j * k * cosines
+        slopes = fading + turning * here
+        both = cosines[:, None] * cosines
+        apart = np.eye(count)[:, :, None]
+        bends = turning[:, None] * slopes + fading[:, None] * turning
+        bends += here * (1j * k / r * (apart - both) + (3.0 * both - apart) / r**2)
+        first = slopes.sum(axis=1) / pressure
+        second = bends.sum(axis=2) / pressure - np.outer(first, first)
+        return cls(pressure, here, slopes, 2.0 * first.real, 2.0 * second.real)
+
+    @property
+    def level(self) -> float:
+        """|p|, which grows with L."""
+        return abs(self.pressure)
+
+    @property
+    def is_peak(self) -> bool:
+        """True if the curvature is that of a peak, in every direction."""
+        values = np.linalg.eigvalsh(self.curvature)
+        return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)
 
 
 def _frame_peak_arrivals(model: AcousticModel, points: FloatArray) -> ComplexArray | None:
@@ -243,34 +276,3 @@ def _frame_peak_arrivals(model: AcousticModel, points: FloatArray) -> ComplexArr
         return propagators(model, points)
     except ConfigurationError:  # within 1 mm of an element, or behind the array
         return None
-
-
-def _is_frame_peak(curvature: FloatArray) -> bool:
-    """Return True if a Hessian (D, D) is that of a peak, in every direction."""
-    values = np.linalg.eigvalsh(curvature)
-    return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)
-
-
-def _frame_peak_stencil(count: int) -> FloatArray:
-    """Return the centre, the neighbours along each axis, and four corners for each two axes."""
-    eye = np.eye(count)
-    steps = [np.zeros(count)]
-    for axis in eye:
-        steps += [axis, -axis]
-    for i in range(count):
-        for j in range(i):
-            steps += [eye[i] + eye[j], -eye[i] - eye[j], eye[i] - eye[j], eye[j] - eye[i]]
-    return _STENCIL_M * np.array(steps)
-
-
-def _frame_peak_derivatives(level: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return gradient (D,) and Hessian (D, D) from the values at the stencil."""
-    plus, minus = level[1 : 1 + 2 * count : 2], level[2 : 2 + 2 * count : 2]
-    gradient = (plus - minus) / (2.0 * _STENCIL_M)
-    curvature = np.diag((plus - 2.0 * level[0] + minus) / _STENCIL_M**2)
-    corners = iter(level[1 + 2 * count :].reshape(-1, 4))
-    for i in range(count):
-        for j in range(i):
-            a, b, c, d = next(corners)
-            curvature[i, j] = curvature[j, i] = (a + b - c - d) / (4.0 * _STENCIL_M**2)
-    return gradient, curvature

@@ -203,17 +203,48 @@ class NumbaEngine:
             self._fast(drive, points, careful=False)
             self._fast(np.tile(drive, (2, 1)), points, careful=True)
 
-    @property
-    def is_lattice(self) -> bool:
-        """True if the elements lie on a lattice."""
-        return self._layout.lattice is not None
+    def disc_arguments(
+        self, axes: FloatArray, nodes_m: FloatArray, areas_m2: FloatArray
+    ) -> tuple[object, object]:
+        """Return the arguments that the loop for the stress on a disc takes of disc and engine.
 
-    def kernel_arguments(self, *, careful: bool) -> tuple[object, ...]:
-        """Return the arguments of the loops for a lattice, for other loops that call them."""
-        layout = self._layout
-        return (
-            layout.frame, layout.constants, careful, self._gain, layout.x, layout.y, layout.nodes,
-        )  # fmt: skip
+        Parameters
+        ----------
+        axes : (3, 3) numpy.ndarray
+            Two axes along the disc, and its normal.
+        nodes_m : (M, 3) numpy.ndarray
+            Nodes from its centre, along these axes.
+        areas_m2 : (M,) numpy.ndarray
+            Their areas.
+        """
+        array, wavelength, constants = (
+            self._model.array,
+            self._model.wavelength_m,
+            self._layout.constants,
+        )
+        frame = np.concatenate([axes / wavelength, array.centre_m[None, :]])
+        places = np.ascontiguousarray(frame[:3] @ (array.positions_m - array.centre_m).T)
+        elements = as_single_precision(np.concatenate([places, axes @ array.normals.T]))
+        nodes = as_single_precision(nodes_m[:, :2] / wavelength)
+        engine = self._gain, float(constants[1]), float(constants[2])
+        return (frame, nodes, areas_m2, places, elements), engine
+
+    def disc_stress(
+        self,
+        weights: ArrayLike,
+        centre_m: FloatArray,
+        points_m: FloatArray,
+        disc: tuple[object, object],
+    ) -> float | None:
+        """Return the integral of |p|^2 less |rho c v|^2 along a disc, in Pa^2 m^2.
+
+        None: single precision does not serve some of its *points_m*, or these are several drives.
+        *disc*: of :meth:`disc_arguments`.
+        """
+        drive = self._model.radiated(as_drives(weights, self._model.array.count))
+        if drive.ndim > 1 or self._usable(points_m, self._reach_m) is not None:
+            return None
+        return float(self._kernels.disc_stress_kernel(self._polar(drive), centre_m, *disc))
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
         """Return a mask of the points in reach and in front; None if all points are usable."""
@@ -233,9 +264,7 @@ class NumbaEngine:
     def _one_drive(
         self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
     ) -> None:
-        layout, points = self._layout, _writeable_for_engine(points)
-        polar = np.empty((2, len(drive)), dtype=np.float32)
-        self._kernels.polar_form_kernel(_writeable_for_engine(drive), polar)
+        layout, points, polar = self._layout, _writeable_for_engine(points), self._polar(drive)
         if layout.lattice is None:
             self._kernels.free_pressure_kernel(
                 points, layout.frame, layout.constants, careful, self._gain, layout.elements,
@@ -246,6 +275,12 @@ class NumbaEngine:
                 points, layout.frame, layout.constants, careful, self._gain, layout.x, layout.y,
                 layout.nodes, polar, result,
             )  # fmt: skip
+
+    def _polar(self, drive: ComplexArray) -> SingleArray:
+        """Return (2, N) the magnitudes of a drive, and its phases in half turns."""
+        polar = np.empty((2, len(drive)), dtype=np.float32)
+        self._kernels.polar_form_kernel(_writeable_for_engine(drive), polar)
+        return polar
 
     def _waves(self, points: FloatArray) -> SingleArray:
         layout, points = self._layout, _writeable_for_engine(points)

@@ -10,6 +10,7 @@ from haptogram.acoustics import (
     Calibration,
     Drive,
     NoFocus,
+    NumpyEngine,
     PointSource,
     Reconstructor,
     Transducer,
@@ -29,12 +30,16 @@ pytest.importorskip("numba")
 MODEL = AcousticModel.default()
 TURN = np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]])
 STAIRS = np.add(MODEL.array.positions_m, np.outer(np.arange(256) % 16, (0.0, 0.0, 4e-4)))
+SCATTERED = MODEL.array.positions_m + np.random.default_rng(5).normal(
+    0.0, [5e-4, 5e-4, 0], (256, 3)
+)
 ARRAYS = {
     "16x16": MODEL,
     "8x8": AcousticModel.default(8, 8),
     "32x4": AcousticModel.default(32, 4),
     "turned": dataclasses.replace(MODEL, array=MODEL.array.moved(TURN, (0.01, -0.02, 0.05))),
     "of two heights": dataclasses.replace(MODEL, array=TransducerArray.from_positions(STAIRS)),
+    "of no lattice": dataclasses.replace(MODEL, array=TransducerArray.from_positions(SCATTERED)),
     "in cold air": MODEL.with_sound_speed(331.0),
 }
 
@@ -282,8 +287,7 @@ def test_foci_found_at_once_are_those_found_one_by_one(name):
     model = ARRAYS[name]
     finder, reference = Reconstructor(model), without_compiled(model)
     drives = drives_of(model, path(model))
-    if name != "of two heights":
-        assert finder.why_not_compiled is None
+    assert finder.why_not_compiled is None
     for found, drive in zip(finder.reconstruct_all(asked(finder, drives)), drives, strict=True):
         assert_same_foci(found, reference.reconstruct(drive))
 
@@ -296,6 +300,16 @@ def assert_same_foci(found, expected):
             assert one == pytest.approx(other, rel=1e-12)
         else:
             assert_same(one, other)
+
+
+def test_an_engine_of_the_caller_finds_foci_one_by_one():
+    pairs = run_of(MODEL, path(MODEL, 3))
+    finder = Reconstructor(MODEL, engine=NumpyEngine(MODEL))
+    assert finder.why_not_compiled == "another field engine"
+    drives = [latch.drive for _, latch in pairs]
+    for found, (_, latch) in zip(finder.reconstruct_all(asked(finder, drives)), pairs, strict=True):
+        assert found.position_m == pytest.approx(latch.reconstruction.position_m, abs=1e-9)
+        assert found.force_n == pytest.approx(latch.reconstruction.force_n, rel=1e-5)
 
 
 def test_drives_that_are_not_beside_the_last_one_are_found_all_the_same():

@@ -6,6 +6,7 @@ Lengths are in wavelengths and phases in half turns, so that r modulo the wavele
 """
 
 from haptogram.acoustics.field.engines.kernels.blocks import usable_points_kernel
+from haptogram.acoustics.field.engines.kernels.discs import disc_stress_kernel
 from haptogram.acoustics.field.engines.kernels.fields import (
     free_pressure_kernel,
     free_waves_kernel,
@@ -36,6 +37,7 @@ __all__ = [
     "SINE",
     "best_cell_kernel",
     "cell_scores_kernel",
+    "disc_stress_kernel",
     "fit_phases_kernel",
     "foci_waves_kernel",
     "focused_frames_kernel",

@@ -12,16 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_checked_entry, jit_sums
-from haptogram.acoustics.field.engines.kernels.peaks import (
-    climb_kernel,
-    expected_peak_kernel,
-    length_kernel,
-)
+from haptogram.acoustics.field.engines.kernels.peaks import peak_apart_kernel
 from haptogram.acoustics.field.engines.kernels.pistons import (
-    arrivals_at_kernel,
     cos_sin_turns_kernel,
     inverse_symmetric_kernel,
     mean_outer_kernel,
+    nearest_kernel,
+    pressure_at_kernel,
     response_sums_kernel,
 )
 
@@ -69,18 +66,19 @@ def _metric_kernel(covariance: F8, wavenumber: float, first: F8, second: F8, met
 
 @jit_checked
 def _bound_kernel(
-    waves: F8, distance: F8, matrix: F8, inverse: F8, wavenumber: float, limit: float,
-    distance_m: float, observed: F8, found: F8,
+    places: F8, target: F8, matrix: F8, wavenumber: float, limit: float, distance_m: float,
+    observed: F8, found: F8,
 ) -> bool:  # fmt: skip
     """Compute the uncertainty of the focus; return whether all coordinates are observable.
 
     *observed*: the least share of the eigenvalues, the share of the distance from which on the
     second order counts, how much that is, and the share at which a focus is lost.
     """
+    inverse, sums = np.empty(6), np.empty(7)
     if not inverse_symmetric_kernel(matrix, inverse) > observed[0]:
         return False
-    sums, per_radian = np.empty(7), 1.0 / (wavenumber * distance.size)
-    response_sums_kernel(waves[3], waves[4], waves[5], distance, matrix[6:], inverse, sums)
+    per_radian = 1.0 / (wavenumber * places.shape[1])
+    response_sums_kernel(places, target, matrix[6:], inverse, sums)
     for i in range(3):
         bound = sums[i] * per_radian * limit
         bound *= observed[2] if bound > observed[1] * distance_m else 1.0
@@ -104,28 +102,6 @@ def _is_in_place_kernel(offset: F8, axis: F8, found: F8) -> bool:
     return inside
 
 
-@jit_checked
-def _peak_error_kernel(
-    latched: F8, ideal: F8, target: F8, axes: F8, metric: F8, both: bool, medium: F8,
-    settings: F8, limit: float, sides: F8,
-) -> float:  # fmt: skip
-    """Return the distance of the peak of *latched* from that of *ideal*, in radians.
-
-    Negative: -1 where either is unclear, -2 where it is more than rounding explains.
-    """
-    place, rounding, offset = np.empty(3), np.empty(2), np.zeros(2)
-    if not expected_peak_kernel(
-        ideal, target, axes, metric, both, medium, settings, limit, sides, place, rounding
-    ):
-        return -1.0
-    if not climb_kernel(latched, place, axes, metric, both, medium, settings, offset):
-        return -1.0
-    for i in range(2 if both else 1):
-        if not abs(offset[i]) <= settings[7] * rounding[i] + settings[8]:
-            return -2.0
-    return length_kernel(offset[0], offset[1], metric)
-
-
 @jit_checked_entry
 def judged_frames_kernel(
     codes: NDArray[np.uint8], turn: float, targets: F8, axes: F8, distances: F8, offsets: F8,
@@ -140,29 +116,24 @@ def judged_frames_kernel(
     overwritten. Sets *found* (F, MEASURES) and *answers* (F,).
     """
     count, ideal = latched.shape[1], latched.copy()
-    waves, sides = np.empty((6, count)), np.empty((4, 6, count))
-    matrix, inverse, distance, equal = np.empty(9), np.empty(6), np.empty(count), np.ones(count)
-    metrics, wavenumber, lost_share = np.empty((2, 3)), 2.0 * math.pi * medium[0], settings[5]
+    matrix, metrics = np.empty(9), np.empty((2, 3))
+    wavenumber, lost_share = 2.0 * math.pi * medium[0], settings[5]
     for f in range(len(codes)):
         target, measures, limit = targets[f], found[f], limits[f]
-        near = 1e30
         for n in range(count):
             latched[3, n] = codes[f, n] * turn
         measures[PHASE] = _turns_to_target_kernel(ideal, target, medium[0], latched[3])
-        for n in range(count):
-            distance[n] = -ideal[3, n] / medium[0]
-            near = min(near, distance[n])
-        re, im, loud = arrivals_at_kernel(latched, target[0], target[1], target[2], medium, waves)
-        measures[COHERENCE], measures[LOUDNESS] = math.sqrt(re * re + im * im) / loud, loud
+        size, loud = pressure_at_kernel(latched, target, medium)
+        measures[COHERENCE], measures[LOUDNESS] = size / loud, loud
         middle = (axes[f, 2, 0], axes[f, 2, 1], axes[f, 2, 2])
-        mean_outer_kernel(waves[3], waves[4], waves[5], equal, middle, matrix)
+        mean_outer_kernel(latched, target, False, medium, middle, matrix)
+        distance_m = max(distances[f], nearest_kernel(latched, target))
         answers[f] = UNOBSERVED
         if not _bound_kernel(
-            waves, distance, matrix, inverse, wavenumber, limit, max(distances[f], near), observed,
-            measures,
-        ):  # fmt: skip
+            latched, target, matrix, wavenumber, limit, distance_m, observed, measures
+        ):
             continue
-        mean_outer_kernel(waves[3], waves[4], waves[5], waves[2], middle, matrix)
+        mean_outer_kernel(latched, target, True, medium, middle, matrix)
         _metric_kernel(matrix, wavenumber, axes[f, 0], axes[f, 1], metrics[0])
         _metric_kernel(matrix, wavenumber, axes[f, 2], axes[f, 3], metrics[1])
         metrics[1, 2] = metrics[1, 0]  # that nothing is divided by 0
@@ -174,9 +145,9 @@ def judged_frames_kernel(
         settings[5] = lost_share * distances[f]
         across, along = 0.0, 0.0
         for i in range(2):
-            across, along = along, _peak_error_kernel(
+            across, along = along, peak_apart_kernel(
                 latched, ideal, target, axes[f, 2 * i :], metrics[i], i == 0, medium, settings,
-                limit, sides,
+                limit,
             )  # fmt: skip
         measures[PEAK] = max(across, along)
         if min(across, along) == -1.0:

@@ -14,7 +14,11 @@ from haptogram.acoustics.field.engines.kernels.jit import (
     jit_inline,
     jit_sums,
 )
-from haptogram.acoustics.field.engines.kernels.pistons import arrivals_at_kernel, height_kernel
+from haptogram.acoustics.field.engines.kernels.pistons import (
+    cos_sin_turns_kernel,
+    height_kernel,
+    wave_kernel,
+)
 from haptogram.acoustics.field.engines.kernels.waves import ONE, ZERO
 
 # A point that cannot be served as it wants gains weight in every round: before it overflows, all
@@ -31,13 +35,13 @@ def foci_waves_kernel(
     That is the phases of the naive superposition. *places* (4, N), all phases 0, and *medium* are
     those of :mod:`.pistons`. Returns whether every element is below each point, and heard there.
     """
-    waves, exact = np.empty((6, re.shape[1])), np.empty((2, *re.shape))
+    waves, exact = np.empty((3, re.shape[1])), np.empty((2, *re.shape))
     start, largest = np.zeros((2, re.shape[1])), 0.0
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         if not height_kernel(x, y, z, medium) > 0.0:
             return False
-        arrivals_at_kernel(places, x, y, z, medium, waves)
+        _arrivals_kernel(places, x, y, z, medium, waves)
         for n in range(waves.shape[1]):
             size = waves[2, n]
             if size == 0.0:
@@ -54,6 +58,16 @@ def foci_waves_kernel(
         size = size if size > 0.0 else 1.0
         drive_re[n], drive_im[n] = start[0, n] / size, start[1, n] / size
     return True
+
+
+@jit_sums
+def _arrivals_kernel(places: F8, x: float, y: float, z: float, medium: F8, waves: F8) -> None:
+    """Set real and imaginary part and magnitude of the *waves* (3, N) at a point."""
+    for n in range(waves.shape[1]):
+        dx, dy, dz = x - places[0, n], y - places[1, n], z - places[2, n]
+        distance, _, size = wave_kernel(dx, dy, dz, medium)
+        cosine, sine = cos_sin_turns_kernel(distance * medium[0])
+        waves[0, n], waves[1, n], waves[2, n] = size * cosine, size * sine, size
 
 
 @jit_entry

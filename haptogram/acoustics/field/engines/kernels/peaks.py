@@ -2,22 +2,22 @@
 
 The arithmetic of :mod:`haptogram.verification.frame.peaks` for parallel pistons. Offsets, levels
 and curvatures are those along one or two *axes* (2, 3); where there is one (not *both*), the second
-coordinate stays 0. *metric* is (00, 01, 11).
+is of zeros. *metric* is (00, 01, 11).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_sums
+from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_inline, jit_sums
 from haptogram.acoustics.field.engines.kernels.pistons import (
-    arrivals_at_kernel,
+    cos_sin_turns_kernel,
     height_kernel,
-    pressure_at_kernel,
+    wave_slope_kernel,
 )
 
 F8 = NDArray[np.float64]
@@ -26,43 +26,98 @@ _LEAST_HEIGHT_M: Final = 2e-3  # above an element's face: further from all of th
 _LEAST_CURVED: Final = 1e-9
 _HALVINGS: Final = 10
 
+#: Sums over the elements: real and imaginary part of the pressure and of its derivatives.
+SUMS: Final = 12
+
+
+@jit_inline
+def _slopes_kernel(dx: Any, dy: Any, dz: Any, turns: Any, axes: Any, medium: Any) -> Any:
+    """Return a wave along two axes: cosine, sine, magnitude, its slopes, turns, and 1 / r."""
+    (ax, ay, az, ah), (bx, by, bz, bh) = axes
+    distance, inverse, size, radial, rising = wave_slope_kernel(dx, dy, dz, medium)
+    u = (dx * ax + dy * ay + dz * az) * inverse
+    v = (dx * bx + dy * by + dz * bz) * inverse
+    cosine, sine = cos_sin_turns_kernel(distance * medium[0] + turns)
+    return cosine, sine, size, radial * u + rising * ah, radial * v + rising * bh, u, v, inverse
+
+
+@jit_inline
+def _with_heights_kernel(axes: Any, medium: Any) -> Any:
+    """Return the two axes, each with its share of the height."""
+    a, b = axes[0], axes[1]
+    first = a[0] * medium[4] + a[1] * medium[5] + a[2] * medium[6]
+    second = b[0] * medium[4] + b[1] * medium[5] + b[2] * medium[6]
+    return (a[0], a[1], a[2], first), (b[0], b[1], b[2], second)
+
+
+@jit_sums
+def _peak_sums_kernel(
+    places: F8, x: float, y: float, z: float, axes: F8, medium: F8, sums: F8
+) -> None:
+    """Set the *sums* (SUMS,) of the waves at a place."""
+    px, py, pz, turns = places[0], places[1], places[2], places[3]
+    both, k = _with_heights_kernel(axes, medium), 2.0 * math.pi * medium[0]
+    s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    s6, s7, s8, s9, s10, s11 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(px.size):
+        c, s, size, first, second, u, v, inverse = _slopes_kernel(
+            x - px[n], y - py[n], z - pz[n], turns[n], both, medium
+        )
+        c_size, s_size, ku, kv = c * size, s * size, k * u, k * v
+        re0, im0 = c * first - s_size * ku, s * first + c_size * ku
+        re1, im1 = c * second - s_size * kv, s * second + c_size * kv
+        bend, spread = k * inverse, inverse * inverse
+        r00, i00 = spread * (3.0 * u * u - 1.0), bend * (1.0 - u * u)
+        r01, i01 = spread * 3.0 * u * v, -bend * u * v
+        r11, i11 = spread * (3.0 * v * v - 1.0), bend * (1.0 - v * v)
+        s0 += c_size
+        s1 += s_size
+        s2 += re0
+        s3 += im0
+        s4 += re1
+        s5 += im1
+        s6 += c_size * r00 - s_size * i00 - ku * (im0 + s * first)
+        s7 += s_size * r00 + c_size * i00 + ku * (re0 + c * first)
+        s8 += c_size * r01 - s_size * i01 - ku * im1 - kv * s * first
+        s9 += s_size * r01 + c_size * i01 + ku * re1 + kv * c * first
+        s10 += c_size * r11 - s_size * i11 - kv * (im1 + s * second)
+        s11 += s_size * r11 + c_size * i11 + kv * (re1 + c * second)
+    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = s0, s1, s2, s3, s4, s5
+    sums[6], sums[7], sums[8], sums[9], sums[10], sums[11] = s6, s7, s8, s9, s10, s11
+
 
 @jit_checked
-def _levels_kernel(
-    places: F8, start: F8, axes: F8, a: float, b: float, step: float, both: bool, medium: F8,
-    level: F8,
-) -> bool:  # fmt: skip
-    """Compute ln |p|^2 on a stencil: centre, axis neighbours and four corners."""
-    for i in range(9 if both else 3):
-        u = a + step * ((i == 1) - (i == 2) + (i == 5) - (i == 6) + (i == 7) - (i == 8))
-        v = b + step * ((i == 3) - (i == 4) + (i == 5) - (i == 6) - (i == 7) + (i == 8))
-        x = start[0] + u * axes[0, 0] + v * axes[1, 0]
-        y = start[1] + u * axes[0, 1] + v * axes[1, 1]
-        z = start[2] + u * axes[0, 2] + v * axes[1, 2]
-        if not height_kernel(x, y, z, medium) > _LEAST_HEIGHT_M:
-            return False
-        re, im = pressure_at_kernel(places, x, y, z, medium)
-        square = re * re + im * im
-        if not square > 0.0:
-            return False
-        level[i] = math.log(square)
-    return True
-
-
-@jit_checked
-def _derivatives_kernel(
-    level: F8, step: float, both: bool
-) -> tuple[float, float, float, float, float, bool]:
-    """Return gradient and Hessian (00, 01, 11), and whether that is the Hessian of a peak."""
-    scale = 1.0 / (step * step)
-    g0, h00 = (level[1] - level[2]) / (2.0 * step), (level[1] - 2.0 * level[0] + level[2]) * scale
+def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, float, float, bool]:
+    """Return gradient and Hessian (00, 01, 11) of ln |p|^2, and whether they are of a peak."""
+    p = complex(sums[0], sums[1])
+    first, second = complex(sums[2], sums[3]) / p, complex(sums[4], sums[5]) / p
+    h00 = 2.0 * (complex(sums[6], sums[7]) / p - first * first).real
     if not both:
-        return g0, 0.0, h00, 0.0, h00, h00 < 0.0
-    g1, h11 = (level[3] - level[4]) / (2.0 * step), (level[3] - 2.0 * level[0] + level[4]) * scale
-    h01 = (level[5] + level[6] - level[7] - level[8]) * 0.25 * scale
+        return 2.0 * first.real, 0.0, h00, 0.0, h00, h00 < 0.0
+    h01 = 2.0 * (complex(sums[8], sums[9]) / p - first * second).real
+    h11 = 2.0 * (complex(sums[10], sums[11]) / p - second * second).real
     middle, apart = 0.5 * (h00 + h11), math.hypot(0.5 * (h00 - h11), h01)
     is_peak = middle + apart < _LEAST_CURVED * (middle - apart) and middle + apart < 0.0
-    return g0, g1, h00, h01, h11, is_peak
+    return 2.0 * first.real, 2.0 * second.real, h00, h01, h11, is_peak
+
+
+@jit_checked
+def _level_kernel(
+    places: F8, start: F8, axes: F8, a: float, b: float, medium: F8, sums: F8
+) -> bool:
+    """Set *sums* at an offset from *start*; return whether there is sound."""
+    x = start[0] + a * axes[0, 0] + b * axes[1, 0]
+    y = start[1] + a * axes[0, 1] + b * axes[1, 1]
+    z = start[2] + a * axes[0, 2] + b * axes[1, 2]
+    if not height_kernel(x, y, z, medium) > _LEAST_HEIGHT_M:
+        return False
+    _peak_sums_kernel(places, x, y, z, axes, medium, sums)
+    return _square_kernel(sums) > 0.0
+
+
+@jit_checked
+def _square_kernel(sums: F8) -> float:
+    return float(sums[0] * sums[0] + sums[1] * sums[1])
 
 
 @jit_checked
@@ -78,16 +133,15 @@ def climb_kernel(
 ) -> bool:  # fmt: skip
     """Set *offset* (2,) to the peak next to *start*; return whether there is one.
 
-    *settings*: half-width of the stencil, longest step in radians, the step that settles, in
-    metres, and the number of steps.
+    *settings*: a step at the top, longest step in radians, the step that settles, in metres, and
+    the number of steps.
     """
-    step, longest, settled = settings[0], settings[1], settings[2]
-    level, there = np.empty(9), np.empty(9)
-    a, b = 0.0, 0.0
-    if not _levels_kernel(places, start, axes, a, b, step, both, medium, level):
+    at_top, longest, settled, a, b = settings[0], settings[1], settings[2], 0.0, 0.0
+    sums = np.empty(SUMS)
+    if not _level_kernel(places, start, axes, a, b, medium, sums):
         return False
     for _ in range(int(settings[3])):
-        g0, g1, h00, h01, h11, is_peak = _derivatives_kernel(level, step, both)
+        g0, g1, h00, h01, h11, is_peak = _derivatives_kernel(sums, both)
         if not is_peak:
             h00, h01, h11 = -2.0 * metric[0], -2.0 * metric[1], -2.0 * metric[2]
         determinant = h00 * h11 - h01 * h01
@@ -98,52 +152,58 @@ def climb_kernel(
         if size < settled:
             offset[0], offset[1] = a + da, b + db
             return True
-        share, is_higher = 1.0, False
+        share, is_higher, level = 1.0, False, _square_kernel(sums)
         for _ in range(_HALVINGS):
             u, v = a + share * da, b + share * db
-            if not _levels_kernel(places, start, axes, u, v, step, both, medium, there):
+            if not _level_kernel(places, start, axes, u, v, medium, sums):
                 return False
-            is_higher = there[0] > level[0]
+            is_higher = _square_kernel(sums) > level
             if is_higher:
                 break
             share *= 0.5
         if not is_higher:
             offset[0], offset[1] = a, b
-            return bool(size < step)
+            return bool(size < at_top)
         a, b = u, v
-        level, there = there, level
     return False
 
 
 @jit_sums
 def _response_kernel(
-    sides: F8, p: F8, h00: float, h01: float, h11: float, step: float, both: bool
+    places: F8, place: F8, axes: F8, medium: F8, sums: F8, h00: float, h01: float, h11: float
 ) -> tuple[float, float]:
-    """Return the sensitivity of the peak position to phase errors, summed over elements.
-
-    *sides* (4, 6, N): waves next to the peak along the axes; *p* (4, 2): their sums.
-    """
-    determinant = h00 * h11 - h01 * h01
-    scale, first, second, squares = 1.0 / step, 0.0, 0.0, np.empty(4)
-    for i in range(4):
-        squares[i] = p[i, 0] * p[i, 0] + p[i, 1] * p[i, 1]
-    for n in range(sides.shape[2]):
-        plus = (sides[0, 1, n] * p[0, 0] - sides[0, 0, n] * p[0, 1]) / squares[0]
-        minus = (sides[1, 1, n] * p[1, 0] - sides[1, 0, n] * p[1, 1]) / squares[1]
-        m0, m1 = (minus - plus) * scale, 0.0
-        if both:
-            plus = (sides[2, 1, n] * p[2, 0] - sides[2, 0, n] * p[2, 1]) / squares[2]
-            minus = (sides[3, 1, n] * p[3, 0] - sides[3, 0, n] * p[3, 1]) / squares[3]
-            m1 = (minus - plus) * scale
-        first += abs((h11 * m0 - h01 * m1) / determinant)
-        second += abs((h00 * m1 - h01 * m0) / determinant)
-    return first, second
+    """Return the sensitivity of the peak position to phase errors, summed over elements."""
+    px, py, pz, turns = places[0], places[1], places[2], places[3]
+    x, y, z, both, k = (
+        place[0],
+        place[1],
+        place[2],
+        _with_heights_kernel(axes, medium),
+        2.0 * math.pi * medium[0],
+    )
+    square = sums[0] * sums[0] + sums[1] * sums[1]
+    re, im = sums[0] / square, -sums[1] / square  # 1 / p, and the slopes of ln p
+    ar, ai = sums[2] * re - sums[3] * im, sums[2] * im + sums[3] * re
+    br, bi = sums[4] * re - sums[5] * im, sums[4] * im + sums[5] * re
+    scale = 2.0 / (h00 * h11 - h01 * h01)
+    h00, h01, h11 = h00 * scale, h01 * scale, h11 * scale
+    one, other = 0.0, 0.0
+    for n in range(px.size):
+        c, s, size, first, second, u, v, _ = _slopes_kernel(
+            x - px[n], y - py[n], z - pz[n], turns[n], both, medium
+        )
+        c, s = c * re - s * im, c * im + s * re
+        m0 = (first - size * ar) * s + size * (k * u - ai) * c
+        m1 = (second - size * br) * s + size * (k * v - bi) * c
+        one += abs(h11 * m0 - h01 * m1)
+        other += abs(h00 * m1 - h01 * m0)
+    return one, other
 
 
 @jit_checked
 def expected_peak_kernel(
     places: F8, start: F8, axes: F8, metric: F8, both: bool, medium: F8, settings: F8,
-    phase_limit: float, sides: F8, place: F8, rounding: F8,
+    phase_limit: float, place: F8, rounding: F8,
 ) -> bool:  # fmt: skip
     """Set *place* (3,) of the peak and how far *rounding* (2,) of the phases moves it.
 
@@ -151,7 +211,7 @@ def expected_peak_kernel(
     *settings*: those of :func:`climb_kernel`, then how far the peak may be in radians, how far in
     metres, and how far rounding may move it in radians.
     """
-    offset, level, p = np.zeros(2), np.empty(9), np.ones((4, 2))
+    offset, sums = np.zeros(2), np.empty(SUMS)
     if not climb_kernel(places, start, axes, metric, both, medium, settings, offset):
         return False
     if length_kernel(offset[0], offset[1], metric) > settings[4]:
@@ -160,16 +220,33 @@ def expected_peak_kernel(
         return False
     for i in range(3):
         place[i] = start[i] + offset[0] * axes[0, i] + offset[1] * axes[1, i]
-    step = settings[0]
-    if not _levels_kernel(places, place, axes, 0.0, 0.0, step, both, medium, level):
+    if not _level_kernel(places, place, axes, 0.0, 0.0, medium, sums):
         return False
-    _, _, h00, h01, h11, is_peak = _derivatives_kernel(level, step, both)
+    _, _, h00, h01, h11, is_peak = _derivatives_kernel(sums, both)
     if not is_peak:
         return False
-    for i in range(4 if both else 2):
-        way, axis = step if i % 2 == 0 else -step, axes[i // 2]
-        x, y, z = place[0] + way * axis[0], place[1] + way * axis[1], place[2] + way * axis[2]
-        p[i, 0], p[i, 1], _ = arrivals_at_kernel(places, x, y, z, medium, sides[i])
-    first, second = _response_kernel(sides, p, h00, h01, h11, step, both)
+    first, second = _response_kernel(places, place, axes, medium, sums, h00, h01, h11)
     rounding[0], rounding[1] = first * phase_limit, second * phase_limit
     return bool(length_kernel(rounding[0], rounding[1], metric) <= settings[6])
+
+
+@jit_checked
+def peak_apart_kernel(
+    latched: F8, ideal: F8, target: F8, axes: F8, metric: F8, both: bool, medium: F8,
+    settings: F8, limit: float,
+) -> float:  # fmt: skip
+    """Return the distance of the peak of *latched* from that of *ideal*, in radians.
+
+    Negative: -1 where either is unclear, -2 where it is more than rounding explains.
+    """
+    place, rounding, offset = np.empty(3), np.empty(2), np.zeros(2)
+    if not expected_peak_kernel(
+        ideal, target, axes, metric, both, medium, settings, limit, place, rounding
+    ):
+        return -1.0
+    if not climb_kernel(latched, place, axes, metric, both, medium, settings, offset):
+        return -1.0
+    for i in range(2 if both else 1):
+        if not abs(offset[i]) <= settings[7] * rounding[i] + settings[8]:
+            return -2.0
+    return length_kernel(offset[0], offset[1], metric)

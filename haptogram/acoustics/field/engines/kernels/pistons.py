@@ -3,6 +3,9 @@
 *places* (4, N) holds positions in metres and the phases of the weights, in turns. *medium* (8,)
 holds 1 / wavelength, peak pressure at 1 m, absorption, (k a / 2)^2, the common normal, and the
 height of the highest element along it.
+
+No loop over the elements stores what others read: rows of one array may overlap, as far as the
+compiler can tell, and it would not vectorise the loop.
 """
 
 from __future__ import annotations
@@ -15,6 +18,8 @@ from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
 
 from haptogram.acoustics.field.engines.kernels.jit import jit_inline, jit_sums
+
+F8 = NDArray[np.float64]
 
 MOST_GAIN_SQUARE: Final = 8.0  # (k a / 2)^2
 MOST_LOSS: Final = 0.25  # nepers
@@ -63,18 +68,41 @@ def cos_sin_turns_kernel(turns: Any) -> Any:
 @jit_inline
 def wave_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
     """Return distance, its inverse, and the magnitude of a piston at unit weight."""
+    distance, inverse, size, _, _ = wave_slope_kernel(dx, dy, dz, medium)
+    return distance, inverse, size
+
+
+@jit_inline
+def wave_slope_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
+    """Return distance, its inverse, the magnitude of a piston at unit weight, and its slopes.
+
+    They are the derivatives along the ray, the height kept, and along the height.
+    """
     d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, d12 = _GAIN
     l0, l1, l2, l3, l4, l5, l6, l7 = _LOSS
     square = dx * dx + dy * dy + dz * dz
     distance = np.sqrt(square)
     inverse = 1.0 / distance
-    height = dx * medium[4] + dy * medium[5] + dz * medium[6]
-    q = medium[3] * (1.0 - (height * inverse) * (height * inverse))
+    cosine = (dx * medium[4] + dy * medium[5] + dz * medium[6]) * inverse
+    q = medium[3] * (1.0 - cosine * cosine)
     high = d6 + q * (d7 + q * (d8 + q * (d9 + q * (d10 + q * (d11 + q * d12)))))
     gain = d0 + q * (d1 + q * (d2 + q * (d3 + q * (d4 + q * (d5 + q * high)))))
+    e6, e7, e8, e9 = 6.0 * d6, 7.0 * d7, 8.0 * d8, 9.0 * d9
+    turn = e6 + q * (
+        e7 + q * (e8 + q * (e9 + q * (10.0 * d10 + q * (11.0 * d11 + q * 12.0 * d12))))
+    )
+    turn = d1 + q * (2.0 * d2 + q * (3.0 * d3 + q * (4.0 * d4 + q * (5.0 * d5 + q * turn))))
     u = medium[2] * distance
     loss = l0 + u * (l1 + u * (l2 + u * (l3 + u * (l4 + u * (l5 + u * (l6 + u * l7))))))
-    return distance, inverse, medium[1] * gain * loss * inverse
+    level = medium[1] * loss * inverse
+    rising = -2.0 * medium[3] * cosine * inverse * turn * level
+    return (
+        distance,
+        inverse,
+        level * gain,
+        -level * gain * (inverse + medium[2]) - rising * cosine,
+        rising,
+    )
 
 
 @jit_inline
@@ -84,59 +112,52 @@ def height_kernel(x: Any, y: Any, z: Any, medium: Any) -> Any:
 
 
 @jit_sums
-def pressure_at_kernel(
-    places: NDArray[np.float64], x: float, y: float, z: float, medium: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Return the pressure: real and imaginary part."""
+def pressure_at_kernel(places: F8, point: F8, medium: F8) -> tuple[float, float]:
+    """Return the magnitude of the pressure at a point, and the sum of those of the waves."""
     px, py, pz, turns = places[0], places[1], places[2], places[3]
-    re, im = 0.0, 0.0
+    x, y, z, re, im, loud = point[0], point[1], point[2], 0.0, 0.0, 0.0
     for n in range(px.size):
         distance, _, size = wave_kernel(x - px[n], y - py[n], z - pz[n], medium)
         cosine, sine = cos_sin_turns_kernel(distance * medium[0] + turns[n])
         re += size * cosine
         im += size * sine
-    return re, im
+        loud += size
+    return math.sqrt(re * re + im * im), loud
 
 
 @jit_sums
-def arrivals_at_kernel(
-    places: NDArray[np.float64], x: float, y: float, z: float, medium: NDArray[np.float64],
-    waves: NDArray[np.float64],
-) -> tuple[float, float, float]:  # fmt: skip
-    """Set *waves* (6, N): real and imaginary part, magnitude, unit vector from each element.
-
-    Return the pressure, real and imaginary part, and the sum of magnitudes.
-    """
-    px, py, pz, turns = places[0], places[1], places[2], places[3]
-    wr, wi, sizes, ux, uy, uz = waves[0], waves[1], waves[2], waves[3], waves[4], waves[5]
-    re, im, loud = 0.0, 0.0, 0.0
+def nearest_kernel(places: F8, point: F8) -> float:
+    """Return the distance from the nearest element."""
+    px, py, pz, least = places[0], places[1], places[2], 1e30
+    x, y, z = point[0], point[1], point[2]
     for n in range(px.size):
         dx, dy, dz = x - px[n], y - py[n], z - pz[n]
-        distance, inverse, size = wave_kernel(dx, dy, dz, medium)
-        cosine, sine = cos_sin_turns_kernel(distance * medium[0] + turns[n])
-        wr[n], wi[n], sizes[n] = size * cosine, size * sine, size
-        ux[n], uy[n], uz[n] = dx * inverse, dy * inverse, dz * inverse
-        re += size * cosine
-        im += size * sine
-        loud += size
-    return re, im, loud
+        square = dx * dx + dy * dy + dz * dz
+        least = square if square < least else least
+    return math.sqrt(least)
 
 
 @jit_sums
 def mean_outer_kernel(
-    ux: NDArray[np.float64], uy: NDArray[np.float64], uz: NDArray[np.float64],
-    shares: NDArray[np.float64], middle: tuple[float, float, float],
-    matrix: NDArray[np.float64],
-) -> None:  # fmt: skip
-    """Set *matrix* (9,): the weighted covariance of unit vectors (xx, xy, xz, yy, yz, zz), mean.
+    places: F8, point: F8, loud: bool, medium: F8, middle: tuple[float, float, float], matrix: F8
+) -> None:
+    """Set *matrix* (9,): the covariance of the unit vectors to a point (xx, xy, xz, yy, yz, zz).
 
-    *middle* is near to all of them: their squares less that of the mean would cancel.
+    Then their mean. They count by the magnitudes that arrive where *loud*. *middle* is near to all
+    of them: their squares less that of the mean would cancel.
     """
-    total, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
+    px, py, pz, (mx, my, mz) = places[0], places[1], places[2], middle
+    x, y, z, total, sx, sy, sz = point[0], point[1], point[2], 0.0, 0.0, 0.0, 0.0
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    mx, my, mz = middle
-    for n in range(ux.size):
-        w, dx, dy, dz = shares[n], ux[n] - mx, uy[n] - my, uz[n] - mz
+    for n in range(px.size):
+        dx, dy, dz = x - px[n], y - py[n], z - pz[n]
+        _, inverse, size = wave_kernel(dx, dy, dz, medium)
+        w, dx, dy, dz = (
+            size if loud else 1.0,
+            dx * inverse - mx,
+            dy * inverse - my,
+            dz * inverse - mz,
+        )
         total += w
         sx += w * dx
         sy += w * dy
@@ -162,7 +183,7 @@ def mean_outer_kernel(
 
 
 @jit_sums
-def inverse_symmetric_kernel(matrix: NDArray[np.float64], inverse: NDArray[np.float64]) -> float:
+def inverse_symmetric_kernel(matrix: F8, inverse: F8) -> float:
     """Set the inverse of a symmetric 3 x 3 matrix (xx, xy, xz, yy, yz, zz); return its share.
 
     That is its determinant over the cube of its trace: at most the least over the largest
@@ -178,19 +199,19 @@ def inverse_symmetric_kernel(matrix: NDArray[np.float64], inverse: NDArray[np.fl
 
 
 @jit_sums
-def response_sums_kernel(
-    ux: NDArray[np.float64], uy: NDArray[np.float64], uz: NDArray[np.float64],
-    distance: NDArray[np.float64], mean: NDArray[np.float64], inverse: NDArray[np.float64],
-    sums: NDArray[np.float64],
-) -> None:  # fmt: skip
-    """Set what unit vectors, their *mean* taken out and seen through *inverse*, add up to.
+def response_sums_kernel(places: F8, point: F8, mean: F8, inverse: F8, sums: F8) -> None:
+    """Set the sums of the unit vectors to a point, less their *mean*, seen through *inverse*.
 
     *sums* (7,): of the magnitudes along x, y and z, of the squares, and of x, y and z times the
     distances.
     """
-    ax, ay, az, squares, dx, dy, dz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for n in range(ux.size):
-        u, v, w = ux[n] - mean[0], uy[n] - mean[1], uz[n] - mean[2]
+    px, py, pz = places[0], places[1], places[2]
+    ax, ay, az, squares, sx, sy, sz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(px.size):
+        dx, dy, dz = point[0] - px[n], point[1] - py[n], point[2] - pz[n]
+        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+        per = 1.0 / distance
+        u, v, w = dx * per - mean[0], dy * per - mean[1], dz * per - mean[2]
         x = inverse[0] * u + inverse[1] * v + inverse[2] * w
         y = inverse[1] * u + inverse[3] * v + inverse[4] * w
         z = inverse[2] * u + inverse[4] * v + inverse[5] * w
@@ -198,7 +219,7 @@ def response_sums_kernel(
         ay += abs(y)
         az += abs(z)
         squares += x * x + y * y + z * z
-        dx += x * distance[n]
-        dy += y * distance[n]
-        dz += z * distance[n]
-    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6] = ax, ay, az, squares, dx, dy, dz
+        sx += x * distance
+        sy += y * distance
+        sz += z * distance
+    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6] = ax, ay, az, squares, sx, sy, sz
