@@ -17,7 +17,7 @@ def presets_text(compared: Iterable[tuple[Preset, list[dict[str, Any]]]]) -> str
     ----------
     compared : iterable of (Preset, list of dict)
         Presets, each with the result of
-        :func:`~haptogram.published.figures.compare_preset`.
+        :func:`~haptogram.published.catalogue.compare_preset`.
     """
     return "\n\n".join("\n".join(_presets_text_section(*item)) for item in compared) + "\n"
 

@@ -153,12 +153,12 @@ def _estimate_fields(kind: str, result: Reconstruction) -> dict[str, object]:
     """Return the fields by name, like `asdict` without its copies."""
     return {
         "kind": kind,
-        **{name: _plain_estimate(getattr(result, name)) for name in _NAMES[type(result)]},
+        **{name: plain_estimate(getattr(result, name)) for name in _NAMES[type(result)]},
     }
 
 
-def _plain_estimate(value: object) -> object:
+def plain_estimate(value: object) -> object:
     """Convert tuples to lists and non-finite floats to None, for JSON."""
     if isinstance(value, tuple):
-        return [_plain_estimate(item) for item in value]
+        return [plain_estimate(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -125,6 +126,12 @@ class Capture:
     def _times(self) -> NDArray[np.int64]:
         some = [channel.times[:100_000] for channel in self.channels.values()]
         return np.unique(np.concatenate(some)) if some else np.zeros(0, np.int64)
+
+    def numbered_channels(self, pattern: str) -> dict[str, int]:
+        """Return the channels that *pattern* names, with their numbers in place of its ``{}``."""
+        before, after = map(re.escape, pattern.split("{}"))
+        found = ((name, re.fullmatch(f"{before}([0-9]+){after}", name)) for name in self.channels)
+        return {name: int(number[1]) for name, number in found if number}
 
     def channel(self, name: str) -> ChannelEdges:
         """Return the channel with this name.

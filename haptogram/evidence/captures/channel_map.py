@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -181,10 +180,7 @@ class ChannelMap:
             raise ConfigurationError(f"{self.path}: {error}") from error
         found = dict(self.elements)
         if self.pattern is not None:
-            before, after = map(re.escape, self.pattern.split(_PLACEHOLDER))
-            for name in capture.channels:
-                if number := re.fullmatch(f"{before}([0-9]+){after}", name):
-                    found[name] = int(number[1])
+            found |= capture.numbered_channels(self.pattern)
         if self.shift is not None:
             found |= {
                 f"{name}.{output}": element

@@ -120,14 +120,11 @@ class ShiftRegisters:
         """Return the elements of each chain of a capture."""
         if self.pattern is None:
             return dict(self.chains)
-        before, after = self.pattern.split(_PLACEHOLDER)
-        found = {}
-        for name in capture.channels:
-            number = name.removeprefix(before).removesuffix(after)
-            if number.isdecimal() and name == f"{before}{number}{after}":
-                first = int(number) * self.outputs
-                found[name] = list(range(first, first + self.outputs))
-        return found
+        numbers = capture.numbered_channels(self.pattern)
+        return {
+            name: list(range(number * self.outputs, (number + 1) * self.outputs))
+            for name, number in numbers.items()
+        }
 
     def expanded(self, capture: Capture) -> Capture:
         """Return *capture* with the outputs of all chains as channels: ``D0.0``, ``D0.1``, ...

@@ -16,8 +16,9 @@ import numpy as np
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import propagators
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.estimates import Vector
 from haptogram.acoustics.reconstruct.patterns.fit import PatternPhases, fit_pattern_point
-from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Placed, Vector
+from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Placed
 
 from ..groups import groups_of_elements
 from .defect import Defect, Diagnosis

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import points_with_field, propagators
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.estimates import Vector
 from haptogram.acoustics.reconstruct.patterns.chance import (
     is_beyond_chance,
     log_chance_of_explanation,
@@ -40,8 +41,8 @@ from haptogram.acoustics.reconstruct.patterns.found import (
     TwinTrap,
     Uniform,
     Unnamed,
-    Vector,
     Vortex,
+    pattern_vector,
 )
 from haptogram.acoustics.reconstruct.patterns.search import (
     PatternSearch,
@@ -348,7 +349,7 @@ class PatternClassifier:
         place = self._model.array.world_m(local)
         pressure, coherence = self._arrival(drive * np.exp(-1j * turn), place)
         common: dict[str, Any] = {
-            "position_m": _pattern_vector(place),
+            "position_m": pattern_vector(place),
             "std_m": self._in_world(std),
             "bound_m": self._in_world(bound),
             "residual_rms_rad": _rms_of(found),
@@ -359,19 +360,19 @@ class PatternClassifier:
             "outlier_rad": tuple(float(off) for off in found.fit.residual_rad[~found.used]),
         }
         if found.normal is not None:
-            return TwinTrap(**common, normal=_pattern_vector(found.normal @ self._model.array.axes))
+            return TwinTrap(**common, normal=pattern_vector(found.normal @ self._model.array.axes))
         if found.charge:
             axis = self._model.array.world_m(np.append(found.fit.axis_m, 0.0))
-            return Vortex(**common, charge=found.charge, axis_m=_pattern_vector(axis))
+            return Vortex(**common, charge=found.charge, axis_m=pattern_vector(axis))
         return OneFocus(**common)
 
     def _in_world(self, spread: FloatArray) -> Vector:
         """Rotate standard deviations from the array's axes to the world's."""
         if np.isfinite(spread).all():
-            return _pattern_vector(np.abs(spread @ np.abs(self._model.array.axes)))
+            return pattern_vector(np.abs(spread @ np.abs(self._model.array.axes)))
         lost = (np.abs(self._model.array.axes[~np.isfinite(spread)]) > 1e-6).any(axis=0)
         seen = np.where(np.isfinite(spread), spread, 0.0) @ np.abs(self._model.array.axes)
-        return _pattern_vector(np.where(lost, np.inf, seen))
+        return pattern_vector(np.where(lost, np.inf, seen))
 
     def _arrival(self, drive: ComplexArray, place: FloatArray) -> tuple[float, float]:
         """Return the RMS pressure and the coherence at a point."""
@@ -385,7 +386,7 @@ class PatternClassifier:
     def _unnamed(self, drive: ComplexArray, active: BoolArray) -> Unnamed:
         """Return an unnamed pattern with the point of greatest pressure."""
         loudest = self._search_for(active).loudest(drive, 1)[0]
-        return Unnamed(_pattern_vector(loudest), self._arrival(drive, loudest)[1])
+        return Unnamed(pattern_vector(loudest), self._arrival(drive, loudest)[1])
 
 
 def _rms_of(found: Explanation) -> float:
@@ -397,8 +398,3 @@ def _as_trap(found: Explanation | None, halves: FloatArray) -> Explanation | Non
     if found is None or found.charge or found.normal is not None:
         return None
     return replace(found, added_rad=halves, normal=np.array([0.0, 0.0, 1.0]))
-
-
-def _pattern_vector(values: FloatArray) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

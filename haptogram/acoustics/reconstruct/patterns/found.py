@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 from typing import ClassVar, TypeAlias
 
-Vector: TypeAlias = tuple[float, float, float]
+from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics.reconstruct.estimates import Vector, plain_estimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,12 +151,11 @@ KINDS = tuple(
 
 def pattern_dict(pattern: Pattern) -> dict[str, object]:
     """Return a pattern for JSON; infinite values become None."""
-    values = {field.name: _plain_pattern(getattr(pattern, field.name)) for field in fields(pattern)}
+    values = {field.name: plain_estimate(getattr(pattern, field.name)) for field in fields(pattern)}
     return {"kind": pattern.kind, **values}
 
 
-def _plain_pattern(value: object) -> object:
-    """Convert tuples to lists and non-finite floats to None, for JSON."""
-    if isinstance(value, tuple):
-        return [_plain_pattern(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def pattern_vector(values: FloatArray) -> Vector:
+    """Return a (3,) array as plain numbers."""
+    x, y, z = values.tolist()
+    return x, y, z

@@ -16,7 +16,7 @@ from haptogram.acoustics.reconstruct.patterns.foci_fit import (
     fit_foci,
     waves_of_foci_pattern,
 )
-from haptogram.acoustics.reconstruct.patterns.found import SeveralFoci, Vector
+from haptogram.acoustics.reconstruct.patterns.found import SeveralFoci, pattern_vector
 from haptogram.acoustics.solvers.focus import focus_phases
 
 MOST_FOCI: Final = 8
@@ -159,13 +159,8 @@ def _foci_as_pattern(
     if shares[-1] < _LEAST_SHARE:
         return None
     return SeveralFoci(
-        tuple(_foci_pattern_vector(places[n]) for n in order),
-        tuple(_foci_pattern_vector(fit.bound_m[n]) for n in order),
+        tuple(pattern_vector(places[n]) for n in order),
+        tuple(pattern_vector(fit.bound_m[n]) for n in order),
         tuple(float(share) for share in shares),
         fit.residual_rad,
     )
-
-
-def _foci_pattern_vector(values: FloatArray) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
