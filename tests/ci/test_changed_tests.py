@@ -1,5 +1,7 @@
 """Which tests a change selects."""
 
+from pathlib import Path
+
 import pytest
 
 from changed_tests import ALWAYS, touched_tests
@@ -23,7 +25,7 @@ def test_a_change_selects_the_tests_that_touch_it(file, selected):
     tests = touched_tests([file])
     assert selected in tests
     assert ALWAYS in tests
-    assert len(tests) < 40
+    assert len(tests) < len([*Path("tests").rglob("test_*.py")]) / 4
 
 
 def test_nothing_changed_selects_the_contracts_alone():

@@ -41,8 +41,9 @@ class _Overtaking(VirtualHaptogramDialect):
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, frames that wait among it."""
-        while self._waiting and self._waiting[0][0] <= t_us:
-            due_us, data = self._waiting.pop(0)
+        due = [one for one in self._waiting if one[0] <= t_us]
+        del self._waiting[: len(due)]  # or the board would wait for them within its own step
+        for due_us, data in due:
             super().advance_to(due_us)
             super().receive(data, due_us)
         super().advance_to(t_us)
