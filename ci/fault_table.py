@@ -29,7 +29,6 @@ HEALTHY: Final = ""
 _SESSION_IS_UP: Final = "from=10ms"
 _IN_MID_RUN: Final = "from=250ms"
 _NOTHING: Final = "–"
-_MM: Final = 1e3
 
 #: A telling strength of every fault that has none by default: enough to show in 380 frames.
 STRENGTHS: Final = {

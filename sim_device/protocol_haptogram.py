@@ -148,7 +148,7 @@ class Serial(serial.SerialBase):
 
     @property
     def brief_records(self) -> list[Record]:
-        """:attr:`records`; latches may have key and time only."""
+        """:attr:`records`; latches may lack their drive."""
         return self._records
 
     @property

@@ -29,6 +29,7 @@ LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as
 _LINE_CHUNK: Final = MAX_ENCODED_BYTES + 2  # handed to the line at a time: the longest frame
 _LINES: Final = {"down": "to_board", "up": "to_host"}
 MAX_CREDIT_NS: Final = 100_000_000  # most line time that a stalled process may catch up
+_UNSEEN_US: Final = 1_000_000  # longest playback whose latches are kept in memory together
 
 
 class SimulationRecorder(Protocol):
@@ -300,14 +301,14 @@ class Simulation:
     def _play_unseen(self, t_ns: int) -> None:
         """Let a board play up to *t_ns*, if neither line nor recorder has to do with its latches.
 
-        All at once: a playback may be hours long.
+        A second at a time: a playback may be hours long, and its latches are kept until then.
         """
         dialect = self.dialect
         if not self._is_unseen or self._down.in_transit or self._up.in_transit or self._can_feed:
             return
         assert isinstance(dialect, VirtualHaptogramDialect)
         if dialect.board.is_playing:
-            dialect.play_to(self._clock.device_us(t_ns))
+            dialect.play_to(min(self._clock.device_us(t_ns), dialect.now_us + _UNSEEN_US))
             self._now_ns = max(self._now_ns, self._clock.reached_ns(dialect.now_us))
             self._is_next_known = False
             self._record()

@@ -3,7 +3,6 @@
 import contextlib
 
 import pytest
-from sim_device.backdoor.worker_batches import packed_worker_batch, unpacked_worker_batches
 from test_verdict_speed import jittered_frames
 
 from haptogram import Driver
@@ -11,6 +10,7 @@ from haptogram.driver.line.port import FdTransport, open_transport
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram_protocol.messages import LatchKey
 from sim_device.backdoor.recorder import InlineReconstructionWorker
+from sim_device.backdoor.worker import packed_worker_batch, unpacked_worker_batches
 from sim_device.board.events import Latch
 from sim_device.board.settings import BoardSettings
 from sim_device.line.pty_port import PtyPort

@@ -29,7 +29,8 @@ _RATE_HZ: Final = 1000.0
 _PERIOD_US: Final = 1e6 / _RATE_HZ
 _SPIN_US: Final = 150
 _COMPLETE_US: Final = 1000.0
-_PIPELINED_HZ: Final = 15_500  # 1.4 times what it was at f17889f on a quiet core
+_PIPELINED_HZ: Final = 15_500  # 1.4 times the 11 100 of f17889f on a quiet core
+_CHANCE: Final = 0.001  # difference of two runs one after the other
 _BAUD: Final = 12_000_000  # the loop is measured, not how a line that is 92 % full catches up
 _FRAME_BYTES: Final = 276
 _TRACE_BYTES: Final = 28
@@ -141,7 +142,7 @@ def _two_processes(run: BenchRun, programs: CPrograms | None) -> list[Goal]:
             f"{100 * in_time:.2f} %",
             _NO_COMPILER if share is None else f"C, after it {100 * share:.2f} %",
             "no worse than C",
-            None if share is None else in_time >= share,
+            None if share is None else in_time >= share - _CHANCE,
         ),
     ]
 

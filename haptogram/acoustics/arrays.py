@@ -15,7 +15,6 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 _Kind = TypeVar("_Kind", bound=np.generic)
 
 MAX_TRANSDUCERS: Final = 1024  # per array, and so per drive
-_MAX_COMPUTED: Final = 1e15  # no memory holds as many, and a float still counts them one by one
 MAX_POINT_M: Final = 1e6  # largest coordinate: nothing overflows, even in single precision
 
 

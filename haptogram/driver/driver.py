@@ -230,7 +230,7 @@ class Driver(ClosedByWith):
         return self._link.request(messages.GetStatus(), messages.StatusReply)
 
     def ping(self) -> float:
-        """Measure the device clock anew and return the error that is left, in microseconds."""
+        """Measure the device clock again and return the remaining error, in microseconds."""
         self._session.pinger.synchronise()
         return self.clock.uncertainty_us
 

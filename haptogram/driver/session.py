@@ -26,7 +26,7 @@ from haptogram_protocol.messages import DriveKind, MuteReply, Status, TraceMode,
 from haptogram_protocol.state import MuteReason, OutputState
 
 _TIMEOUTS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
-_AT_ONCE_US: Final = 2_000  # from a question to the latch of the frame that follows the answer
+_AT_ONCE_US: Final = 2_000  # longest time from a request to the latch of the next frame
 _REFRESHES: Final = 4  # within the shorter one of the two timers
 
 

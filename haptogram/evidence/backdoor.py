@@ -350,7 +350,7 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         Raises
         ------
         ConfigurationError
-            None comes for so long.
+            None comes for *patience_s*.
         """
         end_s = time.monotonic() + patience_s
         while not (records := self.read()):

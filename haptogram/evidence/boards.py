@@ -32,12 +32,12 @@ _TRACE_SHARE: Final = 0.5  # share of the line from the board for traces with dr
 _AFTER_LAST_NS: Final = 5_000_000
 _LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as it likes
 _DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
-
+# Of a board at a port, seen through its back door:
+_LAST_S: Final = 10.0  # wait for the last latch records
+_QUEUE_S: Final = 2.0  # wait for its queue
+_POLL_S: Final = 0.01
 
 _Records: TypeAlias = Sequence[Mapping[str, Any]]
-_LAST_S: Final = 10.0  # until it has told its last latch
-_QUEUE_S: Final = 2.0
-_POLL_S: Final = 0.01
 
 
 class DriverEvidence(Protocol):
@@ -131,7 +131,7 @@ class BoardUnderTest:
         return self._records()
 
     def brief_records(self) -> _Records:
-        """Return :meth:`records`, of which latches may hold key and time alone."""
+        """Return :meth:`records`; latches may lack their drive."""
         return self.records()
 
     @property
@@ -197,7 +197,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
         Returns the latches among the records of Haptogram's own board, so that nobody has to read
         them.
     brief : callable, optional
-        Returns the records, of which latches may hold key and time alone.
+        Returns the records; latches may lack their drive.
     """
 
     is_in_process = True
@@ -233,7 +233,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
         return backdoor.observations_on_clock_of(driver.intended, own)
 
     def brief_records(self) -> _Records:
-        """Return the records, of which latches may hold key and time alone."""
+        """Return the records; latches may lack their drive."""
         return self._brief()
 
 
@@ -374,7 +374,7 @@ class PortBoardUnderTest(BoardUnderTest):
 
 
 class ShownPortBoardUnderTest(BoardUnderTest):
-    """A board that somebody else started, at a port, seen through its back door.
+    """A board started elsewhere, at a port, seen through its back door.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from haptogram.acoustics.solvers.several import Method
     from haptogram.evidence.recordings.writer import RecordingWriter
 
-_UNDER_WAY_US: Final = 5_000  # until the first frame after a silence is at the board
+_UNDER_WAY_US: Final = 5_000  # time until the first frame after a silence is at the board
 _OWN_MUTE: Final = ("flushed",)  # counts what the host cancelled
 
 
@@ -439,7 +439,7 @@ class DialectBoardsUnderTest:
 
     @property
     def count(self) -> int:
-        """Boards that have so many channels."""
+        """Boards that these channels need."""
         return max(self.channels) // self.dialect.channels + 1
 
     @property

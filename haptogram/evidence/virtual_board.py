@@ -187,7 +187,12 @@ class VirtualBoard(ClosedByWith):
         except BaseException:
             self._folder.remove()
             raise
-        self._records = BoardRecords(self.backdoor, self._process)
+        try:
+            self._records = BoardRecords(self.backdoor, self._process)
+        except BaseException:
+            self._process.kill()
+            self._folder.remove()
+            raise
         try:
             if isinstance(self._process, BoardProcess):
                 self._process.wait_until_ready()

@@ -26,7 +26,7 @@ from haptogram.objects.shapes import Hemisphere
 Point: TypeAlias = Sequence[float]
 
 _PAPER_OBJECT: Final = Hemisphere(radius_m=0.050, center_m=(0.0, 0.0, 0.100))
-_PAPER_WAVELENGTH_M: Final = 2.0 * math.pi / 730.603  # of the wave number that it prints
+_PAPER_WAVELENGTH_M: Final = 2.0 * math.pi / 730.603  # wavelength by the wave number that it prints
 
 
 def _weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex128]:

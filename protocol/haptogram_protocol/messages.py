@@ -749,7 +749,7 @@ MESSAGES: Final[dict[int, type[Message]]] = {
 def parse_body(body: bytes) -> tuple[Header, Message]:
     """Return header and message of a frame whose CRC was right.
 
-    What a later minor version adds to a response or event is ignored (HG-11.3).
+    Fields that a later minor version adds to a response or event are ignored (HG-11.3).
 
     Parameters
     ----------
@@ -766,7 +766,7 @@ def parse_body(body: bytes) -> tuple[Header, Message]:
 
 
 def parse_payload(header: Header, body: bytes) -> Message:
-    """Return the message behind *header*; see :func:`parse_body`."""
+    """Return the message after *header*; see :func:`parse_body`."""
     message = MESSAGES.get(header.type)
     if message is None:
         raise RemoteProtocolError(

@@ -34,9 +34,9 @@ _SIGNALS: Final = 2  # signals before the pins of the elements
 _RAMP_STEP_US: Final = 1000  # HG-6.11/2: as often the amplitude of a ramp has to follow
 _BITS_OF_A_BYTE: Final = 10
 _FULL: Final = 255.0
-_SECOND_US: Final = 1e6  # for which pins that never fall silent are shown at the end
-_QUIET_PERIODS: Final = 20.0  # before the first latch and after the last event
-#: From device time in us: what the pins do from then on (None: silence), whether it is a latch, and
+_SECOND_US: Final = 1e6  # time at the end for which pins that never fall silent are shown
+_QUIET_PERIODS: Final = 20.0  # silence before the first latch and after the last event
+#: Device time in us, the drive of the pins from then on (None: silence), whether it is a latch, and
 #: the carrier.
 _Act: TypeAlias = tuple[int, ComplexArray | None, bool, CarrierState]
 _Piece: TypeAlias = tuple[float, float, PinWaveformPulses, bool, CarrierState]

@@ -152,7 +152,7 @@ class UartWaveform:
         return begin_us + len(data) * self._byte_us
 
     def carry(self, begin_us: float, data: bytes) -> None:
-        """Put bytes on the line, back to back, from *begin_us* on, behind those that it carries."""
+        """Put bytes on the line, back to back, from *begin_us* on, after those that it carries."""
         self._bursts.append((max(begin_us, self.end_us), data))
 
     def cut(self, t_us: float) -> None:

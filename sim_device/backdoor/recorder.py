@@ -146,8 +146,8 @@ class InlineReconstructionWorker:
         Whether the field is rebuilt.
     told : list of Observation, keyword-only, optional
         Takes the latches as a verdict has them, many at a time, at the latest with :meth:`settle`:
-        their fields take a tenth of the time so. The records then hold key and time of a latch
-        alone until :meth:`complete`.
+        their fields take a tenth of the time so. The records of latches then lack the drive
+        until :meth:`complete`.
     direct : callable, keyword-only, optional
         Takes the latches of Haptogram's own wire in place of their records.
     """

@@ -260,7 +260,7 @@ def _widen_worker_pipe(pipe: int) -> None:
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
 
 
-# A signal, not a record: a record would wait behind all records that are on their way.
+# A signal, not a record: a record would wait after all records that are on their way.
 SKIP_FIELDS: Final = signal.SIGUSR1
 _LENGTH: Final = struct.Struct("<I")
 

@@ -61,7 +61,7 @@ class VirtualDialect:
         return None
 
     def next_frame_end(self, data: bytes, at: int) -> int:
-        """Return the index behind the first byte of *data* from *at* on that may end a message."""
+        """Return the index after the first byte of *data* from *at* on that may end a message."""
         raise NotImplementedError
 
     def receive(self, data: bytes, t_us: int) -> None:

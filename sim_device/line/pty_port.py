@@ -16,7 +16,7 @@ from .port import BoardPort
 from .pty_link import INSTEAD_OF_PTY, PtyLink
 
 _CLOSED: Final = -1
-UNTOUCHED_BAUD: Final = 38_400  # of a new pseudo-terminal
+UNTOUCHED_BAUD: Final = 38_400  # default rate of a new pseudo-terminal
 _TCGETS2: Final = 0x802C542A  # asm-generic/ioctls.h: as the names of termios have no odd rates
 
 

@@ -24,11 +24,7 @@ from sim_device.board.timers import FULL_CODE, BoardTimers, Fade
 from sim_device.dialects.haptogram import VirtualHaptogramDialect
 from sim_device.mutants import Mutant
 
-_JUMP_EVERY_US: Final = 500_000
-_JUMP_US: Final = 2_000
-
 _WRAP: Final = 2**32
-_NEVER_US: Final = 1 << 60
 _JUMP_EVERY_US: Final = 500_000
 _JUMP_US: Final = 2_000
 

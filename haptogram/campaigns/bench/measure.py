@@ -110,6 +110,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
                     realtime=config.realtime,
                 )
             processors = fingerprint_cpu_share(before, fingerprint_cpu_times())
+        board.settle(driver)
         seen = {one.key.index: one for one in board.observations(driver)}
         if tap is not None:
             tap.tell(board.records())

@@ -184,10 +184,9 @@ class SuiteConnection:
 
     def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
         """Open a client on a transport."""
-        self._transport = transport
         wire = RawFrameClient(transport, self._limits, baudrate=self.baudrate)
         self._connected_us = wire.now_us()
-        self._board = BoardClient(wire, self._random, booted=booted)
+        self._board, self._transport = BoardClient(wire, self._random, booted=booted), transport
         self._board.nonces = self.nonces
         self._board.thorough = self._depth > Depth.QUICK
         self._board.exhaustive = self._depth > Depth.DEFAULT

@@ -36,7 +36,7 @@ _BATCH: Final = 512  # frames whose phases are computed at a time
 _REGISTER_BITS: Final = 8  # phase bits of the drives in records and verdicts
 _TURN: Final = 1 << _REGISTER_BITS
 _SESSION: Final = 0  # these wires know none
-_HIGHEST_CHANNEL: Final = 0xFFFF  # of any line of boards
+_HIGHEST_CHANNEL: Final = 0xFFFF  # highest channel of any dialect
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,12 +206,12 @@ def checked_display_channels(channels: Any) -> tuple[int, ...]:
 
 
 def dialect_display_of(dialect: Dialect, boards: int) -> Display:
-    """Return the display of so many boards of *dialect*.
+    """Return the display of *boards* boards of *dialect*.
 
     Raises
     ------
     ConfigurationError
-        If this program does not drive that wire, or not so many boards.
+        If this program does not drive that wire, or not that number of boards.
     """
     if dialect.display is None:
         raise ConfigurationError(
@@ -236,7 +236,7 @@ def assumed_dialect_frames_model(dialect: Dialect, medium: Medium | None = None)
     Raises
     ------
     ConfigurationError
-        If nobody here knows their array.
+        If their array is not known here.
     """
     if dialect.layout not in LAYOUTS:
         raise ConfigurationError(

@@ -318,7 +318,7 @@ def _link_error_name(code: int) -> str:
 
 
 def _ignore_link_event(_: EventReceived | ReplyReceived | FrameDropped) -> None:
-    """Take an event that nobody asked for."""
+    """Ignore an event without a handler."""
 
 
 def open_line_session(link: Link) -> HelloReply:

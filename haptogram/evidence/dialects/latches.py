@@ -115,7 +115,7 @@ class PulseObservation:
     t_latch_us : int
         Device time of the latch, microseconds.
     cause : str
-        What made the board latch.
+        Cause of the latch.
     pulses : PulseDrive
         Pulses of every channel, those that drive no emitter among them.
     weights : (N,) numpy.ndarray of complex128
@@ -123,7 +123,7 @@ class PulseObservation:
     phase_steps : int or None
         Steps to half of which the board has computed these phases, if they are coarser than others.
     counted : mapping of str to int
-        What the board could not understand since the latch before.
+        Counts of bytes since the latch before that the board could not understand.
     reconstruction : Reconstruction or None
         Focus and field rebuilt from the weights.
     """

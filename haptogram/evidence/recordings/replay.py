@@ -36,7 +36,7 @@ _COMPARED: Final = ("output", "pulses")  # records of the back door, beside latc
 _STEP_NS: Final = 10_000_000
 _AFTER_LAST_NS: Final = 12_000_000_000  # time after the last entry: the horizon of a queue
 _WRAP: Final = 1 << 32
-_PATIENCE_NS: Final = 2_000_000_000  # for the first reply, and for the last ones
+_PATIENCE_NS: Final = 2_000_000_000  # wait for the first reply, and for the last ones
 _RETRY_NS: Final = 1_000_000
 
 
@@ -385,7 +385,7 @@ class ReplayFrameShifter:
     def feed(self, data: bytes) -> bytes:
         """Return the bytes for the board; a frame that has not ended waits.
 
-        What is longer than any frame goes on as it is.
+        Bytes longer than any frame are passed on unchanged.
 
         Raises
         ------
@@ -403,7 +403,7 @@ class ReplayFrameShifter:
         return bytes(moved)
 
     def _moved(self, piece: bytes) -> bytes:
-        """Return the bytes between two delimiters; damaged ones stay as they are."""
+        """Return a frame with its time shifted to the board's clock; damaged ones are unchanged."""
         try:
             body = decode_frame(piece)
         except RemoteProtocolError:

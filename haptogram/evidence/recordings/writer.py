@@ -44,7 +44,7 @@ _RECORDS: Final = {
 }
 _TIMES: Final = ("t_us", "t_latch_us")
 _SAID: Final = ("kind", "event", *_TIMES)
-_PITCH_M: Final = 0.01  # of the elements of an array that has none
+_PITCH_M: Final = 0.01  # drawn size of the elements of an array without a pitch
 _REPLIES: Final = 32  # the quickest of them tells the difference of the clocks
 _WRAP: Final = 1 << 32
 

@@ -15,11 +15,11 @@ from haptogram.acoustics.arrays import FloatArray
 from .held.drives import HeldDrives, PinLatch
 from .run_drives import Bools, PinRunDrives
 
-#: From the first to the last pin of a latch: a period, and what a cut pulse may seem to be off.
+#: Longest time from the first to the last pin of a latch: a period, and the error of a cut pulse.
 TORN_PERIODS: Final = 1.25
 #: A frame is late from here on: one for the boundary that is awaited, one for its pulse in it.
 LATE_PERIODS: Final = 2.0
-#: Drives nearer than that are not told apart pulse by pulse: samples, and a share of full drive.
+#: Smallest difference of drives that single pulses show: in samples, and as a share of full drive.
 _SAMPLES: Final = 8.0
 _LEAST_DISTANCE: Final = 0.06
 

@@ -29,8 +29,8 @@ _WINDOW: Final = 2.0  # periods within which changes follow each other in one la
 _SILENT: Final = 2.5  # periods without a pulse
 _LEAST_HELD: Final = 2.0  # periods: a drive that is held for less shows nothing
 _LEAD: Final = 5.25  # periods before the run, in which its first latch may lie
-_FIRST_PERIODS: Final = 3.0  # of a capture that begins with the run
-_PRIOR_PERIODS: Final = 8.0  # before the run
+_FIRST_PERIODS: Final = 3.0  # periods of a capture that begins with the run
+_PRIOR_PERIODS: Final = 8.0  # periods before the run
 _ROUNDING_RAD: Final = 1e-4
 _MOST_JITTER_RAD: Final = math.pi / 256.0  # largest jitter of a mean: half a step of 8 bits
 _LATCH_SLACK: Final = 2.0  # periods by which a latch may seem to be early
@@ -74,7 +74,7 @@ class FramesShownByPins:
     starts, ends : (F,) numpy.ndarray
         When each frame is due and over in the capture.
     drives : PinDrives
-        What each pin shows of each frame.
+        Measured drive of each pin in each frame.
     latches : list of FrameLatch
         When the pins took the drive of each frame.
     lost : (F,) numpy.ndarray of bool

@@ -12,8 +12,8 @@ from ...line.vcd import vcd_identifier, write_vcd_head
 from .process import PERIOD, SAME, SimulatedHello, count_of_same
 
 _LINES: Final = ("carrier", "to_board", "to_host")
-_BITS: Final = 10  # of a byte
-_OFF_NS: Final = 1_000_000  # between two boards, of which the second is the first after a reset
+_BITS: Final = 10  # bits of a byte on the line
+_OFF_NS: Final = 1_000_000  # gap in the capture for a reset of the board
 
 
 class SimulatedCapture:

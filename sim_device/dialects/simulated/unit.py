@@ -203,7 +203,7 @@ class SimulatedUnit:
 class SimulatedBoard(VirtualDialect):
     """A simulator at the end of the line.
 
-    What it latches under which number only its own trace tells.
+    Only its own trace tells which number a latch has.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ from ...board.events import CarrierState, PulseLatch
 from ..unit import LatchingUnit, Unit
 
 POWER_UP: Final = "power-up"
-CYCLES: Final = 396  # of the processor, in a period of MEGA64
-_CYCLES_OF_A_PORT: Final = 30 / 9  # from the first of ten ports to the last
+CYCLES: Final = 396  # processor cycles in a period of MEGA64
+_CYCLES_OF_A_PORT: Final = 30 / 9  # processor cycles from one of the ten ports to the next
 PERIOD_US: Final = 25
 _COUNTER: Final = 256  # currentPeriods is a byte
 UPLOAD: Final = "upload"  # cause of a latch: bytes begin to arrive, or no more do
@@ -181,7 +181,7 @@ class ArduinoPlaylist:
     Attributes
     ----------
     durations : bytes
-        Periods of each pattern; the first 0 behind the first pattern ends the list.
+        Periods of each pattern; the first 0 after the first pattern ends the list.
     pointer : int
         The pattern that is shown.
     """
@@ -216,7 +216,7 @@ class ArduinoPlaylist:
         return self.pointer != before
 
     def skip_to(self, period: int) -> None:
-        """Go on to *period*; nobody asks for the changes on the way."""
+        """Go on to *period* without reporting the changes on the way."""
         if not self._counts:
             return
         cycle = self._cycle()
@@ -279,7 +279,7 @@ class UnsteadyUnit(LatchingUnit):
     Parameters
     ----------
     unit : Unit
-        What the boards do apart from that.
+        The emulated boards with a steady carrier.
     usual : CarrierState
         The carrier while no byte arrives.
     is_disturbed : bool

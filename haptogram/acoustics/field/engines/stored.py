@@ -65,7 +65,6 @@ _PROVIDED: Final = {
 
 
 #: Symbols of numba, and of Intel's mathematics that numba uses on some machines.
-_SYMBOL: Final = rb"\0((?:NRT|numba|__svml)_\w+)(?=\0)"
 
 
 class _OtherTypesError(HaptogramError):

@@ -31,7 +31,7 @@ from ...outcome import SELF_REPORTED, CaseEndedError, check, check_equal, fail, 
 _PAUSE_US: Final = 120_000
 _BYTE_US: Final = 1_000
 _LISTEN_US: Final = 300_000
-_PING_BYTES: Final = 26  # on the line, at most
+_PING_BYTES: Final = 26  # largest size of a PING on the line
 _MS: Final = 1000
 _PAUSES_MS: Final = (1, 100, 1_500, 10_000, 70_000)
 _PAUSES_AT_WALL_MS: Final = (1, 100, 1_500)

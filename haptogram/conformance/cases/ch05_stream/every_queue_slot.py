@@ -16,7 +16,6 @@ from ...client.stream_kinds import StreamKind, stream_kinds
 from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 from .every_drop import fill_queue
 
-_WINDOW_US: Final = 100_000
 _WAITING: Final = 3
 _STEP_US: Final = 200
 _BATCH_US: Final = 300_000  # of the line, for frames that are sent at once

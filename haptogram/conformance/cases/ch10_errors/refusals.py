@@ -51,7 +51,6 @@ _FRESH_US: Final = 4_000_000  # a situation is brought about again after this ti
 _PERIOD_US: Final = 9_000_000
 _GAP: Final = 40
 _UNKNOWN_FLAG: Final = 0x40
-_MS: Final = 1000
 _LEASE_MS: Final = 90
 #: A configuration away from the default.
 _AWAY: Final = {

@@ -97,7 +97,7 @@ class FpgaByteRules:
     commands : mapping
         Operation of every byte that is no code.
     starts : bool
-        Whether codes belong behind :class:`Begin`; others are taken as well, and counted.
+        Whether codes belong after :class:`Begin`; others are taken as well, and counted.
     wraps : bool
         Whether a code too many goes to channel 0 again; otherwise it is not taken.
     amplitude_limit : int

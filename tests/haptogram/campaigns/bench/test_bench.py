@@ -1,12 +1,17 @@
 """The benchmark for real, and short: that it measures everything, not how fast anything is."""
 
+import contextlib
 import json
+import os
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from haptogram.campaigns.bench import measure
 from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.campaigns.bench.measure import run_bench
 from haptogram.campaigns.bench.result import STAGES, bench_dict, read_bench_result
@@ -41,6 +46,37 @@ def test_every_frame_has_every_stage_or_is_said_to_lack_it(run):
     own_us = run.stages_us["line"][~np.isnan(run.stages_us["line"])]
     assert own_us.min() >= 913.333
     assert np.nanmin(run.stages_us["wake"]) >= 0
+
+
+def test_frames_count_as_latched_whose_records_come_late(monkeypatch):
+    opened, stopped = measure._bench_board, []
+
+    def board_with_a_slow_worker(config, parts):
+        board = opened(config, parts)
+        settle, process = board.settle, board._board.pid
+        stopped.extend(
+            map(int, Path(f"/proc/{process}/task/{process}/children").read_text().split())
+        )
+
+        def settle_once_the_worker_goes_on(driver):
+            for worker in stopped:
+                os.kill(worker, signal.SIGCONT)
+            settle(driver)
+
+        for worker in stopped:
+            os.kill(worker, signal.SIGSTOP)
+        board.settle = settle_once_the_worker_goes_on
+        return board
+
+    monkeypatch.setattr(measure, "_bench_board", board_with_a_slow_worker)
+    try:
+        found = run_bench(BenchConfig(rate_hz=500, seconds=0.2))
+    finally:
+        for worker in stopped:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(worker, signal.SIGCONT)
+    assert stopped
+    assert found.latched == found.report.status.counters.latched
 
 
 def test_every_miss_has_a_cause(run):
