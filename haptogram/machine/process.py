@@ -27,8 +27,8 @@ _PRIORITY: Final = 50  # SCHED_FIFO: above ordinary threads of the kernel, below
 class TerminalProcesses:
     """The threads of the processes that made a pseudo-terminal, and how long they waited.
 
-    Without threads where *path* is no pseudo-terminal, and where the system does not say (Linux does, of the
-    same user).
+    Without threads where *path* is no pseudo-terminal, and where the system does not say (Linux
+    does, of the same user).
 
     Parameters
     ----------

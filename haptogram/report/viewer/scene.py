@@ -29,7 +29,6 @@ from .frames import STATUSES, ViewerFrame, frame_columns, odd_frames_of_viewer
 MAGIC: Final = b"HGV1"
 _ALIGNMENT: Final = 8
 _GAINS: Final = 1025  # points over the cosine: linear between them is good to 1e-6
-_TYPES: Final = {"u1": np.uint8, "u4": np.uint32, "f4": np.float32, "f8": np.float64}
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,15 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
+from haptogram.records.pins import PinRecord
 
-from .held.drives import HeldDrives
+from .held.drives import held_pin_drives
 from .held.matching import matched_drives
 from .run_drives import PinRunDrives
 
 _NEAR_PERIODS: Final = 2.5  # distance from the line through the latches of one clock
 _FEWEST: Final = 8  # frames that tell the rate
+_WINDOW: Final = 0.5  # part of a frame that holds the changes of one latch
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,23 +47,20 @@ class PinAlignment:
         return times
 
 
-def align_pins_to_run(held: HeldDrives, run: PinRunDrives) -> PinAlignment:
+def align_pins_to_run(record: PinRecord, run: PinRunDrives) -> PinAlignment:
     """Return the place at which most drives of the run begin in time.
 
     One crystal makes the clocks of the frames and of the carrier; or two do, and then the
     analyser's own clock is the better first guess.
     """
+    held = held_pin_drives(record, window=min(record.latch_window, _WINDOW * run.gap))
     firsts, pairs = matched_drives(held, run.weights)
-    latches = pairs[:, 0] - 1
-    # Pins that do not latch together hold drives of no frame: the first of their latches is meant.
-    follows = np.diff(pairs[:, 1]) == 1
-    latches[1:][follows] = pairs[:-1, 0][follows]
-    known = latches >= 0  # when the first drive began is not known
-    if not known.any():
+    pairs = pairs[pairs[:, 0] > 0]  # when the first drive began is not known
+    if not len(pairs):
         return PinAlignment(0.0)
-    due = run.starts[firsts[pairs[known, 1]]]
-    begins = np.array([held.latches[place].begin for place in latches[known]])
-    lines = [_line_through(due, begins, rate) for rate in (1.0, 1.0 + held.record.drift_ppm * 1e-6)]
+    due = run.starts[firsts[pairs[:, 1]]]
+    begins = np.array([held.latches[place - 1].begin for place in pairs[:, 0]])
+    lines = [_line_through(due, begins, rate) for rate in (1.0, 1.0 + record.drift_ppm * 1e-6)]
     return max(lines, key=lambda line: line[0])[1]
 
 

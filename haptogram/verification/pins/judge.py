@@ -31,7 +31,6 @@ from .elements.faults import (
 )
 from .elements.levels import LevelsInTime, levels_of_pins_in_time
 from .elements.offsets import ElementOffsets
-from .frame_latches import LATE_PERIODS
 from .held.drives import held_pin_drives
 from .held.frame_times import frames_at_held_drives
 from .pin_verdict import PinLimits, PinVerdict
@@ -40,6 +39,8 @@ from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 from .shared_phase import shared_turns_of_pins
 from .shown_frames import (
     FIT_SHARE,
+    LATE_PERIODS,
+    TORN_PERIODS,
     FramesShownByPins,
     PinCaptureLimits,
     frames_shown_by_pins,
@@ -172,15 +173,21 @@ class _PinJudge:
 
     def _check_torn(self) -> int:
         """Find latches that reach some pins late; return their number."""
+        steps, usable = self.shown.steps, self.shown.latched
         torn = np.flatnonzero(self.shown.torn)
         us = self._period_us
         for frame in torn:
-            latch = self.shown.latches[frame]
-            behind = [str(self.run.elements[place]) for place in latch.behind]
+            first = steps.before[frame][usable[frame]].min()
+            behind = [
+                str(self.run.elements[e])
+                for e in np.flatnonzero(usable[frame])
+                if steps.after[frame, e] - first > TORN_PERIODS
+            ]
             shown = ", ".join(behind[:4]) + (", ..." if len(behind) > 4 else "")
             text = (
-                f"frame {frame}: {len(behind)} of {len(latch.places)} pins (element {shown}) "
-                f"latch {latch.apart * us:.0f} µs or more after the first, may be {us:.0f} µs"
+                f"frame {frame}: {len(behind)} of {int(usable[frame].sum())} pins (element "
+                f"{shown}) latch {self.shown.apart[frame] * us:.0f} µs or more after the first, "
+                f"may be {us:.0f} µs"
             )
             if self.record.reference_element is None or len(torn) > _EDGE:
                 self._find("torn", text)
@@ -188,7 +195,7 @@ class _PinJudge:
                 self.missing.append(f"{text}, or samples are missing: {_WITH_THE_CLOCK}")
         if self.run.held is not None:
             self.not_judged["torn"] = "the carrier is not steady while pins change"
-        elif not any(len(latch.places) for latch in self.shown.latches):
+        elif not usable.any(axis=1).any():
             self.not_judged["torn"] = "no two drives that the pins tell apart follow each other"
         elif len(self.run.elements) < 2:
             self.not_judged["torn"] = "one pin cannot be torn"

@@ -15,6 +15,7 @@ from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 
 #: Periods after a latch until no pulse of the old drive is left, and before the next one.
 SETTLED: Final = 2.0
+_BEFORE_NEXT: Final = 1.0
 _LEAST_WINDOW: Final = 1.0
 _SAMPLED: Final = 0.1  # periods by which samples and jitter may move pulses at both ends of it
 _MOST_ERRORS: Final = 4.0  # standard errors of a mean that jitter may make
@@ -64,6 +65,15 @@ def pin_weights(
         spread = np.sqrt(-2.0 * np.log(same))
         jitter[:, place] = _MOST_ERRORS * spread / np.sqrt(np.maximum(ends - begins, 1))
     return PinWeights(weights, jitter)
+
+
+def pin_weights_of_frame(
+    record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
+) -> PinWeights:
+    """Return the drives between *starts* and *ends* (F,), without the latches at both."""
+    shape = run.count, len(run.elements)
+    lows = np.broadcast_to((starts + SETTLED)[:, None], shape)
+    return pin_weights(record, run, lows, np.broadcast_to((ends - _BEFORE_NEXT)[:, None], shape))
 
 
 def common_turns_of_pins(

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -17,20 +16,21 @@ from haptogram.records.pins import PinRecord
 
 from .alignment import PinAlignment, align_pins_to_run
 from .elements.faults import PinDrives
-from .frame_latches import LATE_PERIODS, TORN_PERIODS, FrameLatch, latches_of_frames
-from .held.drives import held_pin_drives
-from .pin_weights import SETTLED, PinWeights, common_turns_of_pins, pin_weights
-from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
+from .latch_steps import PinSteps, pin_steps, sound_before_run
+from .pin_weights import SETTLED, common_turns_of_pins, pin_weights, pin_weights_of_frame
+from .run_drives import Bools, PinRunDrives
 
 #: Share of the captured drives that are right in a capture of this run.
 FIT_SHARE: Final = 0.5
+#: Longest time from the first to the last pin of a latch: a period, and the error of a cut pulse.
+TORN_PERIODS: Final = 1.25
+#: A frame is late from here on: one for the boundary that is awaited, one for its pulse in it.
+LATE_PERIODS: Final = 2.0
 _HALF: Final = 0.5
-_WINDOW: Final = 2.0  # periods within which changes follow each other in one latch
 _SILENT: Final = 2.5  # periods without a pulse
-_LEAST_HELD: Final = 2.0  # periods: a drive that is held for less shows nothing
-_LEAD: Final = 5.25  # periods before the run, in which its first latch may lie
-_FIRST_PERIODS: Final = 3.0  # periods of a capture that begins with the run
-_PRIOR_PERIODS: Final = 8.0  # periods before the run
+_LAST_PERIODS: Final = 7.0  # end of a frame, in which a latch shows nothing that can be judged
+_LATCH_PERIODS: Final = 1.5  # time in which all pins latch: a period, and a pulse that was cut
+_EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
 _ROUNDING_RAD: Final = 1e-4
 _MOST_JITTER_RAD: Final = math.pi / 256.0  # largest jitter of a mean: half a step of 8 bits
 _LATCH_SLACK: Final = 2.0  # periods by which a latch may seem to be early
@@ -75,17 +75,20 @@ class FramesShownByPins:
         When each frame is due and over in the capture.
     drives : PinDrives
         Measured drive of each pin in each frame.
-    latches : list of FrameLatch
-        When the pins took the drive of each frame.
+    steps : PinSteps
+        When each pin latched each frame.
     lost : (F,) numpy.ndarray of bool
         Frames during which the pins kept the drive of the one before, or that the latch pin lacks.
+    late : (F,) numpy.ndarray
+        By how much later than most a frame was latched; 0: not known.
     """
 
     starts: FloatArray
     ends: FloatArray
     drives: PinDrives
-    latches: list[FrameLatch]
+    steps: PinSteps
     lost: Bools
+    late: FloatArray
 
     @cached_property
     def seen(self) -> Bools:
@@ -98,15 +101,30 @@ class FramesShownByPins:
         return self.drives.all_right()
 
     @cached_property
-    def late(self) -> FloatArray:
-        """(F,) by how many periods later than most a frame was latched; 0: not known."""
-        return np.where(self.lost, 0.0, [latch.late for latch in self.latches])
+    def latched(self) -> Bools:
+        """(F, E) whether a pin shows when it latched a frame that was not lost."""
+        latched: Bools = self.steps.is_inside & ~self.lost[:, None]
+        return latched
+
+    @cached_property
+    def apart(self) -> FloatArray:
+        """(F,) periods from the first new to the last old pulse of the pins that latched."""
+        after = np.where(self.latched, self.steps.after, -np.inf).max(axis=1)
+        before = np.where(self.latched, self.steps.before, np.inf).min(axis=1)
+        apart: FloatArray = after - before
+        return apart
 
     @cached_property
     def torn(self) -> Bools:
-        """(F,) whether the pins did not latch within one period."""
-        apart = np.array([latch.apart for latch in self.latches])
-        torn: Bools = (apart > TORN_PERIODS) & ~self.lost
+        """(F,) whether the pins did not latch within one period.
+
+        Steps before the time of a frame after a lost one are the latch of that: it came in its
+        last periods. Those before the first frame are of another sound.
+        """
+        firsts: FloatArray = np.where(self.latched, self.steps.before, np.inf).min(axis=1)
+        early: Bools = firsts < -TORN_PERIODS
+        early &= np.append(True, self.lost[:-1])
+        torn: Bools = (self.latched.sum(axis=1) > 1) & (self.apart > TORN_PERIODS) & ~early
         return torn
 
 
@@ -114,63 +132,78 @@ def frames_shown_by_pins(
     record: PinRecord, run: PinRunDrives, offset: float | None = None
 ) -> FramesShownByPins:
     """Return the frames of a run that a capture shows; *offset* is when it begins, if known."""
-    held = held_pin_drives(record, window=min(record.latch_window, _WINDOW))
-    found = align_pins_to_run(held, run) if offset is None else PinAlignment(offset)
-    starts, ends = found.starts(run), found.ends(run)
-    if run.held is not None:  # what moves with a carrier that is not steady is no latch
-        held = dataclasses.replace(held, latches=[])
-    latches = latches_of_frames(held, run, starts, ends)
-    means = _means_of_frames(record, run, starts, ends, latches)
-    one_phase = _drives_of_means(record, run, means, np.arange(-1, run.count - 1), each=False)
-    lost, before = _frames_lost_on_pins(record, one_phase, ends, latches)
-    unmoved = np.array([not len(latch.places) for latch in latches])
-    lost |= _pins_without_latch(record, starts, ends) & unmoved
-    drives = _drives_of_means(record, run, means, before)
-    return FramesShownByPins(starts, ends, drives, latches, lost)
+    found = align_pins_to_run(record, run) if offset is None else PinAlignment(offset)
+    pins = _AlignedPins(record, run, found.starts(run), found.ends(run))
+    prior = sound_before_run(record, run, float(pins.starts[0]))
+    lost, before = _frames_lost_on_pins(record, pins.drives(each=False), prior)
+    steps = pins.steps(before)
+    lost |= _pins_without_latch(record, pins.starts, pins.ends) & ~steps.is_inside.any(axis=1)
+    drives, late = pins.drives(steps, before), _pin_lateness(steps, lost)
+    return FramesShownByPins(pins.starts, pins.ends, drives, steps, lost, late)
 
 
-def _means_of_frames(
-    record: PinRecord,
-    run: PinRunDrives,
-    starts: FloatArray,
-    ends: FloatArray,
-    latches: list[FrameLatch],
-) -> PinWeights:
-    """Return the drives from when all pins have latched a frame until the first takes the next."""
-    settled = np.array([latch.settled for latch in latches])
-    following = np.array([latch.begin for latch in latches[1:]] + [math.inf])
-    lows = np.maximum(starts, settled) + SETTLED
-    highs = np.minimum(ends, following) - 1.0
-    highs[-1] = _last_frame_end(record, run, starts, ends)
-    if run.held is not None:
-        lows, highs = np.maximum(lows, run.held[:, 0]), np.minimum(highs, run.held[:, 1])
-    begins = np.array([record.pins[element].begin for element in run.elements])
-    # A level that is not known shows nothing.
-    known = np.where(lows[:, None] < begins, np.nan, lows[:, None])
-    return pin_weights(record, run, known, np.broadcast_to(highs[:, None], known.shape))
+@dataclass(frozen=True, eq=False)
+class _AlignedPins:
+    """A capture beside the frames of a run, which are due and over at times of the capture."""
 
+    record: PinRecord
+    run: PinRunDrives
+    starts: FloatArray
+    ends: FloatArray
 
-def _drives_of_means(
-    record: PinRecord,
-    run: PinRunDrives,
-    means: PinWeights,
-    before: NDArray[np.int64],
-    *,
-    each: bool = True,
-) -> PinDrives:
-    """Return the drives on the phase of those that were meant; *each* frame may have its own."""
-    limits = PinCaptureLimits.of(record)
-    jitter = np.minimum(means.jitter_rad, max(limits.phase_rad, _MOST_JITTER_RAD))
-    turns = common_turns_of_pins(record, run, means.weights, limits.phase_rad, each=each)
-    return PinDrives(
-        run,
-        means.weights * np.exp(-1j * turns)[:, None],
-        before,
-        limits.phase_rad + jitter + run.allowed_rad[:, None],
-        # The width of a pulse scatters as its centre does.
-        limits.amplitude + max(0.0, float(np.median(jitter)) - limits.phase_rad),
-        turns,
-    )
+    @cached_property
+    def _limits(self) -> PinCaptureLimits:
+        """Return the tolerances of the capture."""
+        return PinCaptureLimits.of(self.record)
+
+    def steps(self, before: NDArray[np.int64]) -> PinSteps:
+        """Return the steps of all pins; *before* is the frame that was shown before each."""
+        record, run, starts, ends = self.record, self.run, self.starts, self.ends
+        weights = pin_weights_of_frame(record, run, starts, ends).weights
+        turns = common_turns_of_pins(record, run, weights, self._limits.phase_rad)
+        steps = pin_steps(record, run, starts, ends, before, turns)
+        latest = np.where(steps.is_inside, steps.after, 0.0).max(axis=1)[:-1]
+        held = np.append(-np.inf, starts[:-1] + latest + TORN_PERIODS)
+        if (held > starts - LATE_PERIODS).any():  # the search for a latch begins a little earlier
+            steps = pin_steps(record, run, starts, ends, before, turns, not_before=held)
+        if run.held is not None:  # what moves with a carrier that is not steady is no step
+            steps = replace(steps, is_inside=np.zeros_like(steps.is_inside))
+        return steps
+
+    def drives(
+        self,
+        steps: PinSteps | None = None,
+        before: NDArray[np.int64] | None = None,
+        *,
+        each: bool = True,
+    ) -> PinDrives:
+        """Return the drives from when each pin has latched, by *steps* or else when it is due."""
+        record, run, limits = self.record, self.run, self._limits
+        shape = run.count, len(run.elements)
+        lows = np.broadcast_to(self.starts[:, None], shape) + SETTLED
+        highs = np.broadcast_to(self.ends[:, None], shape) - 1.0
+        highs[-1] = _last_frame_end(record, run, self.starts, self.ends)
+        if steps is not None:
+            late = np.where(steps.is_inside, np.maximum(steps.after, 0.0), 0.0)
+            lows += np.where(steps.is_inside, late, late.max(axis=1, keepdims=True))
+            highs[:-1] += np.where(steps.is_inside, np.minimum(steps.before, 1.0), 1.0)[1:] - 1.0
+        if run.held is not None:
+            lows = np.maximum(lows, run.held[:, :1])
+            highs = np.minimum(highs, run.held[:, 1:])
+        begins = np.array([record.pins[element].begin for element in run.elements])
+        lows = np.where(lows < begins, np.nan, lows)  # a level that is not known shows nothing
+        means = pin_weights(record, run, lows, highs)
+        turns = common_turns_of_pins(record, run, means.weights, limits.phase_rad, each=each)
+        jitter = np.minimum(means.jitter_rad, max(limits.phase_rad, _MOST_JITTER_RAD))
+        return PinDrives(
+            run,
+            means.weights * np.exp(-1j * turns)[:, None],
+            np.arange(-1, run.count - 1) if before is None else before,
+            limits.phase_rad + jitter + run.allowed_rad[:, None],
+            # The width of a pulse scatters as its centre does.
+            limits.amplitude + max(0.0, float(np.median(jitter)) - limits.phase_rad),
+            turns,
+        )
 
 
 def _last_frame_end(
@@ -188,54 +221,38 @@ def _last_frame_end(
 
 
 def _frames_lost_on_pins(
-    record: PinRecord, drives: PinDrives, ends: FloatArray, latches: list[FrameLatch]
+    record: PinRecord, drives: PinDrives, prior: ComplexArray
 ) -> tuple[Bools, NDArray[np.int64]]:
     """Return the (F,) frames that the pins do not show, and the one shown before each.
 
-    A frame is lost if every pin shows the drive of the one before, and not every pin its own; or if
-    it is latched so late that the next one follows at once. A mixture of both drives is no lost
-    frame: pins that latched and pins that did not are torn.
+    A frame is lost if every pin shows the drive of the one before, and not every pin its own. A
+    mixture of both is no lost frame: pins that latched and pins that did not are torn.
     """
     run, weights = drives.run, drives.weights
     sound = np.array([not record.pins[element].defects for element in run.elements])
-    prior = _sound_before_run(record, run, latches[0].due)
     lost = np.zeros(run.count, np.bool_)
     before = np.full(run.count, -1, np.int64)
     shown = -1
     for frame in range(run.count):
         before[frame] = shown
-        latch = latches[frame]
-        if latch.late > LATE_PERIODS and ends[frame] - latch.settled < SETTLED + _LEAST_HELD:
-            lost[frame], shown = True, frame
-            continue
         if (shown >= 0 or frame == 0) and np.isfinite(weights[frame]).all() and sound.any():
-            seen, old = weights[frame], run.weights[shown]
+            seen, old, new = weights[frame], run.weights[shown], run.weights[frame]
             if shown < 0:
                 old = prior * np.exp(-1j * drives.turns_rad[frame])
-            turned = _pins_on_phase_of_reference(record, run, seen, old)
-            lost[frame] = (
-                not _pin_shows_frame(drives, frame, seen, run.weights[frame])[sound].all()
-                and _pin_shows_frame(drives, frame, turned, old)[sound].all()
-            )
+            if not _pin_shows_frame(drives, frame, seen, new)[sound].all():
+                turned = _on_reference_phase(record, run, seen, old)
+                lost[frame] = _pin_keeps_frame(drives, frame, turned, old)[sound].all()
+                last = frame - 1  # which may have come too late to be seen itself
+                if not lost[frame] and 0 <= shown < last:
+                    turned = _on_reference_phase(record, run, seen, run.weights[last])
+                    lost[frame] = _pin_shows_frame(drives, frame, turned, run.weights[last])[
+                        sound
+                    ].all()
+                    if lost[frame]:
+                        before[frame] = shown = last
         if not lost[frame]:
             shown = frame
     return lost, before
-
-
-def _sound_before_run(record: PinRecord, run: PinRunDrives, start: float) -> ComplexArray:
-    """Return the (E,) drives that the pins show just before the run, which begins at *start*.
-
-    They are those on the phase of the capture. A capture that begins later has them in its first
-    periods, if the first frame comes late.
-    """
-    end = max(start - _LEAD, _FIRST_PERIODS)
-    begin = max(0.0, end - _PRIOR_PERIODS)
-    found = np.zeros(len(run.elements), np.complex128)
-    for place, element in enumerate(run.elements):
-        centres, vectors = fundamentals_of_run_drives(record.pins[element])
-        low, high = np.searchsorted(centres, [begin, end])
-        found[place] = vectors[low:high].sum() / max(float(high - low), np.floor(end - begin))
-    return found
 
 
 def _pin_shows_frame(
@@ -249,7 +266,23 @@ def _pin_shows_frame(
     return shown
 
 
-def _pins_on_phase_of_reference(
+def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: ComplexArray) -> Bools:
+    """Return a mask (E,) of pins that show the *old* drive for most of the frame."""
+    run = drives.run
+    step = run.weights[frame] - old
+    size = float((np.abs(step) ** 2).sum())
+    share = float((np.conj(step) * (seen - old)).real.sum()) / size if size > 0.0 else 1.0
+    kept = _pin_shows_frame(drives, frame, seen, old)
+    window = max(float(run.ends[frame] - run.starts[frame]) - SETTLED - 1.0, 1.0)
+    if not kept.all() and 0.0 < share < _LAST_PERIODS / window:
+        rest = np.abs(seen - old - share * step)
+        errors = drives.limit_amplitude + drives.limit_rad[frame] * np.abs(old)
+        kept = rest <= errors + np.abs(step) * _LATCH_PERIODS / window
+    few: Bools = kept & (share < _HALF)
+    return few
+
+
+def _on_reference_phase(
     record: PinRecord, run: PinRunDrives, seen: ComplexArray, old: ComplexArray
 ) -> ComplexArray:
     """Return *seen* (E,) rotated to the *old* phase of the reference element."""
@@ -269,3 +302,13 @@ def _pins_without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray)
     is_inside = (lows >= 0.0) & (highs <= record.end)
     missing: Bools = is_inside & (counts == 0)
     return missing if (is_inside & (counts > 0)).any() else np.zeros_like(missing)
+
+
+def _pin_lateness(steps: PinSteps, lost: Bools) -> FloatArray:
+    """Return by how many periods each frame was latched after it was due."""
+    late = np.where(steps.is_inside, steps.middle, np.nan)
+    late[lost] = np.nan
+    known = np.isfinite(late).any(axis=1)
+    found = np.zeros(len(lost))
+    found[known] = np.nanquantile(late[known], _EARLY_PINS, axis=1)
+    return found

@@ -45,8 +45,6 @@ class PinLatch:
         Times at which the first pin has its new drive, and the last one still its old one.
     places : (K,) numpy.ndarray of int
         Places of the pins that changed, among the elements.
-    after, before : (K,) numpy.ndarray
-        Between which times each of them changed first.
     late : (K,) numpy.ndarray of bool
         Which of them changed more than a period after the first.
     is_steady : bool
@@ -56,8 +54,6 @@ class PinLatch:
     begin: float
     end: float
     places: _Ints
-    after: FloatArray
-    before: FloatArray
     late: NDArray[np.bool_]
     is_steady: bool
 
@@ -134,7 +130,7 @@ def held_pin_drives(record: PinRecord, *, window: float | None = None) -> HeldDr
     after, before, owners = np.minimum(after, before)[order], before[order], owners[order]
     limit = 1.0 + _SAMPLES / record.samples
     groups = [
-        _Changes(after[a:b], before[a:b], owners[a:b], limit)
+        (_latch_of_changes(after[a:b], before[a:b], owners[a:b], limit), owners[a:b])
         for a, b in _group_bounds(before, record.latch_window if window is None else window)
     ]
     return _joined_held_drives(record, elements, pins, groups)
@@ -182,55 +178,30 @@ def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, Floa
     return np.concatenate(after), np.concatenate(before)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Changes:
-    """Changes of pins that follow each other: between which times, and of which pin."""
-
-    after: FloatArray
-    before: FloatArray
-    owners: _Ints
-    limit: float
-
-    def latch(self) -> PinLatch:
-        """Return the changes as one latch."""
-        places, firsts, counts = np.unique(self.owners, return_index=True, return_counts=True)
-        after, before = self.after[firsts], self.before[firsts]
-        begin, is_pin = float(before.min()), places != _LATCH_PIN
-        is_steady = bool((counts[is_pin] <= _MOST_CHANGES).all())
-        end = float(after.max() if is_steady else self.before.max())
-        pins = (places[is_pin], after[is_pin], before[is_pin])
-        return PinLatch(begin, end, *pins, (after - begin > self.limit)[is_pin], is_steady)
-
-    def part(self, kept: NDArray[np.bool_]) -> _Changes:
-        """Return some of them."""
-        return _Changes(self.after[kept], self.before[kept], self.owners[kept], self.limit)
-
-
-def _joined_changes(groups: list[_Changes], moved: NDArray[np.bool_]) -> _Changes:
-    """Return the changes of the pins that moved, of groups without a drive between them.
-
-    A pin that has the same drive behind them was disturbed.
-    """
-    every = _Changes(
-        np.concatenate([one.after for one in groups]),
-        np.concatenate([one.before for one in groups]),
-        np.concatenate([one.owners for one in groups]),
-        groups[0].limit,
-    )
-    told = every.part((every.owners == _LATCH_PIN) | moved[every.owners])
-    return told if len(told.owners) else every
+def _latch_of_changes(
+    after: FloatArray, before: FloatArray, owners: _Ints, limit: float
+) -> PinLatch:
+    places, firsts, counts = np.unique(owners, return_index=True, return_counts=True)
+    begin = float(before[firsts].min())
+    late = after[firsts] - begin > limit
+    is_pin = places != _LATCH_PIN
+    is_steady = bool((counts[is_pin] <= _MOST_CHANGES).all())
+    end = float(after[firsts].max() if is_steady else before.max())
+    return PinLatch(begin, end, places[is_pin], late[is_pin], is_steady)
 
 
 # --- drives --------------------------------------------------------------------------------------
 
 
 def _joined_held_drives(
-    record: PinRecord, elements: tuple[int, ...], pins: list[PinPulses], groups: list[_Changes]
+    record: PinRecord,
+    elements: tuple[int, ...],
+    pins: list[PinPulses],
+    groups: list[tuple[PinLatch, _Ints]],
 ) -> HeldDrives:
     """Return the drives between *groups* of changes; equal neighbours are merged."""
-    found = [one.latch() for one in groups]
-    bounds = np.array([0.0, *(max(one.begin, one.end) for one in found), record.end])
-    ends = np.array([*(one.begin for one in found), record.end])
+    bounds = np.array([0.0, *(max(one.begin, one.end) for one, _ in groups), record.end])
+    ends = np.array([*(one.begin for one, _ in groups), record.end])
     lows = bounds[:-1] + 1.0  # the pulse that a latch cut is over
     long = np.flatnonzero(ends - bounds[:-1] >= _LEAST)
     weights, *shapes = _measured_held_drives(record, pins, lows[long], ends[long])
@@ -238,20 +209,19 @@ def _joined_held_drives(
     apart = _SAME * math.tau / record.samples
     lengths_of = ends[long] - lows[long]
     kept, latches = [0] if len(long) else [], list[PinLatch]()
-    own = np.array([element == record.reference_element for element in elements])
     for place in range(1, len(long)):
         between = groups[long[place - 1] : long[place]]
         old, new = weights[kept[-1]], weights[place]
         limits = apart + np.hypot(jitters[kept[-1]], jitters[place])
         moved = np.abs(new - old) > np.maximum(limits, _LEAST_STEP)
         moved |= np.isnan(new) != np.isnan(old)
-        is_told = any(_LATCH_PIN in one.owners for one in between)
+        is_told = any(_LATCH_PIN in owners for _, owners in between)
         if not (moved.any() or is_told):
             if lengths_of[place] > lengths_of[kept[-1]]:
                 kept[-1] = place
         else:
             kept.append(place)
-            latches.append(_joined_changes(between, moved | own).latch())  # its phase is always 0
+            latches.append(_joined_latch([one for one, _ in between]))
     return HeldDrives(
         record,
         elements,
@@ -261,6 +231,14 @@ def _joined_held_drives(
         weights[kept],
         *(values[kept] for values in shapes),
     )
+
+
+def _joined_latch(latches: list[PinLatch]) -> PinLatch:
+    """Merge groups of changes without a drive between them into one latch."""
+    if len(latches) == 1:
+        return latches[0]
+    last = max(latches, key=lambda one: len(one.places))
+    return PinLatch(last.begin, latches[-1].end, last.places, last.late, is_steady=False)
 
 
 def _measured_held_drives(

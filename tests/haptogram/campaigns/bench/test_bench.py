@@ -49,11 +49,11 @@ def test_every_frame_has_every_stage_or_is_said_to_lack_it(run):
 
 
 def test_frames_count_as_latched_whose_records_come_late(monkeypatch):
-    opened, stopped = measure._bench_board, []
+    opened, stopped = measure._bench_board, []  # noqa: SLF001  no other way to its worker
 
     def board_with_a_slow_worker(config, parts):
         board = opened(config, parts)
-        settle, process = board.settle, board._board.pid
+        settle, process = board.settle, board._board.pid  # noqa: SLF001
         stopped.extend(
             map(int, Path(f"/proc/{process}/task/{process}/children").read_text().split())
         )

@@ -443,7 +443,7 @@ def test_another_sound_reaches_into_a_first_frame_that_comes_late(
     else:
         assert pins.findings == {}
         assert pins.verdict is Verdict.PASS
-        assert pins.events[0].startswith("0: latched 400" if fault == "late" else "0: not latched")
+        assert pins.events[0].startswith("0: latched 39" if fault == "late" else "0: not latched")
 
 
 def test_a_pin_that_is_too_faint_for_the_samples_is_not_dead(tmp_path):
