@@ -15,7 +15,7 @@ from haptogram.settings.line import LineSettings
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
-from .board.clock import NS_PER_US, earliest_board_time, whole_board_us
+from .board.clock import NS_PER_US, whole_board_us
 from .board.events import AnyLatch, Counted, Notice, PowerDown, Remark
 from .board.settings import BoardSettings
 from .dialects.haptogram import VirtualHaptogramDialect
@@ -243,19 +243,19 @@ class Simulation:
         return self.now_ns if next_ns is not None and next_ns < self.now_ns else next_ns
 
     def _first_event_ns(self) -> int | None:
-        times_ns: list[int | None] = []
+        times_ns: list[int] = []
         if (board_us := self.dialect.next_event_us()) is not None:
             times_ns.append(self._clock.reached_ns(board_us))
-        if self._down.in_transit:
-            down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
-            times_ns.append(None if down_ns is None else whole_board_us(down_ns))
-        if self._up.in_transit:
-            times_ns.append(self._up.next_event_ns(_frame_end))
+        if (down_ns := self._down.next_event_ns(self.dialect.next_frame_end)) is not None:
+            times_ns.append(whole_board_us(down_ns))
+        if (up_ns := self._up.next_event_ns(_frame_end)) is not None:
+            times_ns.append(up_ns)
         if self._can_feed:
             times_ns.append(self._up.free_ns)
         if self._injector is not None:
-            times_ns.append(self._injector.next_change_ns(self.now_ns))
-        return earliest_board_time(*times_ns)
+            change_ns = self._injector.next_change_ns(self.now_ns)
+            times_ns += [] if change_ns is None else [change_ns]
+        return min(times_ns, default=None)
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*.
