@@ -268,6 +268,9 @@ class Serial(serial.SerialBase):
     def _check_cable(self) -> None:
         """Fail as a port does whose cable was pulled; see ``line.disconnect``."""
         self._catch_up()
+        self._check_connected()
+
+    def _check_connected(self) -> None:
         if not self.simulation.is_connected:
             raise serial.SerialException("unplugged, by line.disconnect")
 
@@ -300,7 +303,7 @@ class Serial(serial.SerialBase):
             self.simulation.advance_to_output(deadline_ns)
         else:
             self._pass_time(deadline_ns)
-        self._check_cable()
+        self._check_connected()
 
     def write(self, b: Any, /) -> int:
         """Hand over bytes, and return how many were taken.

@@ -15,7 +15,7 @@ from haptogram.settings.line import LineSettings
 from haptogram_protocol.framing import DELIMITER, MAX_ENCODED_BYTES, end_of_frame
 
 from .assembly import HEALTHY, Assembly
-from .board.clock import NS_PER_US, earliest_board_time, whole_board_us
+from .board.clock import NS_PER_US, whole_board_us
 from .board.events import AnyLatch, Counted, Notice, PowerDown, Remark
 from .board.settings import BoardSettings
 from .dialects.haptogram import VirtualHaptogramDialect
@@ -77,6 +77,8 @@ class Simulation:
         The board.
     dialect : VirtualDialect
         The board at the end of its line.
+    now_ns : int
+        Time up to which everything has happened.
 
     Raises
     ------
@@ -112,15 +114,10 @@ class Simulation:
             self._up = uart_to_host(LineSettings())  # its own UART takes the time
         self._unread = bytearray()
         self._unread_lost = 0
-        self._now_ns = 0
+        self.now_ns = 0
         self._next_ns: int | None = None  # next event, as long as nothing changes it
         self._is_next_known = False
         self._record()  # some boards radiate from power-up on
-
-    @property
-    def now_ns(self) -> int:
-        """Time up to which everything has happened."""
-        return self._now_ns
 
     def device_us(self, t_ns: int) -> int:
         """Return the unwrapped device time at *t_ns*, rounded up."""
@@ -176,7 +173,7 @@ class Simulation:
         self._down.cut()
         self._up.cut()
         if self._probe is not None:
-            self._probe.lines_cut(self._exact_us(self._now_ns))
+            self._probe.lines_cut(self._exact_us(self.now_ns))
         self._unread.clear()
         self.dialect.client_left()
         self._record()
@@ -203,7 +200,7 @@ class Simulation:
     @property
     def fault_counts(self) -> dict[str, int]:
         """Counts of the faults that fired."""
-        return {} if self._injector is None else self._injector.counts(self._now_ns)
+        return {} if self._injector is None else self._injector.counts(self.now_ns)
 
     @property
     def line_counts(self) -> dict[str, int]:
@@ -231,7 +228,7 @@ class Simulation:
         if self._line != LineSettings(baud=self._line.baud):
             notices.append(Counted(self.dialect.now_us, "line", self.line_counts))
         if self._injector is not None:
-            notices.append(self._injector.counted(self.dialect.now_us, self._now_ns))
+            notices.append(self._injector.counted(self.dialect.now_us, self.now_ns))
         for recorder in self._recorders:
             for notice in notices:
                 recorder.notice(notice)
@@ -244,22 +241,22 @@ class Simulation:
             self._next_ns = self._first_event_ns()
             self._is_next_known = self._injector is None  # whose changes depend on the time
         next_ns = self._next_ns
-        return self._now_ns if next_ns is not None and next_ns < self._now_ns else next_ns
+        return self.now_ns if next_ns is not None and next_ns < self.now_ns else next_ns
 
     def _first_event_ns(self) -> int | None:
-        times_ns: list[int | None] = []
+        times_ns: list[int] = []
         if (board_us := self.dialect.next_event_us()) is not None:
             times_ns.append(self._clock.reached_ns(board_us))
-        if self._down.in_transit:
-            down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
-            times_ns.append(None if down_ns is None else whole_board_us(down_ns))
-        if self._up.in_transit:
-            times_ns.append(self._up.next_event_ns(_frame_end))
+        if (down_ns := self._down.next_event_ns(self.dialect.next_frame_end)) is not None:
+            times_ns.append(whole_board_us(down_ns))
+        if (up_ns := self._up.next_event_ns(_frame_end)) is not None:
+            times_ns.append(up_ns)
         if self._can_feed:
             times_ns.append(self._up.free_ns)
         if self._injector is not None:
-            times_ns.append(self._injector.next_change_ns(self._now_ns))
-        return earliest_board_time(*times_ns)
+            change_ns = self._injector.next_change_ns(self.now_ns)
+            times_ns += [] if change_ns is None else [change_ns]
+        return min(times_ns, default=None)
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*.
@@ -269,14 +266,14 @@ class Simulation:
         ValueError
             If time would run backwards.
         """
-        if t_ns < self._now_ns:
-            raise ValueError(f"simulation is at {self._now_ns} ns, cannot go back to {t_ns} ns")
+        if t_ns < self.now_ns:
+            raise ValueError(f"simulation is at {self.now_ns} ns, cannot go back to {t_ns} ns")
         self._run_ahead(t_ns)
         while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
             self._step(next_ns)
             self._play_unseen(t_ns)
             self._run_ahead(t_ns)
-        self._now_ns = t_ns
+        self.now_ns = t_ns
 
     def advance_to_output(self, t_ns: int) -> None:
         """Let happen what is due up to *t_ns*, or up to the first bytes that the host may read."""
@@ -309,18 +306,18 @@ class Simulation:
         assert isinstance(dialect, VirtualHaptogramDialect)
         if dialect.board.is_playing:
             dialect.play_to(min(self._clock.device_us(t_ns), dialect.now_us + _UNSEEN_US))
-            self._now_ns = max(self._now_ns, self._clock.reached_ns(dialect.now_us))
+            self.now_ns = max(self.now_ns, self._clock.reached_ns(dialect.now_us))
             self._is_next_known = False
             self._record()
 
     def _end_idle_time(self) -> None:
         """Advance the board from its last event to now."""
-        self.dialect.advance_to(self._clock.device_us(self._now_ns))
+        self.dialect.advance_to(self._clock.device_us(self.now_ns))
         self._is_next_known = False
         self._record()
 
     def _step(self, t_ns: int) -> None:
-        self._now_ns, self._is_next_known = t_ns, False
+        self.now_ns, self._is_next_known = t_ns, False
         if self._injector is not None and self._injector.has_left(t_ns):
             self.unplug()
         t_us = self._clock.device_us(t_ns)
@@ -338,7 +335,7 @@ class Simulation:
     def _record(self) -> None:
         notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
         if self._injector is not None:
-            latches = [self._injector.radiate(latch, self._now_ns) for latch in latches]
+            latches = [self._injector.radiate(latch, self.now_ns) for latch in latches]
         for recorder in self._recorders:
             for notice in notices:
                 recorder.notice(notice)
@@ -382,8 +379,8 @@ class Simulation:
 
     def _feed_line(self) -> None:
         """Pass more bytes to the line once it is idle."""
-        if self._can_feed and self._up.free_ns <= self._now_ns:
-            self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self._now_ns)
+        if self._can_feed and self._up.free_ns <= self.now_ns:
+            self._send(self._up, "up", self.dialect.take_output(_LINE_CHUNK), self.now_ns)
             self.dialect.line_free_us = self.device_us(self._up.free_ns)
 
 

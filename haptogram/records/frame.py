@@ -154,7 +154,7 @@ def _as_focus_coordinate(value: Any) -> float:
     return float(value)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, unsafe_hash=True)  # nobody changes one; frozen would take twice the time
 class Intended:
     """One drive that the host intends to be latched.
 
@@ -220,7 +220,7 @@ class Intended:
         return self.phase_steps or 1 << self.phase_bits
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, unsafe_hash=True)  # as Intended
 class Observation:
     """One observed latch.
 

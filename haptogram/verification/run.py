@@ -136,14 +136,14 @@ def verify_run(
     frames: list[FrameVerdict] = []
     hold: Callable[[], HeldFocus | None] = _no_drive_yet
     drives = functools.cache(functools.partial(_frames_by_drive, intended))
-    missed = _MissedFrames(intended, seen, losses, unseen, cut)
+    every = [seen.pop(frame.key, []) for frame in intended]  # all latches of each frame
+    missed = _MissedFrames(intended, [*every, *seen.values()], losses, unseen, cut)
     quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
-    pairs = [(frame, seen[frame.key][0]) for frame in intended if frame.key in seen]
-    verdicts = judge.judge_all(pairs)
-    for number, (wanted, due) in enumerate(
-        zip(intended, due_frames_of_consequences(intended, seen), strict=True)
-    ):
-        latches = seen.pop(wanted.key, [])
+    verdicts = judge.judge_all(
+        (f, some[0]) for f, some in zip(intended, every, strict=True) if some
+    )
+    dues = due_frames_of_consequences(intended, every)
+    for number, (wanted, latches, due) in enumerate(zip(intended, every, dues, strict=True)):
         if latches:
             verdict = next(verdicts)
             if _is_run_frame_unnamed(verdict, latches[0]):
@@ -232,7 +232,7 @@ class _MissedFrames:
     def __init__(
         self,
         intended: Sequence[Intended],
-        seen: Mapping[FrameKey, Sequence[Observation]],
+        seen: Sequence[Sequence[Observation]],
         losses: BoardLosses | None,
         unseen: str | None,
         cut: Cut | None,
@@ -240,10 +240,11 @@ class _MissedFrames:
         self.losses = LossJudge(BoardLosses() if losses is None else losses)
         self._cut = cut
         is_shown = losses is not None or any(
-            latch.evidence is not Evidence.WIRE for latches in seen.values() for latch in latches
+            latch.evidence is not Evidence.WIRE for latches in seen for latch in latches
         )
         self._unseen = _NOTHING_SHOWN if unseen is None and not is_shown else unseen
-        self._after = max((f.number for f in intended if f.key in seen), default=-1)
+        latched = (f.number for f, latches in zip(intended, seen, strict=False) if latches)
+        self._after = max(latched, default=-1)
         self._is_told_in_order = losses is not None and losses.is_told_in_order
 
     def judge(self, wanted: Intended, due: DueFrame) -> FrameVerdict:

@@ -58,6 +58,8 @@ class Uart:
         Bytes that were lost because they were not read in time.
     framing : int
         Characters without a stop bit: the rates of the two ends differ too much.
+    free_ns : int
+        When the last byte has been sent.
     """
 
     def __init__(self, baud: int | None, *, sender_ppm: int = 0, receiver_ppm: int = 0) -> None:
@@ -67,14 +69,9 @@ class Uart:
         self._ratio = (_MILLION + sender_ppm) / (_MILLION + receiver_ppm)
         self._bursts: deque[_Burst] = deque()
         self._in_transit = 0
-        self._free_ns = 0
+        self.free_ns = 0
         self._next_ns: int | None = None  # of the first burst, as long as none of it is taken
         self.overrun = self.framing = 0
-
-    @property
-    def free_ns(self) -> int:
-        """When the last byte has been sent."""
-        return self._free_ns
 
     @property
     def in_transit(self) -> int:
@@ -87,8 +84,8 @@ class Uart:
             return
         received, errors = sample_uart_characters(data, self._ratio)
         self.framing += errors
-        burst = _Burst(max(t_ns, self._free_ns), bytes(received), len(data))
-        self._free_ns = self._end_ns(burst, len(received))
+        burst = _Burst(max(t_ns, self.free_ns), bytes(received), len(data))
+        self.free_ns = self._end_ns(burst, len(received))
         self._bursts.append(burst)
         self._in_transit += len(received)
 
@@ -107,16 +104,16 @@ class Uart:
 
     def receive(self, t_ns: int) -> bytes:
         """Return the bytes that are complete by *t_ns*, each once."""
-        if not self._bursts:
-            return b""
-        self._next_ns = None
         received = bytearray()
         while self._bursts:
             burst = self._bursts[0]
             there = self._arrived(burst, t_ns)
+            if there <= burst.taken < len(burst.data):
+                break
+            self._next_ns = None
             received += burst.data[burst.taken : there]
-            burst.taken = max(burst.taken, there)
-            if burst.taken < len(burst.data):
+            burst.taken = there
+            if there < len(burst.data):
                 break
             self._bursts.popleft()
         self._in_transit -= len(received)
@@ -127,7 +124,7 @@ class Uart:
         self._bursts.clear()
         self._next_ns = None
         self._in_transit = 0
-        self._free_ns = 0
+        self.free_ns = 0
 
     def arrival_ns(self, count: int) -> int | None:
         """Return when *count* more bytes will have arrived; None: fewer were sent."""

@@ -294,13 +294,10 @@ def _as_drive_codes(
     if isinstance(values, np.ndarray) and values.dtype == kind and limit == _MOST_CODES[kind]:
         # Nobody can change bytes, nor what is read-only and no view: those are shared.
         flags = values.flags
-        base: object = values.base
-        is_of_bytes = isinstance(base, bytes) and flags.c_contiguous
-        is_safe = is_of_bytes or (flags.owndata and not flags.writeable)
-        if values.ndim == 1 and 1 <= len(values) <= MAX_TRANSDUCERS:
-            whole = values if is_safe else values.astype(kind)
-            read_only_array(whole)
-            return whole
+        if not flags.writeable and values.ndim == 1 and 1 <= len(values) <= MAX_TRANSDUCERS:
+            base: object = values.base
+            if flags.owndata or (isinstance(base, bytes) and flags.c_contiguous):
+                return values
     try:
         array = np.asarray(values)
     except ValueError as error:  # rows of different lengths

@@ -22,7 +22,7 @@ def progress_bar(
 
     *initial* is what was done before.
     """
-    if quiet:
+    if quiet or not sys.stderr.isatty():
         yield None
         return
     from tqdm import tqdm
@@ -40,7 +40,6 @@ def progress_bar(
                 initial=initial,
                 leave=False,
                 dynamic_ncols=True,
-                disable=None,
             )
         bar.total = total
         if text:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_focus_target, focus_phases
+from haptogram.acoustics.arrays import read_only_array
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, quantise_phase
 from haptogram.acoustics.solvers.focus import check_focus_targets
 from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
@@ -160,11 +161,12 @@ class FrameBuilder:
 
     def _phases(self, foci: list[tuple[Focus, ...]], solver: Method) -> list[Frame]:
         codes = quantise_phase(frame_phases_rad(self._model, foci, solver), REGISTER_BITS)
-        full = bytes([FULL_AMPLITUDE]) * codes.shape[1]
+        full = np.full(codes.shape[1], FULL_AMPLITUDE, np.uint8)
+        read_only_array(full)  # so that all drives share it
         return [
             Frame(
                 group,
-                Drive.from_bytes(data, full),
+                Drive(np.frombuffer(data, np.uint8), full),
                 messages.Phases(data),
                 self._geometry_hash,
                 solver,

@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from haptogram.acoustics import AcousticModel, Drive, pressure
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.records.frame import FrameKey, Intended, Observation
+from haptogram.records.frame import Intended, Observation
 
 from ..frame.verdict import JUDGED, Consequence, FrameVerdict, Vector
 
@@ -67,10 +67,12 @@ class DueFrame(NamedTuple):
 
 
 def due_frames_of_consequences(
-    intended: Sequence[Intended], seen: Mapping[FrameKey, Sequence[Observation]]
+    intended: Sequence[Intended], latched: Sequence[Sequence[Observation]]
 ) -> Iterator[DueFrame]:
-    """Yield when each frame was due: without a time, between those known of its neighbours."""
-    latched = (seen.get(wanted.key) for wanted in intended)
+    """Yield when each frame, with its latches, was due.
+
+    Without a time that is between those known of its neighbours.
+    """
     known = [
         latches[0].t_latch_us if latches else wanted.t_apply_us
         for wanted, latches in zip(intended, latched, strict=True)

@@ -198,7 +198,8 @@ def _why_not_as_sent(intended: Intended, latch: Observation, full: bytes) -> str
         return "phases that are not of 8 bits"
     if drive.amplitude_codes.tobytes() != full:
         return "amplitudes"
-    is_other = latch.radiated is not None or latch.drive_crc not in (None, wanted.digest())
+    crc = latch.drive_crc
+    is_other = latch.radiated is not None or (crc is not None and crc != wanted.digest())
     if is_other or (drive is not wanted and drive != wanted):
         return "another drive than the intended one"
     return None
