@@ -5,7 +5,6 @@ from board_at_hand import BoardAtHand
 from test_wire_speed import CONTENTS
 
 from haptogram.evidence.recordings.writer import RecordingWriter
-from haptogram.records.latch import LatchRecord
 from haptogram_protocol.cobs import fastest_cobs
 
 GOAL = 0.7  # share of the time of a board step that a recorded one leaves
@@ -27,7 +26,7 @@ class RecordedBoard(BoardAtHand):
         simulation.advance_to(sent_ns + 1_000_000)
         if self.writer is not None:
             self.writer.to_board(sent_ns, wire)
-            self.writer.latch(LatchRecord.of(self.latches[-1]))
+            self.writer.latch(self.latches[-1].record())
         return self.latches[-1]
 
 
@@ -48,7 +47,7 @@ def test_writing(measure, tmp_path):
     """The writer alone: 276 bytes and a latch of 256 elements."""
     frame = CONTENTS["random"]
     board = BoardAtHand(fastest_cobs()).armed()
-    latch = LatchRecord.of(board.show(frame))
+    latch = board.show(frame).record()
     with RecordingWriter(tmp_path / "run.mcap") as writer:
         t_ns = 0
 
