@@ -141,10 +141,10 @@ def _serve_view(
     server = ViewServer(page, live and live[0], *arguments.http)
     with contextlib.suppress(OSError, AttributeError):  # a system without priorities
         os.nice(_NICENESS)
-    print(f"view at {server.address}", flush=True)
-    if _wants_view_in_browser(arguments.open):
-        webbrowser.open(server.address)
     try:
+        print(f"view at {server.address}", flush=True)
+        if _wants_view_in_browser(arguments.open):
+            webbrowser.open(server.address)
         while not arguments.until_eof or _is_starter_there():
             if live is not None:
                 _follow_view(server, *live, is_started=arguments.until_eof)

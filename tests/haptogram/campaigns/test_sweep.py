@@ -327,7 +327,7 @@ def test_a_sweep_that_ends_early_leaves_nothing_and_goes_on(
     with subprocess.Popen(
         words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
     ) as process:
-        wait_for_lines(tmp_path / "rows.csv.part", 4)
+        wait_for_lines(tmp_path / "rows.csv.part", 2)  # heading and one of 8 points
         workers = children_of(process.pid)
         assert len(workers) >= 2
         # Ctrl-C comes to the workers too.
