@@ -88,7 +88,7 @@ def a_benchmark(name, yards, row=None):
 TRIP = "PING and PONG through both connections"
 OLD = {
     "test_wire_speed.py": a_benchmark("round_trip_of_both_connections", 1.0)
-    + a_benchmark("codes_of_one_focus_against_numpy", 1.0)
+    + a_benchmark("warm_fit_against_a_local_search", 1.0)
 }
 NEW = {
     "test_renamed.py": a_benchmark("ping", 1.5, TRIP) + a_benchmark("new", 1.0, "a new row"),
@@ -126,7 +126,7 @@ def test_each_tree_runs_its_own_benchmarks_and_rows_are_joined_by_name(
     lines = out.splitlines()
     assert " ".join(lines[1].split()) == f"{TRIP} 1 ms 1 ms 1.50 (1.50 to 1.50) slower"
     assert lines[2].split()[-2:] == ["only", "here"]
-    assert lines[3].startswith("phase codes of one focus")
+    assert lines[3].startswith("fit of a focus from a hint")
     assert lines[3].endswith("only in the baseline")
     assert lines[4] == "1 compared: 1 slower, 0 faster, 1 only here, 1 only in the baseline"
     turns = [line.split(", ")[1][:8] for line in err.splitlines() if "round" in line]
@@ -229,7 +229,6 @@ def test_the_baseline_is_removed_in_any_case(trees, end):
     [
         ("test_message[encode-GET_STATUS]", "encode GET_STATUS"),
         ("test_sources_against_numpy[bowl-16]", "field of 16 sources, bowl"),
-        ("test_plane_against_the_direct_kernel[0.0945]", "plane of half-width 0.0945 m"),
         ("test_arbitrary_points_against_numpy[100]", "field at 100 points"),
         (
             "test_stream_decoder_against_byte_by_byte[Python-zeros in runs of 7]",
