@@ -28,6 +28,10 @@ from haptogram_protocol.state import MuteReason, OutputState
 _TIMEOUTS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 _AT_ONCE_US: Final = 2_000  # longest time from a request to the latch of the next frame
 _REFRESHES: Final = 4  # within the shorter one of the two timers
+#: Called with every frame that is sent, and with every latch that the board reports.
+Sink: TypeAlias = Callable[[Intended | Observation], object]
+_MOST_WARNINGS: Final = 100
+_MUTE_TIMEOUT_NS: Final = NS_PER_S  # wait for MUTE at close: the board's own timers follow soon
 
 
 class SessionControl:
@@ -186,13 +190,6 @@ class SessionControl:
                 f"assumes {known.sound_speed_mm_s / 1000:g} m/s and cannot be told"
             )
         self.change(sound_speed_mm_s=speed_mm_s)
-
-
-#: Called with every frame that is sent, and with every latch that the board reports.
-Sink: TypeAlias = Callable[[Intended | Observation], object]
-
-_MOST_WARNINGS: Final = 100
-_MUTE_TIMEOUT_NS: Final = NS_PER_S  # wait for MUTE at close: the board's own timers follow soon
 
 
 def choose_session_nonce(nonce: int | None, seed: int | None) -> int:

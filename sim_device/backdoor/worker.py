@@ -54,6 +54,9 @@ _THREADS: Final = (
     "NUMBA_NUM_THREADS",
 )
 READY: Final = b"ready\n"  # the worker's answer to its job
+# A signal, not a record: a record would wait after all records that are on their way.
+SKIP_FIELDS: Final = signal.SIGUSR1
+_LENGTH: Final = struct.Struct("<I")
 
 
 class ReconstructionWorker:
@@ -258,11 +261,6 @@ def _widen_worker_pipe(pipe: int) -> None:
             import fcntl
 
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
-
-
-# A signal, not a record: a record would wait after all records that are on their way.
-SKIP_FIELDS: Final = signal.SIGUSR1
-_LENGTH: Final = struct.Struct("<I")
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from .pty_link import INSTEAD_OF_PTY, PtyLink
 _CLOSED: Final = -1
 UNTOUCHED_BAUD: Final = 38_400  # default rate of a new pseudo-terminal
 _TCGETS2: Final = 0x802C542A  # asm-generic/ioctls.h: as the names of termios have no odd rates
+_TERMIOS2: Final = struct.Struct("4IB19x2I")  # flags, line, characters, rates in and out
 
 
 class PtyPort(BoardPort):
@@ -98,9 +99,6 @@ class PtyPort(BoardPort):
         if error.errno == errno.EIO:  # a client closed: only said where our slave did not count
             return b""
         return super()._lost(error)
-
-
-_TERMIOS2: Final = struct.Struct("4IB19x2I")  # flags, line, characters, rates in and out
 
 
 def baud_of_pty(descriptor: int) -> int | None:

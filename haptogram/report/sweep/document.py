@@ -26,6 +26,12 @@ _SEED: Final = "seed"
 _MOST_WORST: Final = 20
 _MOST_REASON: Final = 60  # characters; the rows have all of it
 _MOST_LEVELS: Final = 20  # most levels of one axis of a map, or of a table
+_MOST_VALUES: Final = 12
+_RANGES: Final = 8
+_INK: Final = "#111111"  # text colour on a bright cell, in a dark page too
+_CHALK: Final = "#fefefe"
+_BRIGHT: Final = 0.6  # share of the largest value from which on a cell is bright
+_LABEL: Final = 24  # characters
 
 
 def sweep_document(campaign: SweepCampaign) -> Document:
@@ -105,9 +111,6 @@ def _sweep_worst_table(rows: Sequence[Row], measures: Sequence[Measure]) -> Tabl
 
 # --- Rows by the values of an axis ---------------------------------------------------------------
 
-_MOST_VALUES: Final = 12
-_RANGES: Final = 8
-
 
 @dataclass(frozen=True, slots=True)
 class SweepLevel:
@@ -164,11 +167,6 @@ def sweep_level(label: str, rows: Sequence[Row], column: str) -> SweepLevel:
 
 
 # --- The map -------------------------------------------------------------------------------------
-
-_INK: Final = "#111111"  # text colour on a bright cell, in a dark page too
-_CHALK: Final = "#fefefe"
-_BRIGHT: Final = 0.6  # share of the largest value from which on a cell is bright
-_LABEL: Final = 24  # characters
 
 
 def draw_sweep_map(

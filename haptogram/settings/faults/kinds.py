@@ -12,6 +12,13 @@ from haptogram.errors import ConfigurationError
 
 from ..arguments import did_you_mean
 
+REPORTS: Final = ("device.clock", "device.status")  # what a board says, not what it radiates
+_TIMES: Final = ("from", "until")
+_TIMES_OF: Final = {"clock.offset": (), "clock.wrap": (), "clock.step": ("from",)}
+FOR_EVER_NS: Final = 1 << 62
+_UNITS_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+_DIRECTIONS: Final = ("down", "up", "both")
+
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
@@ -119,11 +126,6 @@ def fault_number_text(value: float) -> str:
     return f"{value:.0f}" if math.isfinite(value) and value == round(value) else repr(value)
 
 
-REPORTS: Final = ("device.clock", "device.status")  # what a board says, not what it radiates
-_TIMES: Final = ("from", "until")
-_TIMES_OF: Final = {"clock.offset": (), "clock.wrap": (), "clock.step": ("from",)}
-
-
 def is_transducer_fault(name: str) -> bool:
     """Return True if a fault changes the radiated drive."""
     return name.startswith("device.") and name not in REPORTS
@@ -141,10 +143,6 @@ def fault_words(name: str) -> tuple[str, ...]:
 
 
 # --- Checks: an error names fault, parameter, value and limit ------------------------------------
-
-FOR_EVER_NS: Final = 1 << 62
-_UNITS_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
-_DIRECTIONS: Final = ("down", "up", "both")
 
 
 def check_fault_name(name: str) -> None:

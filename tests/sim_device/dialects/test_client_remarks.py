@@ -112,7 +112,6 @@ def test_a_client_that_falls_silent_in_mid_frame_is_told(name):
 
 SHORT = "a frame ends before the last channel"
 BEYOND = "a frame has more codes than the board has channels"
-CHAIN_OF_2 = bytes([0x51] * 200 + [0x52] * 200) + b"\x00"
 ARRAYS = [
     ("sonicsurface", b"\xfe" + bytes(64) + b"\xfd", SHORT, "a smaller array"),
     ("sonicsurface", b"\xfe" + bytes(300) + b"\xfd", BEYOND, "a larger array"),

@@ -174,13 +174,8 @@ def _response_kernel(
 ) -> tuple[float, float]:
     """Return the sensitivity of the peak position to phase errors, summed over elements."""
     px, py, pz, turns = places[0], places[1], places[2], places[3]
-    x, y, z, both, k = (
-        place[0],
-        place[1],
-        place[2],
-        _with_heights_kernel(axes, medium),
-        2.0 * math.pi * medium[0],
-    )
+    x, y, z = place[0], place[1], place[2]
+    both, k = _with_heights_kernel(axes, medium), 2.0 * math.pi * medium[0]
     square = sums[0] * sums[0] + sums[1] * sums[1]
     re, im = sums[0] / square, -sums[1] / square  # 1 / p, and the slopes of ln p
     ar, ai = sums[2] * re - sums[3] * im, sums[2] * im + sums[3] * re
