@@ -65,6 +65,7 @@ _PROVIDED: Final = {
 
 
 #: Symbols of numba, and of Intel's mathematics that numba uses on some machines.
+_SYMBOL: Final = rb"\0((?:NRT|numba|__svml)_\w+)(?=\0)"
 
 
 class _OtherTypesError(HaptogramError):
@@ -89,8 +90,8 @@ class StoredKernels:
         for name, (_, symbol, result, kinds) in stored["loops"].items():
             flat = [one for kind in kinds for one in _flat_types(kind)]
             called = ctypes.PYFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 2, *flat)
-            function = called(self._engine.get_function_address(symbol))
-            vars(self)[name] = self._loop(name, function, result, kinds)
+            if address := self._engine.get_function_address(symbol):  # a call of 0 ends the process
+                vars(self)[name] = self._loop(name, called(address), result, kinds)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._compiled(), name)
@@ -160,13 +161,11 @@ def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]
         kept = cache._cache_file.load(key)  # noqa: SLF001  as above
         if kept is None:
             continue
-        (_, _, (code, _)), *_ = kept
-        needed = {
-            name.decode() for name in re.findall(rb"\0((?:NRT|numba|__svml)_\w+)(?=\0)", code)
-        }
+        (_, _, (code, _)), described, *_ = kept  # perhaps by another process, under its own name
+        needed = {name.decode() for name in re.findall(_SYMBOL, code)}
         result, *types = map(_described, (made.signature.return_type, *made.signature.args))
         if needed <= _PROVIDED and None not in types and result is not None:
-            yield code, made.fndesc.llvm_func_name, result, types
+            yield code, described.llvm_func_name, result, types
 
 
 def _described(kind: Any) -> Described | None:

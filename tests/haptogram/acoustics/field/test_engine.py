@@ -1,6 +1,7 @@
 """Single precision against the reference, in every layout, and what happens without numba."""
 
 import hashlib
+import importlib.util
 import logging
 import os
 import subprocess
@@ -478,6 +479,32 @@ assert list(score) == [-1.0, -1.0, -1.0]
 assert "numba" not in sys.modules
 """
     run_python(code)
+
+
+def test_code_that_another_process_has_cached_is_stored_under_its_name(tmp_path):
+    """Two programs that compile at once: numba keeps the code of the later one."""
+    source = tmp_path / "loops.py"
+    source.write_text(
+        "from numba import njit\n__all__ = ['twice']\n"
+        "@njit(cache=True)\ndef twice(x):\n    return 2.0 * x\n"
+    )
+
+    def compiled_anew():
+        for file in source.parent.glob("__pycache__/*.nb?"):
+            file.unlink()
+        spec = importlib.util.spec_from_file_location("loops", source)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        assert module.twice(1.0) == 2.0
+        return module
+
+    first, _ = compiled_anew(), compiled_anew()
+    store_kernels(first, tmp_path / "kept")
+    kept = read_stored(tmp_path / "kept")
+    assert StoredKernels(kept, lambda: 1 / 0).twice(3.0) == 6.0
+    code, symbol, *kinds = kept["loops"]["twice"]
+    kept["loops"]["twice"] = (code, f"{symbol}_of_another_program", *kinds)
+    assert StoredKernels(kept, lambda: first).twice(3.0) == 6.0  # by numba
 
 
 def test_what_is_no_stored_code_is_left_alone(tmp_path):
