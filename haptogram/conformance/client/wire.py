@@ -33,8 +33,9 @@ _TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
 _STATUS: Final = (m.Status, m.StatusReply)
 CLIENT_COBS: Final = fastest_cobs()
 encoded_frame: Final = partial(encode_frame, stuff=CLIENT_COBS.encode)
-#: Time from sending a frame to its t_apply, at a wall clock; a retry has more.
-WALL_LEAD_US: Final = 60_000
+#: Time from sending a frame to its t_apply, at a wall clock.
+WALL_LEAD_US: Final = 20_000
+DELAYED_LEAD_FACTOR: Final = 3  # of that time, once host or board was delayed; a retry has more
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 

@@ -18,7 +18,7 @@ from haptogram_protocol.state import MuteReason
 from ..case import Case, Depth
 from ..clauses import Clause, Level, load_clauses
 from ..client.board_client import BoardClient
-from ..client.wire import HELD_UP_US
+from ..client.wire import DELAYED_LEAD_FACTOR, HELD_UP_US
 from ..judge.recovery import recover_board
 from ..outcome import CaseEndedError, HeldUpError
 from ..verdict import NO_RESET, Behaviour, CaseResult, Recovery, SuiteResult
@@ -93,6 +93,7 @@ class SuiteRunner:
     ) -> None:
         self._access, self._options = access, options
         self._progress: CaseProgress = progress or (lambda *_: None)
+        self._lead_factor = 1
         self._connection = SuiteConnection(
             access,
             timeout_s=options.timeout_s,
@@ -223,17 +224,18 @@ class SuiteRunner:
     def _attempt(self, case: Case) -> _Outcome:
         """Run a case, with up to two retries if the host was delayed and the case did not pass.
 
-        A retry leaves more time between a frame and its t_apply.
+        A retry leaves more time between a frame and its t_apply, and so do the cases behind it.
         """
         tried: list[_Outcome] = []
         for number in range(_TRIES):
-            self._connection.extend_lead(1 + number)
+            self._connection.extend_lead(self._lead_factor * (1 + number))
             tried.append(self._try(case))
             if number and tried[-1].behaviour is Behaviour.NOT_OBSERVED:
                 tried.pop()  # the horizon has no room for more time
                 break
             if tried[-1].behaviour not in _DOUBTFUL or tried[-1].held_up_us <= HELD_UP_US:
                 break
+            self._lead_factor = DELAYED_LEAD_FACTOR
         return _combined_attempts(tried)
 
     def _try(self, case: Case) -> _Outcome:

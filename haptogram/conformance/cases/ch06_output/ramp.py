@@ -13,7 +13,7 @@ from haptogram_protocol.state import MuteReason
 from ...case import Depth, case
 from ...client import latching, playback
 from ...client.board_client import BoardClient
-from ...client.wire import WALL_LEAD_US
+from ...client.wire import DELAYED_LEAD_FACTOR, WALL_LEAD_US
 from ...judge.ramps import judge_straight_ramp, judged_ramp, judged_ramp_reading
 from ...judge.timers import (
     HOLD,
@@ -413,7 +413,8 @@ def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
     """Return a duration, extended for a slow line or board, and in a retry."""
     slow_line, slow_board = board.wire.period_us(200), 2 * board.clock.ready_us(0)
     slow = max(slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
-    return length_ms * max(1, slow, board.wire.limits.lead_us // WALL_LEAD_US)
+    delayed = board.wire.limits.lead_us // (DELAYED_LEAD_FACTOR * WALL_LEAD_US)
+    return length_ms * max(1, slow, delayed)
 
 
 def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
@@ -459,7 +460,7 @@ def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
     return min(hold_us, other_us), latch_us + ahead_us
 
 
-@case("HG-6.11/5-pairs", needs=_FADES, evidence=SELF_REPORTED)
+@case("HG-6.11/5-pairs", needs=_FADES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
 def every_first_timer_begins_the_ramp(board: BoardClient) -> None:
     """of two timers that run out the first begins the ramp, which mutes with its reason, once"""
     _judge_timer_pairs(board, _RAMP_MS, "")

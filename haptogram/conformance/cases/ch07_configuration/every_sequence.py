@@ -356,7 +356,13 @@ def _judge_frames_of_long_playback(
     check(different or board.identity.transducers < _TELLING, text)
 
 
-@case("HG-7.8/1-many", needs=m.Feature.SEQUENCE_PHASES, evidence=SELF_REPORTED, depth=Depth.DEFAULT)
+@case(
+    "HG-7.8/1-many",
+    needs=m.Feature.SEQUENCE_PHASES,
+    evidence=SELF_REPORTED,
+    depth=Depth.DEFAULT,
+    wall_depth=Depth.FULL,
+)
 def many_playback_frames_are_counted(board: BoardClient) -> None:
     """66000 frames are played and counted: more than 16 bits hold"""
     playback.send_phases_to_store(board, _PLAYED, frames=1)

@@ -165,7 +165,7 @@ def judge_playback(
 @case("HG-7.6/5", needs=_NEEDS | m.Feature.CONFIG)
 def playback_may_be_left_alone(board: BoardClient) -> None:
     """a playback outlives host_timeout_ms, and is muted after unattended_ms: UNATTENDED"""
-    alone_ms = min(300, board.identity.max_unattended_ms)
+    alone_ms = min(200, board.identity.max_unattended_ms)
     require(alone_ms > 100, "max_unattended_ms is too short to tell it from host_timeout_ms")
     UNATTENDED.judge_whole(board, alone_ms, host_timeout_ms=60)
 

@@ -46,7 +46,7 @@ _RAMP_MS: Final = 100
 _BITS: Final = (16, 15, 12, 10, 8)
 _UNITS_US: Final = (1, 10, 100, 1000)
 _OVER_MS: Final = 15  # beyond 2^b units: what is left of a length that wrapped
-_LOOK_MS: Final = 60  # how long the board is watched for a timer that wrapped
+_LOOK_MS: Final = 40  # how long the board is watched for a timer that wrapped
 _WRAP_US: Final = 2**32
 _SEQUENCE: Final = 4
 _SILENT_MS: Final = 70
@@ -79,7 +79,7 @@ def timers_are_exact(board: BoardClient) -> None:
 @case("HG-12.2/1")
 def lease_runs_out(board: BoardClient) -> None:
     """without a frame the board is muted host_timeout_ms later"""
-    for wanted_ms in map(board.clock.timer_ms, (80, 200)):
+    for wanted_ms in map(board.clock.timer_ms, (60, 120)):
         due_ms = board.arm_with_timer(LEASE.name, wanted_ms) + board.graded_ramp_ms
         if board.has(m.Feature.CONFIG):  # else a hold may end before
             latching.latch_now(board)
@@ -90,7 +90,7 @@ def lease_runs_out(board: BoardClient) -> None:
 @case("HG-12.2/2", needs=m.Feature.CONFIG)
 def hold_timer_waits_for_a_latch(board: BoardClient) -> None:
     """between ARM and the first latch the hold does not run, the lease does"""
-    LEASE.judge_whole(board, 250, hold_ms=30)
+    LEASE.judge_whole(board, 150, hold_ms=30)
 
 
 @case("HG-12.2/2-ended", needs=m.Feature.CONFIG, depth=Depth.DEFAULT)
@@ -113,7 +113,7 @@ def hold_timer_is_not_taken_up_again(board: BoardClient) -> None:
 @case("HG-12.3/1")
 def hold_timer_runs_from_the_last_latch(board: BoardClient) -> None:
     """the hold runs from the last of several latches"""
-    hold_ms = board.arm_with_timer(HOLD.name, 150)
+    hold_ms = board.arm_with_timer(HOLD.name, 90)
     text = f"a hold of {hold_ms} ms outlasts the lease, and no SET_CONFIG changes it"
     require(hold_ms < board.config.host_timeout_ms, text)
     since = board.link.mark()
