@@ -23,12 +23,7 @@ from haptogram.driver.frames.frame import are_driver_frames
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey, Intended
-from haptogram.settings.arguments import (
-    check_argument_kind,
-    check_choice,
-    check_whole,
-    shown_argument,
-)
+from haptogram.settings import arguments
 from haptogram_protocol.dialects.codec import Codes, Dialect, Display
 from haptogram_protocol.errors import LocalProtocolError
 
@@ -96,7 +91,7 @@ class DialectFrameBuilder:
     """
 
     def __init__(self, model: AcousticModel, display: Display, channels: Sequence[int]) -> None:
-        check_argument_kind("model", model, AcousticModel, "an AcousticModel")
+        arguments.check_argument_kind("model", model, AcousticModel, "an AcousticModel")
         self._model, self._display = model, display
         self._channels = channels
         if len(self._channels) != model.array.count:
@@ -140,7 +135,7 @@ class DialectFrameBuilder:
             A target out of reach, an amplitude that phases cannot make, or a solver that is not
             known; the text names the frame.
         """
-        check_choice("solver", solver, METHODS)
+        arguments.check_choice("solver", solver, METHODS)
         numbers: dict[tuple[Focus, ...], int] = {}
         for number, group in enumerate(foci):
             numbers.setdefault(group, number)
@@ -196,11 +191,11 @@ def checked_display_channels(channels: Any) -> tuple[int, ...]:
     is_list = isinstance(channels, Sequence) and not isinstance(channels, str | bytes)
     if not (is_row or is_list) or len(channels) == 0:
         raise ConfigurationError(
-            f"channels is {shown_argument(channels)}, must be a sequence of whole numbers, one for "
-            "each element"
+            f"channels is {arguments.shown_argument(channels)}, must be a sequence of whole "
+            "numbers, one for each element"
         )
     return tuple(
-        check_whole(f"channels[{place}]", channel, 0, _HIGHEST_CHANNEL)
+        arguments.check_whole(f"channels[{place}]", channel, 0, _HIGHEST_CHANNEL)
         for place, channel in enumerate(channels)
     )
 

@@ -10,22 +10,12 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram.acoustics.model.boards.grids import (
-    ULTRAINO_FLAT8,
-    ULTRAINO_NANO8,
-    ULTRAINO_NANO16,
-)
+from haptogram.acoustics.model.boards import grids
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.codec import Dialect
-from haptogram_protocol.dialects.ultraino.arduino import dialects, slots
+from haptogram_protocol.dialects.ultraino.arduino import dialects, operations, slots
 from haptogram_protocol.dialects.ultraino.arduino.board_end import ArduinoBoardEnd
-from haptogram_protocol.dialects.ultraino.arduino.operations import (
-    MAX_BOARDS,
-    MEGA64_FIRMWARE,
-    NANO8_FIRMWARE,
-    NANO16_FIRMWARE,
-)
 
 from ...board.events import CarrierState
 from ..emulation import Emulation
@@ -43,7 +33,7 @@ _BOARDS_HELP: Final = "boards of the chain; the elements of each follow those of
 class ArduinoChain(Settings):
     """Options of a chain of Nano boards."""
 
-    boards: int = option(1, unit="N", low=1, high=MAX_BOARDS, help=_BOARDS_HELP)
+    boards: int = option(1, unit="N", low=1, high=operations.MAX_BOARDS, help=_BOARDS_HELP)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,14 +96,17 @@ def _arduino_emulation(
 
 
 MEGA64: Final = _arduino_emulation(
-    dialects.MEGA64, Outputs(MEGA64_FIRMWARE, slots.MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
+    dialects.MEGA64,
+    Outputs(operations.MEGA64_FIRMWARE, slots.MEGA64_LAYOUT),
+    grids.ULTRAINO_FLAT8,
+    Mega64Chain,
 )
 NANO16: Final = _arduino_emulation(
     dialects.NANO16,
-    Outputs(NANO16_FIRMWARE, slots.NANO16_LAYOUT, slots.NANO16_CONNECTED),
-    ULTRAINO_NANO16,
+    Outputs(operations.NANO16_FIRMWARE, slots.NANO16_LAYOUT, slots.NANO16_CONNECTED),
+    grids.ULTRAINO_NANO16,
 )
 NANO8: Final = _arduino_emulation(
-    dialects.NANO8, Outputs(NANO8_FIRMWARE, slots.NANO8_LAYOUT), ULTRAINO_NANO8
+    dialects.NANO8, Outputs(operations.NANO8_FIRMWARE, slots.NANO8_LAYOUT), grids.ULTRAINO_NANO8
 )
 EMULATIONS: Final = (MEGA64, NANO8, NANO16)
