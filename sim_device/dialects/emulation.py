@@ -93,7 +93,7 @@ class Emulation:
         """Return the boards of *settings* at the end of their line."""
         unit = self.unit(options, settings.boot_us)
         if settings.simulator is not None:
-            unit = SimulatedUnit(settings.simulator, settings, unit)
+            unit = SimulatedUnit(settings, unit)
         boards = self.boards(options)
         return VirtualForeignDialect(
             self.dialect, lambda: self.end(options), unit, settings, boards
