@@ -15,9 +15,9 @@ from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.acoustics.solvers.several import METHODS, Method
 from haptogram.driver.frames.builder import (
-    check_frame_foci,
+    batches_of_phases,
     check_full_frame_amplitude,
-    frame_phases_rad,
+    distinct_frames,
 )
 from haptogram.driver.frames.frame import are_driver_frames
 from haptogram.driver.frames.targets import Targets, as_frame_foci
@@ -27,7 +27,6 @@ from haptogram.settings import arguments
 from haptogram_protocol.dialects.codec import Codes, Dialect, Display
 from haptogram_protocol.errors import LocalProtocolError
 
-_BATCH: Final = 512  # frames whose phases are computed at a time
 _REGISTER_BITS: Final = 8  # phase bits of the drives in records and verdicts
 _TURN: Final = 1 << _REGISTER_BITS
 _SESSION: Final = 0  # these wires know none
@@ -136,20 +135,15 @@ class DialectFrameBuilder:
             known; the text names the frame.
         """
         arguments.check_choice("solver", solver, METHODS)
-        numbers: dict[tuple[Focus, ...], int] = {}
-        for number, group in enumerate(foci):
-            numbers.setdefault(group, number)
+        numbers = distinct_frames(self._model, foci, solver)
         for group, number in numbers.items():
-            check_frame_foci(self._model, number, group, solver)
             check_full_frame_amplitude(
                 number, group, "this wire is given phases alone, which drive"
             )
-        groups = list(numbers)
-        batches = [groups[start : start + _BATCH] for start in range(0, len(groups), _BATCH)]
         made = {
             group: self.of_phases(row, group, solver)
-            for batch in batches
-            for group, row in zip(batch, frame_phases_rad(self._model, batch, solver), strict=True)
+            for batch, phases in batches_of_phases(self._model, list(numbers), solver)
+            for group, row in zip(batch, phases, strict=True)
         }
         return [made[group] for group in foci]
 

@@ -14,7 +14,7 @@ from haptogram import errors
 from haptogram.driver.line.budget import LineBudget, line_transmission_ns
 from haptogram.driver.line.port import ClosedTransport, Transport
 from haptogram.records.kept import MOST_KEPT
-from haptogram_protocol import NEED_DATA, VERSION_MAJOR, HostConnection
+from haptogram_protocol import NEED_DATA, VERSION_MAJOR, HostConnection, messages
 from haptogram_protocol.connection import (
     EventReceived,
     FrameDropped,
@@ -33,6 +33,7 @@ _UNASKED: Final = (EventReceived, FrameDropped)
 _Outcome: TypeAlias = ReplyReceived | RequestRefused | RequestTimedOut
 Handler: TypeAlias = Callable[[EventReceived | ReplyReceived | FrameDropped], None]
 _M = TypeVar("_M", bound=Message)
+_Part = TypeVar("_Part", messages.GeometryReply, messages.DriveReply)
 
 
 class Link:
@@ -313,6 +314,34 @@ def _link_error_name(code: int) -> str:
 
 def _ignore_link_event(_: EventReceived | ReplyReceived | FrameDropped) -> None:
     """Ignore an event without a handler."""
+
+
+def request_parts(
+    link: Link,
+    transducers: int,
+    ask: Callable[[int, int], Message],
+    reply: type[_Part],
+    size: Callable[[_Part], int],
+) -> list[_Part]:
+    """Return the replies that together speak of all *transducers*, each of *size* of them.
+
+    Raises
+    ------
+    WrongProtocolError
+        A reply speaks of none, or of others than those that were asked for.
+    """
+    parts, first = list[_Part](), 0
+    while first < transducers:
+        request = ask(first, transducers - first)
+        part = link.request(request, reply)
+        if part.first != first or not size(part):
+            raise errors.WrongProtocolError(
+                f"{link.url}: {request.TYPE.name} from {first} gave {size(part)} transducers from "
+                f"{part.first}"
+            )
+        parts.append(part)
+        first += size(part)
+    return parts
 
 
 def open_line_session(link: Link) -> HelloReply:
