@@ -25,7 +25,6 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics.model.boards.grids import INTERACTLAB as LAYOUT
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects import interactlab as wire
 from haptogram_protocol.dialects.codec import Operation, Reply
@@ -157,10 +156,5 @@ def _interactlab_pulses(frame: wire.QueueFrame) -> PulseDrive:
     )
 
 
-INTERACTLAB: Final = Emulation(
-    dialect=wire.INTERACTLAB,
-    end=lambda _: wire.InteractlabBoardEnd(),
-    unit=lambda _, now_us: InteractlabUnit(now_us),
-    layout=lambda _: LAYOUT,
-)
+INTERACTLAB: Final = Emulation.of(wire.INTERACTLAB, lambda _, now_us: InteractlabUnit(now_us))
 EMULATIONS: Final = (INTERACTLAB,)

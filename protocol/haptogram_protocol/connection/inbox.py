@@ -19,7 +19,7 @@ _SLICE: Final = 4096  # bytes decoded at a time: a chunk may hold thousands of d
 
 
 class ConnectionInbox:
-    """What both ends of a connection do with received bytes: a bounded queue, cut into frames.
+    """Received bytes of one end of a connection: a bounded queue, cut into frames.
 
     Attributes
     ----------

@@ -9,6 +9,7 @@ from typing import Final
 from ....errors import LocalProtocolError
 from ...codec import Operation, Reply, no_dialect_bytes_for
 from . import line_bytes, operations
+from .slots import ArduinoFirmware
 
 _HIGH_NIBBLE: Final = b"".join(b"%x" % (byte >> 4) for byte in range(256))  # as hexadecimal digit
 
@@ -26,7 +27,7 @@ class PatternMemory:
         Halves that there was no room for.
     """
 
-    def __init__(self, board: int, firmware: operations.ArduinoFirmware) -> None:
+    def __init__(self, board: int, firmware: ArduinoFirmware) -> None:
         self._board, self._limit, self._size = board, firmware.patterns, firmware.half_bytes
         self.patterns = self.beyond = 0
         self.halves = bytearray()
@@ -119,7 +120,7 @@ class ArduinoBoardEnd:
 
     commit: Final = "00h"
 
-    def __init__(self, firmware: operations.ArduinoFirmware, boards: int = 1) -> None:
+    def __init__(self, firmware: ArduinoFirmware, boards: int = 1) -> None:
         if not 1 <= boards <= operations.MAX_BOARDS:
             raise LocalProtocolError(
                 f"a chain of {boards} boards; it has 1 to {operations.MAX_BOARDS}"
