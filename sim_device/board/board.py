@@ -13,11 +13,11 @@ from typing import Final
 
 from haptogram.acoustics import Drive
 from haptogram_protocol import messages as m
-from haptogram_protocol.state import MuteReason, OutputState
+from haptogram_protocol.state import OutputState
 
 from .configuration import board_config_crc, check_board_config
-from .counters import BoardArrivalMargins, BoardCounters, Drop
-from .events import Latch, Notice, PlaybackEnd, SessionOpened
+from .counters import BoardArrivalMargins, Drop
+from .events import PlaybackEnd, SessionOpened
 from .output import BoardOutput, Due
 from .playback import BoardPlayback
 from .refusal import RefusalError
@@ -77,41 +77,6 @@ class Board:
 
     # --- output --------------------------------------------------------------------------------
 
-    @property
-    def now_us(self) -> int:
-        """Device time up to which everything has happened."""
-        return self.output.now_us
-
-    @property
-    def state(self) -> OutputState:
-        """Output state."""
-        return self.output.state
-
-    @property
-    def reason(self) -> MuteReason:
-        """Reason for the output state."""
-        return self.output.reason
-
-    @property
-    def session(self) -> int:
-        """Session that is open, 0: none."""
-        return self.output.session
-
-    @property
-    def latched(self) -> Latch | None:
-        """The last latch of this session."""
-        return self.output.latched
-
-    @property
-    def config(self) -> m.Config:
-        """Configuration in force."""
-        return self.output.config
-
-    @property
-    def counters(self) -> BoardCounters:
-        """Counts since power-up."""
-        return self.output.counters
-
     def arm(self) -> None:
         """Allow output; see :meth:`BoardOutput.arm`."""
         self.output.arm()
@@ -123,18 +88,6 @@ class Board:
     def disarm(self) -> None:
         """Switch the output off and forbid it."""
         self.output.disarm()
-
-    def radiated(self, t_us: int) -> Drive:
-        """Return the drive that leaves the transducers at *t_us*, now or before the next event."""
-        return self.output.radiated(t_us)
-
-    def take_latches(self) -> list[Latch]:
-        """Return the latches since the last call, in order."""
-        return self.output.take_latches()
-
-    def take_notices(self) -> list[Notice]:
-        """Return changes of the output and ends of playback since the last call, in order."""
-        return self.output.take_notices()
 
     # --- time ----------------------------------------------------------------------------------
 

@@ -191,7 +191,7 @@ def test_play_within_its_limits_and_not_over_another(host):
     assert refused(board, Play(1, 99, 1, 1000), immediate=True) == (ErrorCode.BAD_VALUE, 2)
     assert refused(board, Play(1, 100, 1, 0), immediate=True) == (ErrorCode.BAD_VALUE, 10)
     assert refused(board, Play(1, 100, 1, 5001), immediate=True) == (ErrorCode.BAD_VALUE, 10)
-    now_us = board.port.simulation.dialect.board.now_us
+    now_us = board.port.simulation.dialect.board.output.now_us
     for start_us in (now_us - 1_000, now_us + 10_100_000):
         code = refused(board, Play(1, 100, 1, 1000), t_apply_us=start_us)
         assert code == (ErrorCode.BAD_VALUE, 0)
@@ -267,11 +267,11 @@ def test_a_board_without_amplitudes_mutes_hard_and_knows_only_full_ones(host):
     assert board.ask(GetStatus()).message.counters.unknown_type == 1
     simulation = board.port.simulation
     powered = simulation.dialect.board
-    latched_ns = (powered.latched.t_latch_us - powered.settings.boot_us) * 1000
+    latched_ns = (powered.output.latched.t_latch_us - powered.settings.boot_us) * 1000
     simulation.advance_to(latched_ns + 199_999_000)
-    assert set(powered.radiated(powered.now_us).amplitude_codes) == {255}
+    assert set(powered.output.radiated(powered.output.now_us).amplitude_codes) == {255}
     simulation.advance_to(latched_ns + 200_000_000)
-    assert powered.state is OutputState.MUTED
+    assert powered.output.state is OutputState.MUTED
 
 
 def test_a_mute_of_another_session_is_carried_out_and_told_to_the_host(host):
