@@ -14,7 +14,7 @@ from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TextIO, TypeAlias
 
-from haptogram.errors import ConfigurationError, unwritable_file
+from haptogram.errors import ConfigurationError, writing_file
 from haptogram.machine.files import STANDARD_OUTPUT, write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_setting_options
@@ -308,25 +308,16 @@ def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
     elif path == STANDARD_OUTPUT:
         yield functools.partial(print, end="", flush=True)
     else:
-        with contextlib.ExitStack() as open_file:
-            with _frames_file_errors(path):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                file = open_file.enter_context(path.open("wb", buffering=0))
+        with writing_file(path, "--frames"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            file = path.open("wb", buffering=0)
+        with file:
             yield functools.partial(_write_watch_line, file, path)
         output_files.announce_output_file(path)
 
 
 def _write_watch_line(file: FileIO, path: Path, line: str) -> None:
     rest = line.encode("ascii")
-    with _frames_file_errors(path):
+    with writing_file(path, "--frames"):
         while rest:
             rest = rest[file.write(rest) :]
-
-
-@contextlib.contextmanager
-def _frames_file_errors(path: Path) -> Iterator[None]:
-    """Convert an OSError into a refusal of ``--frames``."""
-    try:
-        yield
-    except OSError as error:
-        raise unwritable_file(path, error, "--frames") from error
