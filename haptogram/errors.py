@@ -17,12 +17,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
+_Kinds: TypeAlias = tuple[type[Exception], ...]
 #: Causes of the system's errors, where its own words are jargon or say too little.
 _REASONS: Final = {
     errno.ENOENT: "there is no such file",
@@ -182,6 +184,28 @@ def unwritable_file(path: str | Path, error: BaseException, option: str = "") ->
     is_absent = isinstance(error, FileNotFoundError)  # a file that is absent would be made
     reason = "there is no such folder" if is_absent else plain_reason(error)
     return ConfigurationError(f"{option} '{path}' cannot be written: {reason}".lstrip())
+
+
+@contextlib.contextmanager
+def reading_file(path: str | Path, option: str = "", kinds: _Kinds = (OSError,)) -> Iterator[None]:
+    """Raise :func:`unreadable_file` for an error of one of the *kinds*, here of the system."""
+    try:
+        yield
+    except ConfigurationError:
+        raise
+    except kinds as error:
+        raise unreadable_file(path, error, option) from error
+
+
+@contextlib.contextmanager
+def writing_file(path: str | Path, option: str = "", kinds: _Kinds = (OSError,)) -> Iterator[None]:
+    """Raise :func:`unwritable_file` for an error of one of the *kinds*, here of the system."""
+    try:
+        yield
+    except ConfigurationError:
+        raise
+    except kinds as error:
+        raise unwritable_file(path, error, option) from error
 
 
 def plain_reason(error: BaseException) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from haptogram.settings.option import Settings
 from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import BoardConnection, BoardEvent
 from haptogram_protocol.framing import FrameDecoder
@@ -15,9 +14,7 @@ from haptogram_protocol.rules import unsupported_types
 from .board.board import Board, BoardParts
 from .board.clock import BoardClock
 from .board.settings import BoardSettings
-from .dialects.emulation import Emulation
 from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
-from .dialects.simulated.unit import SimulatedBoard, SimulatedUnit
 from .dialects.virtual_dialect import VirtualDialect
 
 
@@ -50,43 +47,18 @@ HEALTHY: Final = BoardAssembly()
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedAssembly:
-    """A board of Haptogram's own wire that another process simulates.
+class OtherAssembly:
+    """Boards that another process simulates, or that speak another dialect.
 
     Attributes
     ----------
-    command : str
-        The simulator.
+    assemble : callable
+        From their settings to the boards at the end of their line, powered up.
     """
 
-    command: str
+    assemble: Callable[[BoardSettings], VirtualDialect]
     clock: type[BoardClock] = BoardClock
-
-    def assemble(self, settings: BoardSettings) -> VirtualDialect:
-        """Return the board at the end of its line, powered up."""
-        return SimulatedBoard(SimulatedUnit(self.command, settings), settings.boot_us)
-
-
-@dataclass(frozen=True, slots=True)
-class ForeignAssembly:
-    """The parts of boards that speak another dialect.
-
-    Attributes
-    ----------
-    emulation : Emulation
-        The dialect and its boards.
-    options : Settings
-        Options of the dialect.
-    """
-
-    emulation: Emulation
-    options: Settings
-    clock: type[BoardClock] = BoardClock
-
-    def assemble(self, settings: BoardSettings) -> VirtualDialect:
-        """Return the boards at the end of their line, powered up."""
-        return self.emulation.power_up(self.options, settings)
 
 
 #: Parts of a board with its end of the line.
-Assembly: TypeAlias = BoardAssembly | SimulatedAssembly | ForeignAssembly
+Assembly: TypeAlias = BoardAssembly | OtherAssembly

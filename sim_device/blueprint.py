@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,9 +21,10 @@ from haptogram.settings.faults.kinds import REPORTS
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.settings.option import Settings
 
-from .assembly import Assembly, ForeignAssembly, SimulatedAssembly
+from .assembly import Assembly, OtherAssembly
 from .board.settings import BoardSettings
 from .dialects.emulation import Emulation
+from .dialects.simulated.unit import SimulatedBoard
 from .faults.clock import faulty_clock
 from .faults.injector import FaultInjector
 from .mutants import mutant_parts
@@ -74,7 +76,7 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
             )
         parts: Assembly = mutant_parts(config.mutant)
         if config.simulator is not None:
-            parts = SimulatedAssembly(config.simulator)
+            parts = OtherAssembly(SimulatedBoard)
         own = Blueprint(BoardSettings.of(config), parts, config.plan)
         return _with_checked_faults(own)
     return _with_checked_faults(_foreign_blueprint(config, config.dialect))
@@ -109,7 +111,8 @@ def _foreign_blueprint(config: BoardConfig, name: str) -> Blueprint:
         wiring=emulation.wiring(options, emitters.channels),
         firmware=emulation.dialect.title,
     )
-    return Blueprint(settings, ForeignAssembly(emulation, options), config.plan)
+    power_up = functools.partial(emulation.power_up, options)
+    return Blueprint(settings, OtherAssembly(power_up), config.plan)
 
 
 def _check_blueprint(config: BoardConfig, name: str) -> None:

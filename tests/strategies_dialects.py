@@ -23,8 +23,8 @@ from haptogram_protocol.dialects.fpga_bytes.operations import (
 from haptogram_protocol.dialects.interactlab import CHANNELS, QueueFrame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino import fpga
-from haptogram_protocol.dialects.ultraino.arduino import operations as arduino
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
+from haptogram_protocol.dialects.ultraino.arduino import slots as arduino
 
 Operations = st.SearchStrategy[list[Operation]]
 

@@ -125,19 +125,19 @@ def boards_of_dialect(config: VerifyConfig) -> DialectBoardsUnderTest:
     ConfigurationError
         For a dialect, an option of it or an array that is refused.
     """
-    from sim_device.assembly import ForeignAssembly
     from sim_device.blueprint import blueprint_of
+    from sim_device.dialects.table import emulation_of
 
     from ..evidence.run_record import DialectBoardsUnderTest
     from ..settings.board import BoardConfig
 
     pitch_mm = config.array.pitch_mm
     blueprint = blueprint_of(BoardConfig.of(**config.dialect_options(), pitch_mm=pitch_mm))
-    settings, parts = blueprint.settings, blueprint.parts
-    if settings.wiring is None or not isinstance(parts, ForeignAssembly):
+    settings = blueprint.settings
+    if settings.wiring is None:
         raise ConfigurationError(f"dialect is {config.link.dialect!r}, whose boards have no wiring")
     return DialectBoardsUnderTest(
-        parts.emulation.dialect,
+        emulation_of(settings.wiring.dialect).dialect,
         settings.model.array,
         settings.wiring.channels,
         settings.calibration,

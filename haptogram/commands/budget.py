@@ -17,7 +17,7 @@ from haptogram.settings.run.frames import LinkConfig, PaceConfig
 from .acting_options import refuse_idle_options, with_option
 
 if TYPE_CHECKING:
-    from haptogram.campaigns.bench.frame_budget import FrameBudget
+    from haptogram.campaigns.bench import frame_budget
 
 _TIMERS_MS: Final = {
     "without a USB adapter": 0,
@@ -64,16 +64,12 @@ def run_budget(arguments: argparse.Namespace) -> int:
 
 
 def _run_own_budget(config: BudgetConfig) -> int:
-    from haptogram.campaigns.bench.frame_budget import (
-        bench_frame_formats,
-        measure_budget_wake_ns,
-        measure_frame_budget,
-    )
+    from haptogram.campaigns.bench import frame_budget
 
-    wake_ns = measure_budget_wake_ns(config.rate_hz)
+    wake_ns = frame_budget.measure_budget_wake_ns(config.rate_hz)
     budgets = [
-        measure_frame_budget(name, message, baudrate=config.baud)
-        for name, message in bench_frame_formats(config.transducers).items()
+        frame_budget.measure_frame_budget(name, message, baudrate=config.baud)
+        for name, message in frame_budget.bench_frame_formats(config.transducers).items()
     ]
     asked = next(b for b in budgets if b.name == "phases")
     print(_frame_budget_text(asked, wake_ns, config))
@@ -111,7 +107,7 @@ def _run_dialect_budget(arguments: argparse.Namespace) -> int:
     return 0 if highest_line_rate_hz(size, bauds[0]) >= config.rate_hz else 1
 
 
-def _frame_budget_text(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
+def _frame_budget_text(asked: frame_budget.FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
     from haptogram.report.formats.console import console_table
 
     period_us = 1e6 / config.rate_hz
@@ -143,7 +139,7 @@ def _frame_budget_text(asked: FrameBudget, wake_ns: int, config: BudgetConfig) -
     )
 
 
-def _budget_table(budgets: list[FrameBudget], wake_ns: int) -> str:
+def _budget_table(budgets: list[frame_budget.FrameBudget], wake_ns: int) -> str:
     from haptogram.report.formats.console import console_table
 
     head = ("format", "bytes", "encode", "write", "wire", "decode", "lead", "highest rate", "limit")

@@ -1,4 +1,4 @@
-"""The clauses of SPEC.md, read from its text.
+"""The clauses and tables of SPEC.md, read from its text.
 
 A wheel carries SPEC.md inside ``haptogram_protocol`` (``setup.py`` puts it there); a checkout and
 an editable install have it beside that package, in ``protocol/``.
@@ -82,3 +82,12 @@ def load_clauses() -> Mapping[str, Clause]:
     return MappingProxyType(
         {clause.number: clause for clause in parse_spec(read_spec_of_clauses())}
     )
+
+
+@functools.cache
+def load_spec_table(first: str) -> tuple[Mapping[str, str], ...]:
+    """Return the rows of the table whose first column is *first*: cells by column, if not empty."""
+    text = read_spec_of_clauses()
+    lines = text[text.index(f"\n| {first} | ") + 1 :].partition("\n\n")[0].splitlines()
+    head, _, *rows = ([cell.strip() for cell in line.split("|")[1:-1]] for line in lines)
+    return tuple({name: cell for name, cell in zip(head, row, strict=True) if cell} for row in rows)

@@ -19,14 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics import AcousticModel, Calibration, Medium
 from haptogram.acoustics.arrays import as_float_array
 from haptogram.acoustics.solvers.several import Method
-from haptogram.driver.frames.dialect_frames import (
-    DialectFrame,
-    DialectFrameBuilder,
-    assumed_dialect_frames_model,
-    checked_display_channels,
-    dialect_display_of,
-    mounted_display_model,
-)
+from haptogram.driver.frames import dialect_frames
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.driver.identity import check_air_of_identity
 from haptogram.driver.line.budget import check_dialect_rate
@@ -40,12 +33,7 @@ from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.process import real_time_process
 from haptogram.records.frame import Evidence, Focus, Intended, Observation
 from haptogram.records.kept import MOST_KEPT, KeptRecords, check_kept_records
-from haptogram.settings.arguments import (
-    Progress,
-    check_argument_kind,
-    check_callable,
-    check_choice,
-)
+from haptogram.settings import arguments
 from haptogram_protocol.dialects.codec import Dialect
 
 _NS_PER_S: Final = 1_000_000_000
@@ -159,9 +147,11 @@ class DialectDriver(ClosedByWith):
         if isinstance(dialect, str):
             from haptogram_protocol.dialects.table import DIALECTS  # many modules
 
-            check_choice("dialect", dialect, tuple(DIALECTS))
+            arguments.check_choice("dialect", dialect, tuple(DIALECTS))
             dialect = DIALECTS[dialect]
-        check_argument_kind("dialect", dialect, Dialect, "the name of a wire, or a Dialect")
+        arguments.check_argument_kind(
+            "dialect", dialect, Dialect, "the name of a wire, or a Dialect"
+        )
         self.dialect = dialect
         self._baudrate = baudrate
         if baudrate is None and dialect.bauds:
@@ -170,17 +160,19 @@ class DialectDriver(ClosedByWith):
         check_port(port, port_baud, timeout_s)
         check_air_of_identity(model, medium)
         check_kept_records(keep)
-        check_callable("sink", sink)
-        self.model = assumed_dialect_frames_model(dialect, medium) if model is None else model
+        arguments.check_callable("sink", sink)
+        self.model = (
+            dialect_frames.assumed_dialect_frames_model(dialect, medium) if model is None else model
+        )
         elements = None if calibration is None else Calibration.of(calibration)
         if channels is None:
             self._channels: Sequence[int] = range(self.model.array.count)
         else:
-            self._channels = checked_display_channels(channels)
+            self._channels = dialect_frames.checked_display_channels(channels)
         self.boards = math.ceil((max(self._channels) + 1) / dialect.channels)
-        display = dialect_display_of(dialect, self.boards)
+        display = dialect_frames.dialect_display_of(dialect, self.boards)
         if model is None and display.mounting:
-            self.model = mounted_display_model(self.model, display)
+            self.model = dialect_frames.mounted_display_model(self.model, display)
         if elements is not None:
             self.model = self.model.calibrated(elements)
         self._display = display
@@ -269,20 +261,22 @@ class DialectDriver(ClosedByWith):
         limits.check_hold_duration(seconds)
         self._line.run_until(self._line.now_ns() + round(seconds * _NS_PER_S))
 
-    def frames(self, targets: Targets, *, solver: Method = "naive") -> list[DialectFrame]:
+    def frames(
+        self, targets: Targets, *, solver: Method = "naive"
+    ) -> list[dialect_frames.DialectFrame]:
         """Return the frames that :meth:`stream` would send for *targets*."""
         return self._builder().build(as_frame_foci(targets), solver)
 
     def stream(
         self,
-        targets: Targets | Sequence[DialectFrame],
+        targets: Targets | Sequence[dialect_frames.DialectFrame],
         rate_hz: float,
         *,
         loops: int = 1,
         spin_us: int = 0,
         realtime: bool = False,
         solver: Method = "naive",
-        progress: Progress | None = None,
+        progress: arguments.Progress | None = None,
     ) -> DialectReport:
         """Display *targets* one after the other at *rate_hz*, paced by the host.
 
@@ -334,10 +328,10 @@ class DialectDriver(ClosedByWith):
         late = int((lateness_us >= period_ns / 1e3).sum())
         return DialectReport(total, lateness_us, late, tuple(refused))
 
-    def _builder(self) -> DialectFrameBuilder:
-        return DialectFrameBuilder(self.model, self._display, self._channels)
+    def _builder(self) -> dialect_frames.DialectFrameBuilder:
+        return dialect_frames.DialectFrameBuilder(self.model, self._display, self._channels)
 
-    def _show(self, frame: DialectFrame) -> Intended:
+    def _show(self, frame: dialect_frames.DialectFrame) -> Intended:
         """Send a frame with foci; record the intended drive and the observed bytes."""
         intended = frame.intended(self.intended.total)
         self.intended.append(intended)
@@ -354,7 +348,7 @@ class DialectDriver(ClosedByWith):
             )
         return intended
 
-    def _send(self, frame: DialectFrame) -> list[int | None] | None:
+    def _send(self, frame: dialect_frames.DialectFrame) -> list[int | None] | None:
         """Send a frame; first the off-frame if the board may have lost its state."""
         silent_ns = self._line.now_ns() - self._shown_ns
         if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:

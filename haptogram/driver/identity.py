@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
-from haptogram.driver.line.link import Link
+from haptogram.driver.line.link import Link, request_parts
 from haptogram.errors import ConfigurationError, WrongProtocolError
 from haptogram.settings.arguments import check_argument_kind
 from haptogram_protocol.messages import Element, GeometryReply, GetGeometry, HelloReply
@@ -31,17 +31,9 @@ def read_identified_array(link: Link, identity: HelloReply) -> TransducerArray:
 
 def read_geometry(link: Link, identity: HelloReply) -> TransducerArray:
     """Return the board's array, read element by element; see :func:`read_identified_array`."""
-    elements: list[Element] = []
-    while len(elements) < identity.transducers:
-        request = GetGeometry(len(elements), identity.transducers - len(elements))
-        reply = link.request(request, GeometryReply)
-        if reply.first != len(elements) or not reply.elements:
-            raise WrongProtocolError(
-                f"{link.url}: GET_GEOMETRY from {len(elements)} gave {len(reply.elements)} "
-                f"transducers from {reply.first}"
-            )
-        elements += reply.elements
-    array = array_of_geometry(elements)
+    count = identity.transducers
+    parts = request_parts(link, count, GetGeometry, GeometryReply, lambda part: len(part.elements))
+    array = array_of_geometry([element for part in parts for element in part.elements])
     if array.digest() != identity.geometry_hash:
         raise WrongProtocolError(
             f"{link.url}: geometry hash {array.digest():08x} of what was read; HELLO named "

@@ -21,15 +21,10 @@ from numpy.typing import NDArray
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
+from haptogram.driver.timing import realtime
 from haptogram.driver.timing.clock import next_boundary_on_device_clock_us
 from haptogram.driver.timing.lead import LeadMargin, LeadTrim
 from haptogram.driver.timing.pings import Pinger
-from haptogram.driver.timing.realtime import (
-    PeriodicLoop,
-    TickLog,
-    TickStamps,
-    can_arrive_by_deadline,
-)
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.errors import LinkError
 from haptogram.machine.process import real_time_process
@@ -88,7 +83,7 @@ class StreamReport:
     write_stalls: int
     lead_us: int
     lead_moves: int
-    ticks: TickLog
+    ticks: realtime.TickLog
     not_permitted: tuple[str, ...]
     clock_uncertainty_us: float
     t0_us: int
@@ -259,14 +254,14 @@ class _StreamRun:
         self, streamer: Streamer, schedule: Schedule, pacing: StreamPacing, ticks: int
     ) -> None:
         link, pinger, status = streamer.link, streamer.pinger, streamer.status
-        self.ticks, self.skipped = TickLog(ticks), list[int]()
+        self.ticks, self.skipped = realtime.TickLog(ticks), list[int]()
         self.lead_us = schedule.lead_us
         self._link, self._pinger = link, pinger
         self._trim, self._status = pacing.trim, status
         self._refresh_ns = pacing.refresh_ns
         self._seen = status()
         self._jumps = pinger.clock.jumps
-        self._loop = PeriodicLoop(
+        self._loop = realtime.PeriodicLoop(
             link.now_ns,
             link.run_until,
             period_ns=int(schedule.period_us * 1000),
@@ -307,7 +302,7 @@ class _StreamRun:
         link = self._link
         latest_us = arrival_us - -(-self._safety.ns // 1000)
         ready_ns = room_ns = link.now_ns()
-        in_time = can_arrive_by_deadline(
+        in_time = realtime.can_arrive_by_deadline(
             now_ns=ready_ns,
             line_free_ns=link.line.free_ns,
             transmission_ns=link.transmission_ns(wire),
@@ -320,7 +315,7 @@ class _StreamRun:
             self.lead_us = self._trim.add(late_ns // 1000, 1)
         done_ns, free_ns = link.now_ns(), link.line.free_ns
         stamps = self._deadline_ns, link.idle_since_ns, self._wake_ns, ready_ns, room_ns
-        self.ticks.record(TickStamps(*stamps, done_ns, free_ns))
+        self.ticks.record(realtime.TickStamps(*stamps, done_ns, free_ns))
         if not in_time:
             return latest_us, None
         return latest_us, self._pinger.clock.to_device_us(max(link.now_ns(), link.line.free_ns))

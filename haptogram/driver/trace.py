@@ -5,10 +5,12 @@ All of it is the firmware's own word, and marked so (:attr:`Evidence.SELF_REPORT
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from haptogram.acoustics import Drive
-from haptogram.driver.line.link import Link
+from haptogram.driver.line.link import Link, request_parts
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.errors import ConfigurationError, WrongProtocolError
 from haptogram.records.frame import Evidence, FrameKey, Observation
@@ -82,7 +84,13 @@ class DriverTraceReader:
             Every reading was overtaken by another latch.
         """
         for _ in range(_READ_TRIES):
-            replies = self._read_parts(kind)
+            replies = request_parts(
+                self._link,
+                self._transducers,
+                functools.partial(messages.ReadDrive, kind),
+                messages.DriveReply,
+                lambda part: len(part.data) // 2,
+            )
             if len({(reply.key, reply.t_latch_us) for reply in replies}) == 1:
                 halves = [(r.data[: len(r.data) // 2], r.data[len(r.data) // 2 :]) for r in replies]
                 data = b"".join(b"".join(part) for part in zip(*halves, strict=True))
@@ -91,22 +99,6 @@ class DriverTraceReader:
         raise WrongProtocolError(
             f"{self._link.url}: the drive changed during each of {_READ_TRIES} read-backs"
         )
-
-    def _read_parts(self, kind: messages.DriveKind) -> list[messages.DriveReply]:
-        replies: list[messages.DriveReply] = []
-        first = 0
-        while first < self._transducers:
-            reply = self._link.request(
-                messages.ReadDrive(kind, first, self._transducers - first), messages.DriveReply
-            )
-            if reply.first != first or not reply.data:
-                raise WrongProtocolError(
-                    f"{self._link.url}: READ_DRIVE from {first} gave {len(reply.data) // 2} "
-                    f"transducers from {reply.first}"
-                )
-            replies.append(reply)
-            first += len(reply.data) // 2
-        return replies
 
     def _latch(
         self, key: messages.LatchKey, wire_us: int, near_ns: int, shown: bytes | int, flags: int = 0

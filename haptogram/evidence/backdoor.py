@@ -32,7 +32,7 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
 )
-from haptogram.errors import ConfigurationError, plain_reason, unreadable_file
+from haptogram.errors import ConfigurationError, plain_reason, reading_file
 from haptogram.machine.closing import ClosedByWith
 from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
 from haptogram.records.latch import Codes
@@ -409,10 +409,8 @@ def _open_backdoor_reader(path: str, flags: int) -> int:
 
 class _BackdoorFileStream:
     def __init__(self, path: str) -> None:
-        try:
+        with reading_file(path):
             self._file = open(path, "rb", buffering=0, opener=_open_backdoor_reader)  # noqa: SIM115  closed by close()
-        except OSError as error:
-            raise unreadable_file(path, error) from error
 
     def receive(self) -> bytes | None:
         """Return the bytes that were appended."""

@@ -11,7 +11,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final, TextIO
 
-from haptogram.errors import ConfigurationError, plain_reason, unreadable_file, unwritable_file
+from haptogram.errors import (
+    ConfigurationError,
+    plain_reason,
+    reading_file,
+    unwritable_file,
+    writing_file,
+)
 
 #: The path that is standard output.
 STANDARD_OUTPUT: Final = Path("-")
@@ -80,7 +86,7 @@ def write_file_atomically(path: Path, content: bytes) -> None:
     ConfigurationError
         If it cannot be written; the text names the path and the reason.
     """
-    try:
+    with writing_file(path, kinds=(OSError, ValueError)):  # ValueError: a null character
         kind = kind_of_file(path)
         target = Path(os.path.realpath(path))  # a link keeps pointing to the result
         if kind is Kind.STANDARD_OUTPUT:
@@ -92,8 +98,6 @@ def write_file_atomically(path: Path, content: bytes) -> None:
         else:
             _make_output_folder(path, target)
             _replace_file(target, content)
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        raise unwritable_file(path, error) from error
 
 
 def write_json_file(path: Path, document: Mapping[str, Any]) -> None:
@@ -118,11 +122,9 @@ def check_file_has_content(path: Path, option: str) -> None:
     ConfigurationError
         If it is none.
     """
-    try:
-        with path.open("rb") as file:
-            is_empty = not file.read(1)
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        raise unreadable_file(path, error, option) from error
+    # ValueError: a path with a null character
+    with reading_file(path, option, (OSError, ValueError)), path.open("rb") as file:
+        is_empty = not file.read(1)
     if is_empty:
         raise ConfigurationError(f"{path}: the file is empty")
 
@@ -135,7 +137,7 @@ def check_file_writable(path: Path) -> None:
     ConfigurationError
         Names the path and the reason.
     """
-    try:
+    with writing_file(path, kinds=(OSError, ValueError)):
         kind, target = kind_of_file(path), Path(os.path.realpath(path))
         if kind is Kind.STANDARD_OUTPUT:
             if sys.stdout is None or sys.stdout.closed:
@@ -149,10 +151,6 @@ def check_file_writable(path: Path) -> None:
             os.close(os.open(target, os.O_WRONLY | os.O_NONBLOCK))
         elif kind is Kind.FILE:
             _check_folder_takes_files(path, target)
-    except ConfigurationError:
-        raise
-    except (OSError, ValueError) as error:
-        raise unwritable_file(path, error) from error
 
 
 def check_files_writable(outputs: Mapping[str, Path], *, in_place: bool = False) -> None:
@@ -253,10 +251,8 @@ def check_distinct_files(
     """
     readers, options = list(inputs), dict[str, str]()
     for option, path in outputs.items():
-        try:
+        with writing_file(path, option, (OSError, ValueError)):
             kind = kind_of_file(path)
-        except (OSError, ValueError) as error:
-            raise unwritable_file(path, error, option) from error
         is_stream = kind is Kind.STANDARD_OUTPUT
         place = str(kind.value) if is_stream else os.path.realpath(path)
         is_shared = is_stream or kind is Kind.FILE

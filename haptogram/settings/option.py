@@ -17,16 +17,7 @@ from typing import Any, Final, Self, TypeVar, get_args, get_origin, get_type_hin
 
 from haptogram.errors import ConfigurationError
 
-from .arguments import (
-    check_argument_kind,
-    check_choice,
-    check_number,
-    check_whole,
-    did_you_mean,
-    option_word,
-    read_number_argument,
-    shown_argument,
-)
+from . import arguments
 
 _S = TypeVar("_S", bound="Settings")
 _FLAGS: Final = {"0": False, "1": True}
@@ -109,7 +100,7 @@ class Option:
     @property
     def word(self) -> str:
         """The option on a command line."""
-        return option_word(self.name)
+        return arguments.option_word(self.name)
 
     @property
     def is_required(self) -> bool:
@@ -147,7 +138,7 @@ class Option:
             except ConfigurationError:
                 if self.count == 0 and all(isinstance(item, str) for item in value):
                     raise
-        text = shown or shown_argument(value)
+        text = shown or arguments.shown_argument(value)
         raise ConfigurationError(f"{self.name} is {text}, must be {self._list_text}")
 
     @property
@@ -164,14 +155,14 @@ class Option:
 
     def _checked_item(self, value: Any) -> Any:
         if self.choices:
-            check_choice(self.name, value, self.choices)
+            arguments.check_choice(self.name, value, self.choices)
         elif self.kind is int:
-            return check_whole(self.name, value, int(self.low), int(self.high), self.sign)
+            return arguments.check_whole(self.name, value, int(self.low), int(self.high), self.sign)
         elif self.kind is float:
-            return check_number(self.name, value, self.low, self.high, self.sign)
+            return arguments.check_number(self.name, value, self.low, self.high, self.sign)
         else:
             kinds = (str, Path) if self.kind is Path else self.kind
-            check_argument_kind(self.name, value, kinds, _KIND_TEXTS[self.kind])
+            arguments.check_argument_kind(self.name, value, kinds, _KIND_TEXTS[self.kind])
             if value == "":  # Path("") is the current folder
                 raise ConfigurationError(f"{self.name} is '', must be {_KIND_TEXTS[self.kind]}")
         return Path(value) if self.kind is Path else value
@@ -193,8 +184,8 @@ class Option:
         if self.kind not in (int, float):
             return text
         if not self.count:
-            return read_number_argument(self.kind, text)
-        return tuple(read_number_argument(self.kind, part) for part in text.split(","))
+            return arguments.read_number_argument(self.kind, text)
+        return tuple(arguments.read_number_argument(self.kind, part) for part in text.split(","))
 
     def checked_item(self, text: str) -> Any:
         """Return the value of :meth:`read`, checked; of one item where there may be any number.
@@ -304,7 +295,7 @@ def build_settings(kind: type[_S], values: Mapping[str, Any]) -> _S:
 
 def unknown_setting_text(name: str, known: Collection[str]) -> str:
     """Return the end of a message about an unknown *name*: a guess at the right one, or all."""
-    return did_you_mean(name, known) or f"; known are {', '.join(known)}"
+    return arguments.did_you_mean(name, known) or f"; known are {', '.join(known)}"
 
 
 class Settings:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.errors import ConfigurationError, plain_reason, unreadable_file
+from haptogram.errors import ConfigurationError, plain_reason, reading_file
 
 _MOST_TEXT: Final = 1 << 26  # characters; a device such as /dev/zero has no end
 _MOST_TOML: Final = 1 << 18  # a thousand faults, or a thousand channels, with room
@@ -30,13 +30,12 @@ def read_text_file(path: Path, option: str, most: int = _MOST_TEXT) -> str:
     ConfigurationError
         Names the option, the file and the reason.
     """
-    try:
+    # ValueError: also a path with a null character
+    with reading_file(path, option, (OSError, ValueError)):
         with path.open(encoding="utf-8-sig") as file:
             text = file.read(most + 1)
         if len(text) > most:
             raise ValueError(f"it has more than {most} characters")
-    except (OSError, ValueError) as error:  # ValueError: also a path with a null character
-        raise unreadable_file(path, error, option) from error
     return text
 
 

@@ -10,7 +10,7 @@ from typing import Final, TextIO, TypeAlias
 import numpy as np
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
-from haptogram.errors import unwritable_file
+from haptogram.errors import writing_file
 from haptogram.settings.board import PinCaptureConfig
 from haptogram_protocol.state import OutputState
 
@@ -181,12 +181,10 @@ class BackdoorPinCapture:
         ConfigurationError
             If it cannot be written.
         """
-        try:
-            with self._path.open("w", encoding="ascii") as file:
-                edges = self._write(file)
-        except OSError as error:
-            raise unwritable_file(self._path, error, "--capture") from error
-        return f"{self._path}: {edges} edges of {self._count} pins, {len(self._acts)} changes"
+        path = self._path
+        with writing_file(path, "--capture"), path.open("w", encoding="ascii") as file:
+            edges = self._write(file)
+        return f"{path}: {edges} edges of {self._count} pins, {len(self._acts)} changes"
 
     # --- waveforms -----------------------------------------------------------------------------
 

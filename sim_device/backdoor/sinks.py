@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from haptogram.errors import ConfigurationError, unwritable_file
+from haptogram.errors import ConfigurationError, writing_file
 from haptogram.machine.files import make_folder_of
 
 from ..line.socket_server import UnixListener
@@ -60,11 +60,9 @@ class FileSink:
 
     def __init__(self, path: str, wait: Callable[[], bool] | None = None) -> None:
         self._path = path
-        try:
+        with writing_file(path, "backdoor"):
             make_folder_of(Path(path))
             self._file = os.fdopen(_opened_backdoor(path, wait), "ab", buffering=0)
-        except OSError as error:
-            raise unwritable_file(path, error, "backdoor") from error
 
     def write(self, line: bytes) -> None:
         """Append one line.
@@ -74,11 +72,9 @@ class FileSink:
         ConfigurationError
             If the file takes no more: the disc is full.
         """
-        try:
+        with writing_file(self._path, "backdoor"):
             while line:
                 line = line[self._file.write(line) :]
-        except OSError as error:
-            raise unwritable_file(self._path, error, "backdoor") from error
 
     def serve(self) -> None:
         """Do nothing: a file waits for nobody."""

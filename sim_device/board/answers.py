@@ -43,7 +43,7 @@ def board_identity(board: Board) -> m.HelloReply:
         **{name: getattr(settings, name) for name in same_names + times + limits + uploads},
         major=m.VERSION_MAJOR,
         minor=m.VERSION_MINOR,
-        nonce=board.session,
+        nonce=board.output.session,
         reserved=0,
         features=int(settings.features),
         clock_hz=_CLOCK_HZ,
@@ -54,8 +54,8 @@ def board_identity(board: Board) -> m.HelloReply:
         grid_ny=ny,
         pitch_um=round((array.pitch_m or 0.0) * 1e6) if array.grid_shape else 0,
         geometry_hash=array.digest(),
-        sound_speed_mm_s=board.config.sound_speed_mm_s,
-        state=board.state,
+        sound_speed_mm_s=board.output.config.sound_speed_mm_s,
+        state=board.output.state,
         max_frame_rate_hz=settings.carrier_hz,
         config_crc=board.config_crc,
     )
@@ -63,8 +63,8 @@ def board_identity(board: Board) -> m.HelloReply:
 
 def board_counters(board: Board, link: Mapping[str, int], trace_dropped: int) -> dict[str, int]:
     """Return every counter by its name on the wire, modulo 2^32."""
-    fields = dataclasses.fields(board.counters)
-    own = {field.name: getattr(board.counters, field.name) for field in fields}
+    fields = dataclasses.fields(board.output.counters)
+    own = {field.name: getattr(board.output.counters, field.name) for field in fields}
     merged = {**link, **own, "trace_dropped": trace_dropped}
     return {name: merged[name] & _U32 for name in m.Counters.WIRE}
 
@@ -72,10 +72,10 @@ def board_counters(board: Board, link: Mapping[str, int], trace_dropped: int) ->
 def board_status(board: Board, counts: Mapping[str, int], *, free_bytes: int) -> StatusFields:
     """Return the fields of a status, in their order; the margins are reset."""
     margins, least_us, mean_us = board.margins.take()
-    latched = board.latched
+    latched = board.output.latched
     return (
-        board.state,
-        board.reason,
+        board.output.state,
+        board.output.reason,
         board.queued,
         free_bytes,
         board.last_stream_index & _U32,
@@ -104,9 +104,9 @@ def board_drive(board: Board, request: m.ReadDrive) -> m.DriveReply:
     if not READ_CAPABILITIES[request.kind] & board.settings.features:
         raise RefusalError(m.ErrorCode.UNSUPPORTED, int(request.TYPE))
     first, stop = _readout_span(request, board.settings.count, m.DriveReply, 2)
-    latch = board.latched
+    latch = board.output.latched
     if request.kind is m.DriveKind.RADIATED:
-        shown = board.radiated(board.now_us)
+        shown = board.output.radiated(board.output.now_us)
     else:
         shown = latch.drive if latch else Drive.muted(board.settings.count)
     return m.DriveReply(
@@ -169,17 +169,17 @@ def _clip_readout_i32(value: int) -> int:
 
 def _arm(board: Board, _: m.Arm) -> m.ArmReply:
     board.arm()
-    return m.ArmReply(board.state)
+    return m.ArmReply(board.output.state)
 
 
 def _disarm(board: Board, _: m.Disarm) -> m.DisarmReply:
     board.disarm()
-    return m.DisarmReply(board.state)
+    return m.DisarmReply(board.output.state)
 
 
 def _stop(board: Board, _: m.Stop) -> m.StopReply:
     board.stop()
-    return m.StopReply(board.state)
+    return m.StopReply(board.output.state)
 
 
 def _begin_upload(board: Board, begin: m.UploadBegin) -> m.UploadBeginReply:
@@ -191,7 +191,7 @@ def _begin_upload(board: Board, begin: m.UploadBegin) -> m.UploadBeginReply:
 ANSWERS: Final[Mapping[type[m.Message], Callable[[Board, Any], m.Message]]] = {
     m.Arm: _arm,
     m.Disarm: _disarm,
-    m.GetConfig: lambda board, _: m.ConfigReply(board.config_crc, board.config),
+    m.GetConfig: lambda board, _: m.ConfigReply(board.config_crc, board.output.config),
     m.GetGeometry: board_geometry,
     m.ReadDrive: board_drive,
     m.ReadTrace: board_trace,

@@ -12,21 +12,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptogram.acoustics import Drive
-from haptogram_protocol.messages import (
-    Config,
-    ErrorCode,
-    LatchKey,
-    Play,
-    UploadBegin,
-    UploadChunk,
-    UploadCommit,
-    UploadKind,
-)
-from haptogram_protocol.state import MuteReason, OutputState
+from haptogram_protocol import messages as m
+from haptogram_protocol.state import OutputState
 
 from .configuration import board_config_crc, check_board_config
-from .counters import BoardArrivalMargins, BoardCounters, Drop
-from .events import Latch, Notice, PlaybackEnd, SessionOpened
+from .counters import BoardArrivalMargins, Drop
+from .events import PlaybackEnd, SessionOpened
 from .output import BoardOutput, Due
 from .playback import BoardPlayback
 from .refusal import RefusalError
@@ -86,41 +77,6 @@ class Board:
 
     # --- output --------------------------------------------------------------------------------
 
-    @property
-    def now_us(self) -> int:
-        """Device time up to which everything has happened."""
-        return self.output.now_us
-
-    @property
-    def state(self) -> OutputState:
-        """Output state."""
-        return self.output.state
-
-    @property
-    def reason(self) -> MuteReason:
-        """Reason for the output state."""
-        return self.output.reason
-
-    @property
-    def session(self) -> int:
-        """Session that is open, 0: none."""
-        return self.output.session
-
-    @property
-    def latched(self) -> Latch | None:
-        """The last latch of this session."""
-        return self.output.latched
-
-    @property
-    def config(self) -> Config:
-        """Configuration in force."""
-        return self.output.config
-
-    @property
-    def counters(self) -> BoardCounters:
-        """Counts since power-up."""
-        return self.output.counters
-
     def arm(self) -> None:
         """Allow output; see :meth:`BoardOutput.arm`."""
         self.output.arm()
@@ -132,18 +88,6 @@ class Board:
     def disarm(self) -> None:
         """Switch the output off and forbid it."""
         self.output.disarm()
-
-    def radiated(self, t_us: int) -> Drive:
-        """Return the drive that leaves the transducers at *t_us*, now or before the next event."""
-        return self.output.radiated(t_us)
-
-    def take_latches(self) -> list[Latch]:
-        """Return the latches since the last call, in order."""
-        return self.output.take_latches()
-
-    def take_notices(self) -> list[Notice]:
-        """Return changes of the output and ends of playback since the last call, in order."""
-        return self.output.take_notices()
 
     # --- time ----------------------------------------------------------------------------------
 
@@ -284,7 +228,7 @@ class Board:
         entry = self._queue.pop()
         self.last_stream_index = entry.index
         self.output.counters.late += entry.late
-        key = LatchKey(sequence=0, loop=0, index=entry.index & 0xFFFFFFFF)
+        key = m.LatchKey(sequence=0, loop=0, index=entry.index & 0xFFFFFFFF)
         self.output.latch(
             key,
             entry.drive,
@@ -300,7 +244,7 @@ class Board:
         """CRC-32 of configuration and phase correction."""
         return board_config_crc(self.output.config, self.output.correction)
 
-    def configure(self, config: Config) -> None:
+    def configure(self, config: m.Config) -> None:
         """Put *config* in force, timers included.
 
         Raises
@@ -314,38 +258,38 @@ class Board:
         self.output.configure(config)
         self.advance_to(self.output.now_us)  # a shorter hold may have run out already
 
-    def begin_upload(self, begin: UploadBegin) -> None:
+    def begin_upload(self, begin: m.UploadBegin) -> None:
         """Make room for an upload; see :meth:`BoardUploads.begin` for what is refused."""
         self._refuse_while_playing(begin.target)
         kept = sum(len(s.data) for n, s in self._sequences.items() if n != begin.target)
         self._uploads.begin(begin, self.settings.max_stored_bytes - kept)
 
-    def store_chunk(self, chunk: UploadChunk) -> int:
+    def store_chunk(self, chunk: m.UploadChunk) -> int:
         """Store a piece of an upload; return how many of its bytes are there."""
         self._refuse_without_upload()
         return self._uploads.chunk(chunk)
 
-    def commit_upload(self, commit: UploadCommit) -> int:
+    def commit_upload(self, commit: m.UploadCommit) -> int:
         """Take the upload, whole; return how many frames, or transducers, it holds."""
         self._refuse_without_upload()
         if commit.target != self._uploads.target:
-            raise RefusalError(ErrorCode.BAD_VALUE, 0)
+            raise RefusalError(m.ErrorCode.BAD_VALUE, 0)
         self._refuse_while_playing(commit.target)
         upload = self._uploads.commit()
-        if upload.begin.kind is UploadKind.CORRECTION:
+        if upload.begin.kind is m.UploadKind.CORRECTION:
             self.output.correct(upload.data)
         else:
             self._sequences[commit.target] = upload
         self._uploads.abandon()
-        return len(upload.data) if upload.begin.kind is UploadKind.CORRECTION else len(upload)
+        return len(upload.data) if upload.begin.kind is m.UploadKind.CORRECTION else len(upload)
 
     def _refuse_without_upload(self) -> None:
         if self._uploads.target is None:
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state))
+            raise RefusalError(m.ErrorCode.BAD_STATE, int(self.output.state))
 
     def _refuse_while_playing(self, sequence: int) -> None:
         if self._playback is not None and self._playback.sequence == sequence:
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state))
+            raise RefusalError(m.ErrorCode.BAD_STATE, int(self.output.state))
 
     # --- playback ------------------------------------------------------------------------------
 
@@ -371,10 +315,10 @@ class Board:
             BAD_STATE unless armed and idle, NOT_FOUND, or BAD_VALUE.
         """
         if self.output.state is not OutputState.ARMED or self._playback is not None:
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state))
+            raise RefusalError(m.ErrorCode.BAD_STATE, int(self.output.state))
         frames = self._sequences.get(sequence)
         if frames is None:
-            raise RefusalError(ErrorCode.NOT_FOUND, len(self._sequences))
+            raise RefusalError(m.ErrorCode.NOT_FOUND, len(self._sequences))
         ready_us = self._ready_us(frames[0])
         self._check_period(period_us, frames[0])
         self._check_play(start_us, ready_us, unattended_ms)
@@ -390,15 +334,15 @@ class Board:
         points = 0 if isinstance(content, Drive) else len(content)
         too_fast = limits.max_playback_rate_hz * period_us < 1_000_000
         if too_fast or period_us < points * limits.point_time_us:
-            raise RefusalError(ErrorCode.BAD_VALUE, Play.WIRE["period_us"].offset)
+            raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["period_us"].offset)
 
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
         limits = self.settings
         if not 1 <= unattended_ms <= limits.max_unattended_ms:
-            raise RefusalError(ErrorCode.BAD_VALUE, Play.WIRE["unattended_ms"].offset)
+            raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["unattended_ms"].offset)
         last_us = self.output.now_us + limits.max_horizon_us
         if start_us is not None and not ready_us <= start_us <= last_us:
-            raise RefusalError(ErrorCode.BAD_VALUE, 0)
+            raise RefusalError(m.ErrorCode.BAD_VALUE, 0)
 
     def stop(self) -> None:
         """End playback, if any; the last drive is held for ``hold_ms``."""

@@ -6,13 +6,7 @@ import functools
 import zlib
 from dataclasses import dataclass
 
-from haptogram_protocol.messages import (
-    ErrorCode,
-    FocalPoint,
-    UploadBegin,
-    UploadChunk,
-    UploadKind,
-)
+from haptogram_protocol import messages as m
 from haptogram_protocol.rules import UPLOAD_CAPABILITIES
 
 from .refusal import RefusalError
@@ -23,7 +17,7 @@ from .settings import BoardSettings
 class _BoardUpload:
     """An upload that has begun, and the bytes of it that have come."""
 
-    def __init__(self, begin: UploadBegin) -> None:
+    def __init__(self, begin: m.UploadBegin) -> None:
         self.begin = begin
         self.data = bytearray()
 
@@ -49,7 +43,7 @@ class Upload:
         Bytes in one frame.
     """
 
-    begin: UploadBegin
+    begin: m.UploadBegin
     data: bytes
     frame_size: int
 
@@ -58,7 +52,7 @@ class Upload:
 
     def __getitem__(self, index: int) -> Content:
         piece = self.data[index * self.frame_size : (index + 1) * self.frame_size]
-        if self.begin.kind is UploadKind.PHASES:
+        if self.begin.kind is m.UploadKind.PHASES:
             return full_amplitude_registers(piece)
         return _points_uploaded_to_board(piece)
 
@@ -79,7 +73,7 @@ class BoardUploads:
         """Forget an upload that was not committed."""
         self._pending = None
 
-    def begin(self, begin: UploadBegin, room: int) -> None:
+    def begin(self, begin: m.UploadBegin, room: int) -> None:
         """Make ready for an upload.
 
         Parameters
@@ -95,12 +89,12 @@ class BoardUploads:
             UNSUPPORTED, BAD_VALUE, BAD_LENGTH or TOO_LARGE.
         """
         if not UPLOAD_CAPABILITIES[begin.kind] & self._settings.features:
-            raise RefusalError(ErrorCode.UNSUPPORTED, begin.TYPE)
+            raise RefusalError(m.ErrorCode.UNSUPPORTED, begin.TYPE)
         self._check_target(begin)
         self._check_size(begin, room)
         self._pending = _BoardUpload(begin)
 
-    def chunk(self, chunk: UploadChunk) -> int:
+    def chunk(self, chunk: m.UploadChunk) -> int:
         """Store a piece; return how many bytes are there.
 
         Raises
@@ -111,12 +105,12 @@ class BoardUploads:
         """
         pending = self._expect()
         if len(chunk.data) > self._settings.max_chunk:
-            raise RefusalError(ErrorCode.BAD_LENGTH, self._settings.max_chunk)
+            raise RefusalError(m.ErrorCode.BAD_LENGTH, self._settings.max_chunk)
         if chunk.offset + len(chunk.data) > pending.begin.size:
-            raise RefusalError(ErrorCode.BAD_VALUE, 0)
+            raise RefusalError(m.ErrorCode.BAD_VALUE, 0)
         received = len(pending.data)
         if chunk.offset > received:
-            raise RefusalError(ErrorCode.INCOMPLETE, received)
+            raise RefusalError(m.ErrorCode.INCOMPLETE, received)
         pending.store(chunk.offset, chunk.data)
         return len(pending.data)
 
@@ -130,10 +124,10 @@ class BoardUploads:
         """
         pending = self._expect()
         if (received := len(pending.data)) < pending.begin.size:
-            raise RefusalError(ErrorCode.INCOMPLETE, received)
+            raise RefusalError(m.ErrorCode.INCOMPLETE, received)
         crc = zlib.crc32(pending.data)
         if crc != pending.begin.crc:
-            raise RefusalError(ErrorCode.CRC_MISMATCH, crc)
+            raise RefusalError(m.ErrorCode.CRC_MISMATCH, crc)
         return Upload(pending.begin, bytes(pending.data), self._frame_size(pending.begin))
 
     def _expect(self) -> _BoardUpload:
@@ -141,32 +135,32 @@ class BoardUploads:
         assert self._pending is not None  # the board refuses it without a `target`
         return self._pending
 
-    def _check_target(self, begin: UploadBegin) -> None:
+    def _check_target(self, begin: m.UploadBegin) -> None:
         points = begin.points_per_frame
-        most = self._settings.max_points if begin.kind is UploadKind.POINTS else 0
+        most = self._settings.max_points if begin.kind is m.UploadKind.POINTS else 0
         if not min(most, 1) <= points <= most:
-            raise RefusalError(ErrorCode.BAD_VALUE, UploadBegin.WIRE["points_per_frame"].offset)
-        if (begin.target == 0) != (begin.kind is UploadKind.CORRECTION):
-            raise RefusalError(ErrorCode.BAD_VALUE, UploadBegin.WIRE["target"].offset)
+            raise RefusalError(m.ErrorCode.BAD_VALUE, m.UploadBegin.WIRE["points_per_frame"].offset)
+        if (begin.target == 0) != (begin.kind is m.UploadKind.CORRECTION):
+            raise RefusalError(m.ErrorCode.BAD_VALUE, m.UploadBegin.WIRE["target"].offset)
 
-    def _check_size(self, begin: UploadBegin, room: int) -> None:
+    def _check_size(self, begin: m.UploadBegin, room: int) -> None:
         limits, frame = self._settings, self._frame_size(begin)
         frames, rest = divmod(begin.size, frame)
-        if not frames or rest or (begin.kind is UploadKind.CORRECTION and frames > 1):
-            raise RefusalError(ErrorCode.BAD_LENGTH, frame)
+        if not frames or rest or (begin.kind is m.UploadKind.CORRECTION and frames > 1):
+            raise RefusalError(m.ErrorCode.BAD_LENGTH, frame)
         if begin.size > (limit := min(limits.max_upload_bytes, room)):
-            raise RefusalError(ErrorCode.TOO_LARGE, limit)
-        is_sequence = begin.kind is not UploadKind.CORRECTION
+            raise RefusalError(m.ErrorCode.TOO_LARGE, limit)
+        is_sequence = begin.kind is not m.UploadKind.CORRECTION
         if is_sequence and frames > (limit := limits.max_sequence_frames):
-            raise RefusalError(ErrorCode.TOO_LARGE, limit)
+            raise RefusalError(m.ErrorCode.TOO_LARGE, limit)
 
-    def _frame_size(self, begin: UploadBegin) -> int:
-        if begin.kind is UploadKind.POINTS:
-            return begin.points_per_frame * FocalPoint.LAYOUT.size
+    def _frame_size(self, begin: m.UploadBegin) -> int:
+        if begin.kind is m.UploadKind.POINTS:
+            return begin.points_per_frame * m.FocalPoint.LAYOUT.size
         return self._settings.count
 
 
 @functools.lru_cache(maxsize=1024)
-def _points_uploaded_to_board(piece: bytes) -> tuple[FocalPoint, ...]:
-    size = FocalPoint.LAYOUT.size
-    return tuple(FocalPoint.unpack(piece[i : i + size]) for i in range(0, len(piece), size))
+def _points_uploaded_to_board(piece: bytes) -> tuple[m.FocalPoint, ...]:
+    size = m.FocalPoint.LAYOUT.size
+    return tuple(m.FocalPoint.unpack(piece[i : i + size]) for i in range(0, len(piece), size))

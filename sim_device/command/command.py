@@ -18,15 +18,7 @@ from haptogram.settings.board import BoardConfig
 from haptogram.settings.line import LineSettings
 from haptogram.settings.parser import Parser
 
-from .options import (
-    SERIAL_BAUD,
-    SOCKET,
-    board_config_of,
-    check_board_outputs,
-    make_board_folders,
-    pin_capture_config_of,
-    set_up_board,
-)
+from . import options as board_options
 
 if TYPE_CHECKING:
     from haptogram.machine.device_client import DeviceClient
@@ -62,7 +54,7 @@ def main(
         Opens the recording of ``--record``; without it there is no such option.
     """
     parser = Parser(prog=program)
-    set_up_board(parser, open_recording)
+    board_options.set_up_board(parser, open_recording)
     try:
         options = parser.parse_args(words)
         _start_board_log(options)
@@ -98,8 +90,8 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
     from ..wallclock import Heartbeat
 
     _log_start_step(options, "making the board")
-    check_board_outputs(options)
-    config = board_config_of(options)
+    board_options.check_board_outputs(options)
+    config = board_options.board_config_of(options)
     if options.as_device and any(fault.name == "line.disconnect" for fault in config.faults):
         raise ConfigurationError("--as-device holds one port; leave the fault line.disconnect out")
     board = blueprint_of(config)
@@ -108,7 +100,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
     settings, parts, plan = board.settings, board.parts, board.faults
     if plan.faults:
         _LOG.info("fault plan, as for --fault-plan:\n%s", plan.as_toml())
-    make_board_folders(options)
+    board_options.make_board_folders(options)
     pins = _start_pin_capture(options, settings)
     tap = _start_line_tap(options, config, settings, open_recording)
     port: BoardPort | None = None
@@ -119,7 +111,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             options.link = _private_board_path(signals, "board")
         try:
             if options.view and options.backdoor is None:
-                options.backdoor = SOCKET + _private_board_path(signals, "backdoor")
+                options.backdoor = board_options.SOCKET + _private_board_path(signals, "backdoor")
             _log_start_step(options, "starting the process that rebuilds fields")
             worker = _start_board_worker(options, settings)
             recorders: list[SimulationRecorder] = [BoardNoticeLog(is_complete=options.verbose)]
@@ -194,7 +186,7 @@ def _start_pin_capture(
     options: argparse.Namespace, settings: BoardSettings
 ) -> BackdoorPinCapture | None:
     """Return the recorder of the drive pins, if a capture is wanted."""
-    config = pin_capture_config_of(options)
+    config = board_options.pin_capture_config_of(options)
     if config is None:
         return None
     from ..backdoor.pin_capture import BackdoorPinCapture
@@ -236,7 +228,7 @@ def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPo
     if options.link is not None:
         return PtyPort(options.link)
     if options.serial is not None:
-        return SerialPort(options.serial, line.baud or SERIAL_BAUD)
+        return SerialPort(options.serial, line.baud or board_options.SERIAL_BAUD)
     host, _, port = options.tcp.rpartition(":")
     if not port.isdecimal():
         raise ConfigurationError(

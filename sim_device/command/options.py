@@ -8,7 +8,7 @@ import secrets
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from haptogram.errors import ConfigurationError, unwritable_file
+from haptogram.errors import ConfigurationError, writing_file
 from haptogram.machine import files
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig, PinCaptureConfig, is_grid_setting
 from haptogram.settings.command_line import add_setting_options, given_options
@@ -199,7 +199,5 @@ def make_board_folders(options: argparse.Namespace) -> None:
     if options.backdoor is not None:  # by this process, whose log is read; a socket has one too
         outputs["--backdoor"] = Path(options.backdoor.removeprefix(SOCKET))
     for option, path in outputs.items():
-        try:
+        with writing_file(path, option):
             files.make_folder_of(path)
-        except OSError as error:
-            raise unwritable_file(path, error, option) from error

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.acoustics.model.boards.layout import BoardLayout
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.settings.option import Settings
 from haptogram_protocol.dialects.codec import BoardEnd, Dialect
 
@@ -28,9 +29,8 @@ class NoOptions(Settings):
     """A dialect without options."""
 
 
-def one_emulated_board(_: Settings) -> int:
-    """Return 1: the boards on a line of a dialect without a choice."""
-    return 1
+def _boards_option(options: Any) -> dict[str, int]:
+    return {"boards": options.boards} if hasattr(options, "boards") else {}
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,24 @@ class Emulation:
     unit: Callable[[Any, int], Unit]
     layout: Callable[[Any], BoardLayout]
     options: type[Settings] = NoOptions
-    boards: Callable[[Any], int] = one_emulated_board
+    boards: Callable[[Any], int] = lambda _: 1
     mounting: Callable[[TransducerArray], Calibration] | None = None
     numbered_by: str = "orderNumber"
     interface: int = INTERFACE
+
+    @classmethod
+    def of(cls, dialect: Dialect, unit: Callable[[Any, int], Unit], **more: Any) -> Self:
+        """Return the emulation of a dialect that says the rest itself, unless *more* does.
+
+        The option ``boards``, if there is one, is the number of boards on the line; the emitters
+        are those of the dialect's layout.
+        """
+        usual: dict[str, Any] = {
+            "end": lambda options: dialect.board(**_boards_option(options)),
+            "layout": lambda _: LAYOUTS[dialect.layout],
+            "boards": lambda options: _boards_option(options).get("boards", 1),
+        }
+        return cls(dialect, unit=unit, **usual | more)
 
     def wiring(self, options: Settings, channels: Sequence[int]) -> Wiring:
         """Return the wiring of emitters that are driven by *channels*.
@@ -93,7 +107,7 @@ class Emulation:
         """Return the boards of *settings* at the end of their line."""
         unit = self.unit(options, settings.boot_us)
         if settings.simulator is not None:
-            unit = SimulatedUnit(settings.simulator, settings, unit)
+            unit = SimulatedUnit(settings, unit)
         boards = self.boards(options)
         return VirtualForeignDialect(
             self.dialect, lambda: self.end(options), unit, settings, boards

@@ -59,7 +59,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         link: connection.BoardConnection,
         watch: Callable[[connection.BoardEvent], None] | None = None,
     ) -> None:
-        super().__init__(board.now_us)
+        super().__init__(board.output.now_us)
         self.board = board
         self._link = link
         link.departure_us = lambda _: self._first_byte_us
@@ -80,7 +80,7 @@ class VirtualHaptogramDialect(VirtualDialect):
     @property
     def now_us(self) -> int:
         """Time up to which everything has happened."""
-        return self.board.now_us
+        return self.board.output.now_us
 
     def next_frame_end(self, data: bytes, at: int) -> int:
         """Return the index after the next delimiter that may end a frame."""
@@ -106,7 +106,7 @@ class VirtualHaptogramDialect(VirtualDialect):
 
     def play_to(self, t_us: int) -> None:
         """Latch the frames of a playback up to *t_us*, of which the line hears nothing."""
-        if self.board.config.trace_mode in _TRACED_AT_ONCE:
+        if self.board.output.config.trace_mode in _TRACED_AT_ONCE:
             return
         if self._next_status_us is not None:
             t_us = min(t_us, self._next_status_us - 1)
@@ -145,7 +145,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         """Mute the board for good, and say so."""
         self._is_next_known = False
         self.board.mute()
-        self.advance_to(self.board.now_us)
+        self.advance_to(self.board.output.now_us)
         self.collect()
 
     @property
@@ -175,7 +175,7 @@ class VirtualHaptogramDialect(VirtualDialect):
             t_apply_us = self._unwrap(event.t_apply_us)
             dropped = self.board.submit(StreamFrame(event.index, t_apply_us, content))
         if dropped is not None:
-            now_us, session = self.board.now_us, self.board.session
+            now_us, session = self.board.output.now_us, self.board.output.session
             self._notices.append(StreamDropped(now_us, session, event.index, str(dropped)))
 
     def _content(self, message: m.Phases | m.Drives | m.Points) -> Content:
@@ -210,20 +210,20 @@ class VirtualHaptogramDialect(VirtualDialect):
         return answers.ANSWERS[type(message)](self.board, message)
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:
-        return None if t_wire_us is None else m.unwrap(t_wire_us, self.board.now_us, 32)
+        return None if t_wire_us is None else m.unwrap(t_wire_us, self.board.output.now_us, 32)
 
     @property
     def _first_byte_us(self) -> int:
         """Device time at which the first byte of the next frame leaves."""
         baud = self.board.settings.line.baud
         waiting_us = 0 if baud is None else -(-self._link.output_bytes * 10_000_000 // baud)
-        return max(self.board.now_us, self.line_free_us) + waiting_us
+        return max(self.board.output.now_us, self.line_free_us) + waiting_us
 
     # --- requests ------------------------------------------------------------------------------
 
     def _mute(self, _: m.Mute, request: connection.RequestReceived) -> m.Message:
         self.board.mute(requested=request.renews_lease)  # another session's surprises the host
-        return m.MuteReply(self.board.state)
+        return m.MuteReply(self.board.output.state)
 
     def _ping(self, ping: m.Ping, request: connection.RequestReceived) -> m.Message:
         t_rx_us, t_tx_us = (t & 0xFFFFFFFF for t in (request.t_rx_us, self._first_byte_us))
@@ -233,7 +233,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         self.board.configure(message.config)
         self._traced = 0
         self._schedule_status()
-        return m.SetConfigReply(self.board.config_crc, self.board.config)
+        return m.SetConfigReply(self.board.config_crc, self.board.output.config)
 
     def _play(self, play: m.Play, request: connection.RequestReceived) -> m.Message:
         self.board.play(
@@ -243,16 +243,16 @@ class VirtualHaptogramDialect(VirtualDialect):
             loops=play.loops,
             unattended_ms=play.unattended_ms,
         )
-        return m.PlayReply(self.board.state)
+        return m.PlayReply(self.board.output.state)
 
     # --- events of the board -------------------------------------------------------------------
 
     def collect(self) -> None:
         """Take from the board what it did since the last call, and tell the host."""
-        for latch in self.board.take_latches():
+        for latch in self.board.output.take_latches():
             self._latches.append(latch)
             self._trace(latch)
-        for notice in self.board.take_notices():
+        for notice in self.board.output.take_notices():
             self._notices.append(notice)
             if (event := _notice_event(notice)) is not None:
                 self._link.send_event(event, now_us=notice.t_us)
@@ -280,8 +280,8 @@ class VirtualHaptogramDialect(VirtualDialect):
         return m.Trace(index=key.index, crc=latch.drive.digest())
 
     def _schedule_status(self) -> None:
-        period_us = self.board.config.status_period_ms * 1000
-        self._next_status_us = self.board.now_us + period_us if period_us else None
+        period_us = self.board.output.config.status_period_ms * 1000
+        self._next_status_us = self.board.output.now_us + period_us if period_us else None
 
     def _send_status(self, t_us: int) -> None:
         if self._link.output_bytes < _STATUS_LIMIT:

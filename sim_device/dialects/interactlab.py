@@ -25,16 +25,9 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics.model.boards.grids import INTERACTLAB as LAYOUT
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects import interactlab as wire
 from haptogram_protocol.dialects.codec import Operation, Reply
-from haptogram_protocol.dialects.interactlab import (
-    CHANNELS,
-    FRAME_BYTES,
-    FifoCleared,
-    QueueFrame,
-)
 
 from ..board.events import PulseLatch
 from .emulation import Emulation
@@ -66,26 +59,26 @@ class InteractlabUnit(LatchingUnit):
         self.colour = 0
         self._boot_us = now_us
         self._starts_us: int | None = now_us + SECOND_US
-        self._fifo: deque[QueueFrame] = deque()
+        self._fifo: deque[wire.QueueFrame] = deque()
         self._divider = _POWER_UP_DIVIDER
         self._looks_us: int | None = None  # None: idle, or not started
         self._clears_us: int | None = None  # None: a frame waits
         self._wakes_us: int | None = None  # before it clears, so that it has what came by then
         self._replies: list[Reply] = []
         self._wait_for_frame(now_us)
-        off = PulseDrive.off(CHANNELS, STEPS)
+        off = PulseDrive.off(wire.CHANNELS, STEPS)
         self._latches = [PulseLatch(now_us, off, "power-up")]
         self._next: PulseLatch | None = None
 
     @property
     def room_bytes(self) -> int:
         """Bytes that the board takes from its USB chip now."""
-        return max(0, READY_FRAMES - len(self._fifo)) * FRAME_BYTES
+        return max(0, READY_FRAMES - len(self._fifo)) * wire.FRAME_BYTES
 
     def take(self, operation: Operation, t_us: int) -> list[Reply]:
         """Queue a frame that is complete at *t_us*."""
         replies = self.advance_to(t_us)
-        if not isinstance(operation, QueueFrame):
+        if not isinstance(operation, wire.QueueFrame):
             self.counters["operations_unknown"] += 1
         elif len(self._fifo) >= FIFO_FRAMES:
             self.counters["frames_beyond_fifo"] += 1
@@ -111,7 +104,7 @@ class InteractlabUnit(LatchingUnit):
             elif self._wakes_us == now_us:
                 self._wakes_us = None
             elif self._clears_us == now_us:
-                self._replies.append(FifoCleared())
+                self._replies.append(wire.FifoCleared())
                 self._wait_for_frame(now_us)
             elif self._starts_us == now_us:
                 self._start(now_us)
@@ -132,7 +125,7 @@ class InteractlabUnit(LatchingUnit):
         """Latch the off-frame, then schedule the first read of the FIFO."""
         self._starts_us = None
         self._next = PulseLatch(
-            self._boundary(now_us + _READ_US), PulseDrive.off(CHANNELS, STEPS), "off-frame"
+            self._boundary(now_us + _READ_US), PulseDrive.off(wire.CHANNELS, STEPS), "off-frame"
         )
         self._looks_us = now_us + _READ_US
 
@@ -157,16 +150,11 @@ class InteractlabUnit(LatchingUnit):
         return t_us + (self._boot_us - t_us) % PERIOD_US
 
 
-def _interactlab_pulses(frame: QueueFrame) -> PulseDrive:
+def _interactlab_pulses(frame: wire.QueueFrame) -> PulseDrive:
     return PulseDrive(
         np.frombuffer(frame.phases, np.uint8), np.frombuffer(frame.duties, np.uint8), STEPS
     )
 
 
-INTERACTLAB: Final = Emulation(
-    dialect=wire.INTERACTLAB,
-    end=lambda _: wire.InteractlabBoardEnd(),
-    unit=lambda _, now_us: InteractlabUnit(now_us),
-    layout=lambda _: LAYOUT,
-)
+INTERACTLAB: Final = Emulation.of(wire.INTERACTLAB, lambda _, now_us: InteractlabUnit(now_us))
 EMULATIONS: Final = (INTERACTLAB,)

@@ -82,23 +82,17 @@ def sonicsurface_dialect_mounting(array: TransducerArray) -> Calibration:
     return Calibration(np.ones(_EMITTERS), phases_rad, array.positions_m)
 
 
-SONICSURFACE: Final = Emulation(
-    dialect=wire.SONICSURFACE,
-    end=lambda options: wire.SONICSURFACE.board(boards=options.boards),
-    unit=lambda options, now_us: DoubleBuffer(
-        options.of_firmware(_PRIMARY), options.boards, now_us
-    ),
+SONICSURFACE: Final = Emulation.of(
+    wire.SONICSURFACE,
+    lambda options, now_us: DoubleBuffer(options.of_firmware(_PRIMARY), options.boards, now_us),
     layout=lambda options: SONICSURFACE_STACK if options.boards == 2 else ONE_SONICSURFACE,
     options=Stack,
-    boards=lambda options: options.boards,
 )
-TACTILE: Final = Emulation(
-    dialect=wire.TACTILE,
-    end=lambda _: wire.TACTILE.board(),
-    unit=lambda options, now_us: DoubleBuffer(
+TACTILE: Final = Emulation.of(
+    wire.TACTILE,
+    lambda options, now_us: DoubleBuffer(
         options.of_firmware(_TACTILE), 1, now_us, MODULATION_AT_POWER_UP
     ),
-    layout=lambda _: ONE_SONICSURFACE,
     options=ShiftRegisters,
     mounting=sonicsurface_dialect_mounting,
 )

@@ -73,7 +73,7 @@ class VirtualSoakBoard:
     @property
     def session(self) -> int:
         """The open session, 0: none."""
-        return self._dialect.board.session
+        return self._dialect.board.output.session
 
     @property
     def counters(self) -> dict[str, int]:
@@ -84,7 +84,7 @@ class VirtualSoakBoard:
     def is_silent(self) -> bool:
         """True if the transducers radiate nothing."""
         board = self._dialect.board
-        return board.radiated(board.now_us).is_muted
+        return board.output.radiated(board.output.now_us).is_muted
 
     def device_us(self, t_ns: int) -> int:
         """Return the unwrapped device time at *t_ns*."""
@@ -100,7 +100,7 @@ class VirtualSoakBoard:
         self._dialect.advance_to(self._now_us(t_ns))
 
     def _now_us(self, t_ns: int) -> int:
-        return max(self._clock.device_us(t_ns), self._dialect.board.now_us)
+        return max(self._clock.device_us(t_ns), self._dialect.board.output.now_us)
 
     def take_output(self) -> bytes:
         """Return whole frames for the line."""

@@ -1,12 +1,16 @@
 """``python -m sim_device.driven.stepped_board LIMITS``: the virtual board, step by step.
 
 LIMITS is a JSON object of fields of :class:`~sim_device.board.settings.BoardSettings`, with
-``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array.  Steps and answers are those
-of ``protocol/c/tools/board_steps.c``; times are microseconds after power-up.
-``reset US`` starts the device clock at US instead of 2^32 - 10 s.  ``next`` is answered by the time
-at which the board does something by itself, ``-`` if never.  ``through TIME`` lets time pass while
-somebody reads: its answer holds all that the board sends up to then.  A line may hold several steps
-with ``;`` between them; so does its answer.
+``grid_nx``, ``grid_ny`` and ``pitch_um`` of the array.  Times are microseconds after power-up::
+
+    reset US      power down and up again; the device clock starts at US
+    rx TIME HEX   bytes whose last one is complete at TIME
+    through TIME  time passes, and somebody reads at once what the board sends
+    fault TIME    the hardware fails
+    next          answered by the time at which the board does something by itself, ``-`` if never
+
+The other answers hold what the board sends in hex, ``-`` for nothing.  A line may hold several
+steps with ``;`` between them; so does its answer.
 """
 
 from __future__ import annotations
@@ -43,52 +47,38 @@ class VirtualSteppedBoard:
         self._dialect = HEALTHY.assemble(self._settings)
         self._now_us = 0
 
-    def receive(self, at_us: int, data: bytes) -> bytes:
+    def step(self, line: str) -> str:
+        """Carry out one step and return its answer."""
+        word, *rest = line.split()
+        if word == "reset":
+            self.reset(int(rest[0]))
+            return "-"
+        if word == "next":
+            next_us = self._dialect.next_event_us()
+            return "-" if next_us is None else str(next_us - self._settings.boot_us)
+        at_us = int(rest[0])
+        if word == "through":
+            return self._advance_through(at_us).hex() or "-"
+        said = self._receive(at_us, bytes.fromhex(rest[1]) if word == "rx" else b"")
+        if word == "fault":
+            self._dialect.raise_hardware_fault()
+            said += self._dialect.take_output()
+        return said.hex() or "-"
+
+    def _receive(self, at_us: int, data: bytes) -> bytes:
         """Let *data* arrive; return the bytes that the board sends."""
         self._now_us = at_us
         self._dialect.receive(data, self._settings.boot_us + at_us)
         return self._dialect.take_output()
 
-    def advance_until_sent(self, limit_us: int) -> tuple[int, bytes]:
-        """Let time pass until the board sends something; return the time and the bytes."""
-        sent = b""
-        while not sent and self._now_us < limit_us:
-            next_us = self._dialect.next_event_us()
-            due_us = limit_us if next_us is None else next_us - self._settings.boot_us
-            sent = self.receive(max(self._now_us, min(due_us, limit_us)), b"")
-        return self._now_us, sent
-
-    def advance_through(self, end_us: int) -> bytes:
+    def _advance_through(self, end_us: int) -> bytes:
         """Let time pass, with a host that reads; return the bytes that the board sends."""
         said = b""
         while self._now_us < end_us:
-            said += self.advance_until_sent(end_us)[1]
-        return said
-
-    def raise_fault(self, at_us: int) -> bytes:
-        """Let the hardware fail; return the bytes that the board sends."""
-        said = self.receive(at_us, b"")
-        self._dialect.raise_hardware_fault()
-        return said + self._dialect.take_output()
-
-    def step(self, line: str) -> str:
-        """Carry out one line of input and return the line that answers it."""
-        word, *rest = line.split()
-        if word == "reset":
-            self.reset(int(rest[0]) if rest else BoardSettings().boot_us)
-            return "-"
-        if word == "next":
             next_us = self._dialect.next_event_us()
-            return "-" if next_us is None else str(next_us - self._settings.boot_us)
-        if word == "until":
-            at_us, sent = self.advance_until_sent(int(rest[0]))
-            return f"{at_us} {sent.hex() or '-'}"
-        if word == "through":
-            return self.advance_through(int(rest[0])).hex() or "-"
-        if word == "fault":
-            return self.raise_fault(int(rest[0])).hex() or "-"
-        data = bytes.fromhex(rest[1]) if word == "rx" else b""
-        return self.receive(int(rest[0]), data).hex() or "-"
+            due_us = end_us if next_us is None else next_us - self._settings.boot_us
+            said += self._receive(max(self._now_us, min(due_us, end_us)), b"")
+        return said
 
 
 def _stepped_board_settings(limits: dict[str, Any]) -> BoardSettings:

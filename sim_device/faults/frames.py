@@ -23,7 +23,7 @@ from haptogram_protocol.errors import ProtocolError
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header
 from haptogram_protocol.state import MuteReason, OutputState
 
-from .line import Acted, FaultChunk, LineFault, Values
+from .line import LineFault, Values, fault_on_bytes
 
 # A body in, what follows the first delimiter out (COBS and the last delimiter); None: unchanged.
 Rewrite: TypeAlias = Callable[[bytes, Values, random.Random], bytes | None]
@@ -35,32 +35,21 @@ _PONG_TIMES: Final = ("t_rx_us", "t_tx_us")
 def fault_on_frames(rewrite: Rewrite) -> LineFault:
     """Return a fault of chunks that applies *rewrite* to each frame, with probability ``p``."""
 
-    def act(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
-        changed, fired = [], 0
-        for chunk in chunks:
-            data, count = _rewrite_some_frames(chunk.data, rewrite, values, source)
-            changed.append(FaultChunk(chunk.t_ns, data))
-            fired += count
-        return changed, fired
+    def edit(data: bytearray, values: Values, source: random.Random) -> int:
+        pieces, fired = bytes(data).split(framing.DELIMITER), 0
+        for place in range(1, len(pieces) - 1):  # what has a delimiter on both sides
+            if not pieces[place] or source.random() >= values["p"]:
+                continue
+            try:
+                new = rewrite(framing.decode_frame(pieces[place]), values, source)
+            except ProtocolError:  # damaged already, no message, or too long to be sent
+                continue
+            if new is not None:
+                pieces[place], fired = new, fired + 1
+        data[:] = framing.DELIMITER.join(pieces)
+        return fired
 
-    return act
-
-
-def _rewrite_some_frames(
-    data: bytes, rewrite: Rewrite, values: Values, source: random.Random
-) -> tuple[bytes, int]:
-    """Rewrite a random share of the frames in *data*; return also how many were rewritten."""
-    pieces, fired = data.split(framing.DELIMITER), 0
-    for place in range(1, len(pieces) - 1):  # what has a delimiter on both sides
-        if not pieces[place] or source.random() >= values["p"]:
-            continue
-        try:
-            new = rewrite(framing.decode_frame(pieces[place]), values, source)
-        except ProtocolError:  # damaged already, no message, or too long to be sent
-            continue
-        if new is not None:
-            pieces[place], fired = new, fired + 1
-    return framing.DELIMITER.join(pieces), fired
+    return fault_on_bytes(edit)
 
 
 def sealed_by_fault(body: bytes) -> bytes:
@@ -81,14 +70,14 @@ def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes |
     return sealed_by_fault(body + source.randbytes(more)) if more else None
 
 
-def _header_fault(change: _Change) -> Rewrite:
+def _header_fault(change: _Change) -> LineFault:
     def rewrite(body: bytes, values: Values, _: random.Random) -> bytes | None:
         header, payload = Header.unpack(body[: framing.HEADER_BYTES]), body[framing.HEADER_BYTES :]
         fields = {name: getattr(header, name) for name in Header.WIRE}
         changed = Header(**{**fields, **change(header, values)})
         return None if changed == header else sealed_by_fault(changed.pack() + payload)
 
-    return rewrite
+    return fault_on_frames(rewrite)
 
 
 def _shifted_header_by_fault(by_us: float, header: Header) -> dict[str, int]:
@@ -100,27 +89,21 @@ FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
     {
         "frame.crc": fault_on_frames(_crc_fault),
         "frame.length": fault_on_frames(_length_fault),
-        "frame.sequence": fault_on_frames(
-            _header_fault(
-                lambda header, values: {"seq": (header.seq + round(values["by"])) & 0xFFFF}
-            )
+        "frame.sequence": _header_fault(
+            lambda header, values: {"seq": (header.seq + round(values["by"])) & 0xFFFF}
         ),
-        "frame.session": fault_on_frames(
-            _header_fault(
-                lambda header, values: {"session": (header.session + round(values["by"])) & 0xFFFF}
-            )
+        "frame.session": _header_fault(
+            lambda header, values: {"session": (header.session + round(values["by"])) & 0xFFFF}
         ),
-        "frame.flags": fault_on_frames(
-            _header_fault(lambda header, values: {"flags": header.flags | round(values["bits"])})
+        "frame.flags": _header_fault(
+            lambda header, values: {"flags": header.flags | round(values["bits"])}
         ),
-        "frame.type": fault_on_frames(
-            _header_fault(lambda _, values: {"type": round(values["type"])})
+        "frame.type": _header_fault(lambda _, values: {"type": round(values["type"])}),
+        "frame.past": _header_fault(
+            lambda header, values: _shifted_header_by_fault(-values["us"], header)
         ),
-        "frame.past": fault_on_frames(
-            _header_fault(lambda header, values: _shifted_header_by_fault(-values["us"], header))
-        ),
-        "frame.future": fault_on_frames(
-            _header_fault(lambda header, values: _shifted_header_by_fault(values["us"], header))
+        "frame.future": _header_fault(
+            lambda header, values: _shifted_header_by_fault(values["us"], header)
         ),
     }
 )

@@ -29,7 +29,8 @@ Values: TypeAlias = Mapping[str, float]
 Acted: TypeAlias = tuple[list[FaultChunk], int]
 # Given chunks, parameters and a source of chance.
 LineFault: TypeAlias = Callable[[list[FaultChunk], Values, random.Random], Acted]
-_Edit: TypeAlias = Callable[[bytearray, Values, random.Random], int]
+# Given the bytes of a chunk, which it changes: how often it fired.
+Edit: TypeAlias = Callable[[bytearray, Values, random.Random], int]
 
 
 def _fault_places(count: int, chance: float, source: random.Random) -> Iterator[int]:
@@ -45,7 +46,9 @@ def _fault_places(count: int, chance: float, source: random.Random) -> Iterator[
         yield place
 
 
-def _bytewise_fault(edit: _Edit) -> LineFault:
+def fault_on_bytes(edit: Edit) -> LineFault:
+    """Return a fault that applies *edit* to the bytes of each chunk."""
+
     def act(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
         changed, fired = [], 0
         for chunk in chunks:
@@ -108,13 +111,11 @@ def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
     return int(fires)
 
 
-def _baud_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
-    ratio = 1 + values["ppm"] / 1e6
-    received = [
-        FaultChunk(chunk.t_ns, sample_uart_characters(chunk.data, ratio)[0]) for chunk in chunks
-    ]
-    changed = sum(new != old for new, old in zip(received, chunks, strict=True))
-    return received, changed
+def _baud_fault(data: bytearray, values: Values, _: random.Random) -> int:
+    received, __ = sample_uart_characters(bytes(data), 1 + values["ppm"] / 1e6)
+    is_changed = received != data
+    data[:] = received
+    return int(is_changed)
 
 
 def _no_line_fault(chunks: list[FaultChunk], _: Values, __: random.Random) -> Acted:
@@ -169,14 +170,14 @@ def _batch_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> 
 
 LINE_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
     {
-        "line.flip": _bytewise_fault(_flip_fault),
-        "line.drop": _bytewise_fault(_drop_fault),
-        "line.insert": _bytewise_fault(_insert_fault),
-        "line.burst": _bytewise_fault(_burst_fault),
-        "line.truncate": _bytewise_fault(_truncate_fault),
-        "line.overrun": _bytewise_fault(_overrun_fault),
-        "line.break": _bytewise_fault(_break_fault),
-        "line.baud": _baud_fault,
+        "line.flip": fault_on_bytes(_flip_fault),
+        "line.drop": fault_on_bytes(_drop_fault),
+        "line.insert": fault_on_bytes(_insert_fault),
+        "line.burst": fault_on_bytes(_burst_fault),
+        "line.truncate": fault_on_bytes(_truncate_fault),
+        "line.overrun": fault_on_bytes(_overrun_fault),
+        "line.break": fault_on_bytes(_break_fault),
+        "line.baud": fault_on_bytes(_baud_fault),
         "line.half_open": _no_line_fault,
         "line.disconnect": _gone_fault,
         "line.duplicate": _duplicate_fault,

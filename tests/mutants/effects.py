@@ -120,7 +120,7 @@ class WindowFlushes(Board):
 
     def configure(self, config: Config) -> None:
         """Put *config* in force."""
-        changes = config.late_window_us != self.config.late_window_us
+        changes = config.late_window_us != self.output.config.late_window_us
         super().configure(config)
         if changes:
             self.output.counters.flushed += self._queue.flush()
@@ -142,7 +142,7 @@ class ConfigRestartsPlayback(Board):
         """Let the next frame be due a period from now on."""
         super().configure(config)
         if (playback := self._playback) is not None and playback.played:
-            playback.start_us = self.now_us - (playback.played - 1) * playback.period_us
+            playback.start_us = self.output.now_us - (playback.played - 1) * playback.period_us
 
 
 class QueuedPointsOfTheSpeedSetLast(Board):

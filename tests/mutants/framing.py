@@ -189,7 +189,7 @@ class PauseEndsTheFrame(BoardConnection):
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take bytes; behind a pause they begin anew."""
         if now_us - self._last_us > _LONG_PAUSE_US:
-            self._inbox.reset()
+            self._forget_received()
         self._last_us = now_us
         super().receive_data(data, now_us)
 

@@ -42,7 +42,7 @@ class LatchesOffTheCarrier(Board):
 
     def _entry(self, frame: StreamFrame) -> QueueEntry:
         entry = super()._entry(frame)
-        soon_us = max(entry.t_apply_us, self.now_us)
+        soon_us = max(entry.t_apply_us, self.output.now_us)
         return dataclasses.replace(entry, t_latch_us=soon_us)
 
 
@@ -59,9 +59,9 @@ class LateWindowInMilliseconds(Board):
 
     def _refuse(self, frame: StreamFrame) -> Drop | None:
         dropped = super()._refuse(frame)
-        window_us = 1000 * self.config.late_window_us
+        window_us = 1000 * self.output.config.late_window_us
         late = dropped is Drop.LATE and frame.t_apply_us is not None
-        taken = late and self.now_us - (frame.t_apply_us or 0) <= window_us
+        taken = late and self.output.now_us - (frame.t_apply_us or 0) <= window_us
         return None if taken else dropped
 
 
@@ -136,10 +136,10 @@ class PlaybackHidesDrops(Board):
 
     def submit(self, frame: StreamFrame) -> Drop | None:
         """Queue a stream frame, or drop it."""
-        counted = self.counters.dropped_state
+        counted = self.output.counters.dropped_state
         dropped = super().submit(frame)
         if self._playback is not None:
-            self.counters.dropped_state = counted
+            self.output.counters.dropped_state = counted
         return dropped
 
 
@@ -173,7 +173,7 @@ class ImmediateKeepsQueue(Board):
         if frame.t_apply_us is not None or self._refuse(frame) is not None:
             return super().submit(frame)
         self._queue._entries.appendleft(self._entry(frame))
-        self.advance_to(self.now_us)
+        self.advance_to(self.output.now_us)
         return None
 
 
@@ -256,7 +256,7 @@ class TornReadBack(VirtualHaptogramDialect):
         super()._trace(latch)
 
     def _answer(self, request: Any) -> None:
-        board, latch = self.board, self.board.latched
+        board, latch = self.board, self.board.output.latched
         asked = request.message
         lies = isinstance(asked, ReadDrive) and asked.kind is DriveKind.LATCHED
         if latch is not None and lies and len(self._drives) == 2:
@@ -271,9 +271,9 @@ class ReadBackTimeIsNow(VirtualHaptogramDialect):
     """Reads back a drive with the time of the question, not of the latch."""
 
     def _answer(self, request: Any) -> None:
-        board, latch = self.board, self.board.latched
+        board, latch = self.board, self.board.output.latched
         if latch is not None and isinstance(request.message, ReadDrive):
-            board.output.latched = dataclasses.replace(latch, t_latch_us=board.now_us)
+            board.output.latched = dataclasses.replace(latch, t_latch_us=board.output.now_us)
         super()._answer(request)
         board.output.latched = latch
 

@@ -57,13 +57,13 @@ class MuteKeepsQueue(Board):
     def mute(self, *, requested: bool = True) -> None:
         """Mute, and put back what was queued."""
         entries = list(self._queue._entries)
-        flushed = self.counters.flushed
+        flushed = self.output.counters.flushed
         super().mute(requested=requested)
         self._queue._entries.extend(entries)
-        self.counters.flushed = flushed
+        self.output.counters.flushed = flushed
 
     def _next_due(self) -> Any:
-        return super()._next_due() if self.state is OutputState.ARMED else None
+        return super()._next_due() if self.output.state is OutputState.ARMED else None
 
 
 class MuteReasonKept(BoardOutput):
@@ -191,7 +191,7 @@ class ClockLosesTheWrap(VirtualHaptogramDialect):
     """Compares times as plain 32-bit numbers: what lies behind the wrap has long passed."""
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:
-        return None if t_wire_us is None else self.board.now_us // _WRAP * _WRAP + t_wire_us
+        return None if t_wire_us is None else self.board.output.now_us // _WRAP * _WRAP + t_wire_us
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,14 +47,14 @@ class _Slow(Board):
 
     def _lead_us(self, content: Content) -> int:
         """Return the time that the frame needs after its arrival, if it is the only one."""
-        return super()._ready_us(content) - max(self.now_us, self._computed_us)
+        return super()._ready_us(content) - max(self.output.now_us, self._computed_us)
 
 
 class ComputesAllAtOnce(_Slow):
     """Reckons as if it computed every frame from its arrival on, however many there are."""
 
     def _ready_us(self, content: Content) -> int:
-        return self.now_us + self._lead_us(content)
+        return self.output.now_us + self._lead_us(content)
 
 
 class LatenessFromArrival(_Slow):
@@ -62,8 +62,8 @@ class LatenessFromArrival(_Slow):
 
     def _refuse(self, frame: StreamFrame) -> Drop | None:
         dropped = super()._refuse(frame)
-        late_us = 0 if frame.t_apply_us is None else self.now_us - frame.t_apply_us
-        in_time = dropped is Drop.LATE and late_us <= self.config.late_window_us
+        late_us = 0 if frame.t_apply_us is None else self.output.now_us - frame.t_apply_us
+        in_time = dropped is Drop.LATE and late_us <= self.output.config.late_window_us
         return None if in_time else dropped
 
 
@@ -75,8 +75,8 @@ class MarginFromArrival(_Slow):
         count = self.margins.count
         dropped = super()._refuse(frame)
         if self.margins.count > count:
-            self.margins.least_us += ready_us - self.now_us
-            self.margins.total_us += ready_us - self.now_us
+            self.margins.least_us += ready_us - self.output.now_us
+            self.margins.total_us += ready_us - self.output.now_us
         return dropped
 
 
@@ -84,7 +84,7 @@ class PlaysUnready(_Slow):
     """Takes a PLAY whose first frame cannot be ready at its start."""
 
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
-        super()._check_play(start_us, min(ready_us, self.now_us), unattended_ms)
+        super()._check_play(start_us, min(ready_us, self.output.now_us), unattended_ms)
 
 
 class PlaysFasterThanItComputes(_Slow):
@@ -100,10 +100,10 @@ class ImmediateNotAccepted(Board):
 
     def submit(self, frame: StreamFrame) -> Drop | None:
         """Queue a frame."""
-        accepted = self.counters.accepted
+        accepted = self.output.counters.accepted
         dropped = super().submit(frame)
         if frame.t_apply_us is None:
-            self.counters.accepted = accepted
+            self.output.counters.accepted = accepted
         return dropped
 
 

@@ -124,7 +124,7 @@ class GreetingOfNow(VirtualHaptogramDialect):
     def _set_config(self, message: Any, request: Any) -> Any:
         reply = super()._set_config(message, request)
         if (first := self._link._greeting) is not None:
-            speed = self.board.config.sound_speed_mm_s
+            speed = self.board.output.config.sound_speed_mm_s
             now = dataclasses.replace(
                 first, sound_speed_mm_s=speed, config_crc=self.board.config_crc
             )
@@ -207,7 +207,7 @@ class ConfigurationLeftInMemory(_RemembersOverAReset):
         if left is not None:
             speed, ceiling = left.sound_speed_mm_s, left.amplitude_ceiling
             config = dataclasses.replace(
-                self.board.config, sound_speed_mm_s=speed, amplitude_ceiling=ceiling
+                self.board.output.config, sound_speed_mm_s=speed, amplitude_ceiling=ceiling
             )
             self.board.configure(config)
 

@@ -196,7 +196,7 @@ class StopWantsPlayback(Board):
     def stop(self) -> None:
         """Stop what plays."""
         if self._playback is None:
-            raise RefusalError(ErrorCode.BAD_STATE, int(self.state))
+            raise RefusalError(ErrorCode.BAD_STATE, int(self.output.state))
         super().stop()
 
 

@@ -5,6 +5,7 @@ import zlib
 import pytest
 
 from haptogram.acoustics import AcousticModel
+from haptogram.conformance.clauses import load_spec_table
 from haptogram.errors import ConfigurationError
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
@@ -34,7 +35,6 @@ from haptogram_protocol.messages import (
     UploadKind,
     build_body,
 )
-from haptogram_protocol.rules import REFUSALS
 from haptogram_protocol.state import MuteReason, OutputState
 from sim_device.board.refusal import RefusalError
 from sim_device.board.settings import ALL_FEATURES, BoardSettings
@@ -156,14 +156,15 @@ def _refusals_in_order(board):
 
 def test_refusals_come_in_the_order_of_the_table(host):
     board = host(max_upload_bytes=1_000, max_sequence_frames=5, max_chunk=32, features=NO_RADIATED)
-    met = set()
+    table = [row for row in load_spec_table("request") if row["request"] != "any"]
+    rows, met = {(row["request"], row["order"]): row for row in table}, set()
     for kind, place, answer in _refusals_in_order(board):
-        row = REFUSALS[kind][place]
-        assert answer.error.code == row.code, row
-        assert not row.detail.isdigit() or answer.error.detail == int(row.detail), row
-        met.add((kind, place))
-    rows = {(kind, place) for kind, rows in REFUSALS.items() for place in range(len(rows))}
-    assert rows - met == {(_T.DISARM, 0)}  # no fault of this board lasts
+        row = rows[kind.name, f"12.{place + 1}"]
+        assert row["answer"] == f"ERROR({ErrorCode(answer.error.code).name})", row
+        detail = row["detail"]
+        assert not detail.isdigit() or answer.error.detail == int(detail), row
+        met.add((kind.name, f"12.{place + 1}"))
+    assert rows.keys() - met == {("DISARM", "12.1")}  # no fault of this board lasts
 
 
 def send_chunk(host, offset, data):
@@ -190,7 +191,7 @@ def test_play_within_its_limits_and_not_over_another(host):
     assert refused(board, Play(1, 99, 1, 1000), immediate=True) == (ErrorCode.BAD_VALUE, 2)
     assert refused(board, Play(1, 100, 1, 0), immediate=True) == (ErrorCode.BAD_VALUE, 10)
     assert refused(board, Play(1, 100, 1, 5001), immediate=True) == (ErrorCode.BAD_VALUE, 10)
-    now_us = board.port.simulation.dialect.board.now_us
+    now_us = board.port.simulation.dialect.board.output.now_us
     for start_us in (now_us - 1_000, now_us + 10_100_000):
         code = refused(board, Play(1, 100, 1, 1000), t_apply_us=start_us)
         assert code == (ErrorCode.BAD_VALUE, 0)
@@ -266,11 +267,11 @@ def test_a_board_without_amplitudes_mutes_hard_and_knows_only_full_ones(host):
     assert board.ask(GetStatus()).message.counters.unknown_type == 1
     simulation = board.port.simulation
     powered = simulation.dialect.board
-    latched_ns = (powered.latched.t_latch_us - powered.settings.boot_us) * 1000
+    latched_ns = (powered.output.latched.t_latch_us - powered.settings.boot_us) * 1000
     simulation.advance_to(latched_ns + 199_999_000)
-    assert set(powered.radiated(powered.now_us).amplitude_codes) == {255}
+    assert set(powered.output.radiated(powered.output.now_us).amplitude_codes) == {255}
     simulation.advance_to(latched_ns + 200_000_000)
-    assert powered.state is OutputState.MUTED
+    assert powered.output.state is OutputState.MUTED
 
 
 def test_a_mute_of_another_session_is_carried_out_and_told_to_the_host(host):

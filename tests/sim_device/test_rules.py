@@ -6,6 +6,7 @@ from operator import attrgetter
 
 import pytest
 
+from haptogram.conformance.clauses import load_spec_table
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import (
     FIRST_STREAM_SEQ,
@@ -31,10 +32,10 @@ from haptogram_protocol.messages import (
     UploadKind,
     build_body,
 )
-from haptogram_protocol.rules import EFFECTS, Held
 from sim_device.board.settings import BOOT_US, BoardSettings
 from sim_device.simulation import Simulation
 
+EFFECTS = {row["input"]: row.keys() - {"input"} for row in load_spec_table("input")}
 MODEL = BoardSettings().model
 N = MODEL.array.count
 NONCE = 0x5EED
@@ -112,30 +113,38 @@ class Bench:
         self.request(UploadChunk(N, bytes(N)))
         self.request(UploadCommit(2))
 
-    def held(self) -> dict[Held, object]:
+    def held(self) -> dict[str, object]:
         """Return what the board holds now."""
         dialect = self.simulation.dialect
         found = {
             held: [copy.deepcopy(attrgetter(name)(dialect)) for name in names]
             for held, names in WHERE.items()
         }
-        upload = found[Held.UPLOAD][0]
-        return found | {Held.UPLOAD: upload and vars(upload)}
+        upload = found["upload"][0]
+        return found | {"upload": upload and vars(upload)}
 
 
 #: Where the virtual board keeps what it holds.
 WHERE = {
-    Held.LEASE: ("board.output._timers._lease.deadline_us",),
-    Held.HOLD: ("board.output._timers._hold.deadline_us",),
-    Held.QUEUE: ("board.queued",),
-    Held.PLAYBACK: ("board._playback",),
-    Held.UPLOAD: ("board._uploads._pending",),
-    Held.NUMBERS: ("_link._control_newest", "_link._stream_expected", "_link._answered"),
-    Held.LATCH: ("board.latched", "board.output.latches", "board.output.ring"),
-    Held.DIVIDER: ("_traced",),
-    Held.MARGINS: ("board.margins.count",),
-    Held.STATUS: ("_next_status_us",),
-    Held.STORED: ("board.config", "board.output.correction", "board._sequences"),
+    "lease": ("board.output._timers._lease.deadline_us",),
+    "hold": ("board.output._timers._hold.deadline_us",),
+    "queue": ("board.queued",),
+    "playback": ("board._playback",),
+    "upload": ("board._uploads._pending",),
+    "numbers, remembered reply": (
+        "_link._control_newest",
+        "_link._stream_expected",
+        "_link._answered",
+    ),
+    "last latch, ring": ("board.output.latched", "board.output.latches", "board.output.ring"),
+    "divider": ("_traced",),
+    "margins": ("board.margins.count",),
+    "status timer": ("_next_status_us",),
+    "sequences, configuration, correction": (
+        "board.output.config",
+        "board.output.correction",
+        "board._sequences",
+    ),
 }
 
 
@@ -180,7 +189,7 @@ BEFORE = {
 STREAMING = {"stream frame accepted", "stream frame dropped", "PLAY"}
 PLAYING = {"STOP of a playback", "last frame of a playback, besides its latch"}
 #: It is a latch, too.
-ALSO = {"last frame of a playback, besides its latch": {Held.HOLD, Held.LATCH, Held.DIVIDER}}
+ALSO = {"last frame of a playback, besides its latch": {"hold", "last latch, ring", "divider"}}
 
 
 def test_every_row_has_its_input():
@@ -198,5 +207,5 @@ def test_an_input_changes_what_its_row_says(name):
         before = bench.held()
         INPUTS[name](bench)
         after = bench.held()
-        changed |= {held for held in Held if before[held] != after[held]}
-    assert changed == set(EFFECTS[name]) | ALSO.get(name, set())
+        changed |= {held for held in WHERE if before[held] != after[held]}
+    assert changed == EFFECTS[name] | ALSO.get(name, set())

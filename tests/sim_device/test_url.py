@@ -107,7 +107,7 @@ def test_a_board_is_powered_down_with_its_port(open_host):
     host.arm()
     host.port.close()
     board = host.port.simulation.dialect.board
-    assert board.state is OutputState.MUTED
+    assert board.output.state is OutputState.MUTED
     assert [record["kind"] for record in host.port.records[-2:]] == ["output", "end"]
 
 
@@ -327,6 +327,6 @@ def test_no_bytes_can_stop_the_board_or_make_it_radiate(chunks):
             port.write(chunk)
             port.read(100)
         board = port.simulation.dialect.board
-        assert board.state is OutputState.DISARMED
-        assert board.radiated(board.now_us).is_muted
-        assert board.counters.latched == 0
+        assert board.output.state is OutputState.DISARMED
+        assert board.output.radiated(board.output.now_us).is_muted
+        assert board.output.counters.latched == 0

@@ -11,15 +11,10 @@ from haptogram_protocol import messages as m
 from haptogram_protocol.errors import LocalProtocolError
 from haptogram_protocol.rules import (
     CONFIG_BOUNDS,
-    EFFECTS,
-    LINK_REFUSALS,
     READ_CAPABILITIES,
-    REFUSALS,
     TRACE_CAPABILITIES,
     TYPE_CAPABILITIES,
     UPLOAD_CAPABILITIES,
-    Held,
-    Refusal,
 )
 from haptogram_protocol.state import (
     LINK_TRANSITIONS,
@@ -144,26 +139,6 @@ def _spec_bounds_table(_: str = "") -> str:
     )
 
 
-def _spec_refusals_table(_: str = "") -> str:
-    """Return every refusal of a request, in the order of the checks."""
-    head = ["request", "order", "defect", "answer", "detail", "counted in", "remembered", "clause"]
-    rows = [
-        ["any", str(step), *_spec_refusal(refusal, "no, number free")]
-        for step, refusals in LINK_REFUSALS.items()
-        for refusal in refusals
-    ]
-    for kind, refusals in REFUSALS.items():
-        kept = "no, number used" if kind is m.MessageType.UPLOAD_CHUNK else "yes, number used"
-        for place, refusal in enumerate(refusals):
-            rows.append([kind.name, f"12.{place + 1}", *_spec_refusal(refusal, kept)])
-    return _spec_table(head, rows)
-
-
-def _spec_refusal(refusal: Refusal, kept: str) -> list[str]:
-    answer = f"ERROR({refusal.code.name})"
-    return [refusal.defect, answer, refusal.detail, "`requests`", kept, refusal.clause]
-
-
 def _spec_capabilities_table(_: str = "") -> str:
     """Return every type and value that needs a capability."""
     rows = [[kind.name, _spec_features(any_of)] for kind, any_of in TYPE_CAPABILITIES.items()]
@@ -185,12 +160,6 @@ _VALUE_CAPABILITIES: Final[Mapping[str, Mapping[Any, m.Feature]]] = {
 
 def _spec_features(any_of: m.Feature) -> str:
     return " or ".join(f"`{feature.name}`" for feature in m.Feature if feature & any_of)
-
-
-def _spec_effects_table(_: str = "") -> str:
-    """Return what each input does to what a board holds."""
-    rows = [[name, *(done.get(held, "") for held in Held)] for name, done in EFFECTS.items()]
-    return _spec_table(["input", *Held], rows)
 
 
 # --- Worked frames and exchange (chapter 13) -----------------------------------------------------
@@ -236,9 +205,7 @@ _GENERATORS: Final[Mapping[str, Callable[[str], str]]] = {
     "link-states": _spec_link_table,
     "constants": _spec_constants_table,
     "bounds": _spec_bounds_table,
-    "refusals": _spec_refusals_table,
     "capabilities": _spec_capabilities_table,
-    "effects": _spec_effects_table,
     "frames": _spec_frames_text,
     "exchange": _spec_exchange_text,
 }

@@ -21,7 +21,7 @@ from haptogram.acoustics.arrays import (
 )
 from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M, TransducerArray
-from haptogram.errors import ConfigurationError, unwritable_file
+from haptogram.errors import ConfigurationError, writing_file
 from haptogram.settings.arguments import check_number, shown_argument
 
 HEADER: Final = ("element", "gain", "phase_rad", "x_mm", "y_mm", "z_mm")
@@ -164,10 +164,8 @@ class Calibration:
         """
         table = np.column_stack([self.gain, self.phase_rad, _MM * self.positions_m])
         rows = [f"{n},{','.join(map(repr, values))}" for n, values in enumerate(table.tolist())]
-        try:
+        with writing_file(path, "calibration"):
             Path(path).write_text("\n".join([",".join(HEADER), *rows, ""]), encoding="utf-8")
-        except OSError as error:
-            raise unwritable_file(path, error, "calibration") from error
 
     @property
     def count(self) -> int:

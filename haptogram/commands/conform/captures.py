@@ -33,18 +33,14 @@ def conform_by_captures(
     ConfigurationError
         A capture of another run; a capture or a map that cannot be read.
     """
-    from haptogram.conformance.pins.judge import (
-        captured_share_of_run,
-        judge_clauses_by_pins,
-        suite_with_clauses_by_pins,
-    )
+    from haptogram.conformance.pins import judge
 
     records = read_capture_arguments(config)
-    shares = [captured_share_of_run(record, nonces, run) for record in records]
-    judged = judge_clauses_by_pins(records, expected)
+    shares = [judge.captured_share_of_run(record, nonces, run) for record in records]
+    judged = judge.judge_clauses_by_pins(records, expected)
     if simulated:
         judged = tuple(dataclasses.replace(one, evidence=Evidence.SIMULATED) for one in judged)
-    return suite_with_clauses_by_pins(suite, judged, shares)
+    return judge.suite_with_clauses_by_pins(suite, judged, shares)
 
 
 def recorded_suite(path: Path) -> tuple[SuiteResult, set[int]]:

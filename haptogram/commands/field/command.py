@@ -13,13 +13,7 @@ from haptogram.settings.parser import Acting, Parser
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig
 
-from ..acting_options import (
-    PITCH,
-    acts_on_a_shape,
-    acts_on_a_size,
-    refuse_idle_options,
-    with_option,
-)
+from .. import acting_options
 from ..shell.array_options import add_array_options
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs
@@ -71,7 +65,7 @@ def _acts_for_an_ear(arguments: argparse.Namespace) -> bool:
     return arguments.ear_mm is not None and not arguments.object and not arguments.drive
 
 
-_WITH_PICTURE: Final = with_option("picture")
+_WITH_PICTURE: Final = acting_options.with_option("picture")
 _FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _acts_for_an_ear)
 _ACTING: Final = {
     "resolution_mm": Acting(
@@ -80,17 +74,20 @@ _ACTING: Final = {
     ),
     "radius_mm": Acting(
         "with --object, on a shape that has a radius",
-        lambda a: a.object is not None and acts_on_a_size(a),
+        lambda a: a.object is not None and acting_options.acts_on_a_size(a),
     ),
-    "unit": Acting("with --object, on a mesh file", lambda a: a.object and not acts_on_a_shape(a)),
-    "center_mm": with_option("object"),
+    "unit": Acting(
+        "with --object, on a mesh file",
+        lambda a: a.object and not acting_options.acts_on_a_shape(a),
+    ),
+    "center_mm": acting_options.with_option("object"),
     "rate_hz": Acting(
         "with --object, or on one focus with --ear-mm",
         lambda a: a.object is not None or _acts_for_an_ear(a),
     ),
     "modulation": _FOR_AN_EAR,
     "modulation_hz": _FOR_AN_EAR,
-    "pitch_mm": PITCH,
+    "pitch_mm": acting_options.PITCH,
     "ear_mm": Acting("without --quiet", lambda a: not a.quiet),
     "quiet": _WITH_PICTURE,
     **dict.fromkeys(("plane", "quantity", "half_width_mm", "step_mm"), _WITH_PICTURE),
@@ -152,7 +149,7 @@ def run_field(arguments: argparse.Namespace) -> int:
     from .scene import FieldScene, describe_field_levels
     from .views import check_field_picture_size, describe_field_scene, draw_field_picture
 
-    refuse_idle_options(arguments)
+    acting_options.refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "picture")
     if arguments.picture is not None:
         check_field_picture_size(arguments)

@@ -12,16 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics import (
-    AcousticModel,
-    Drive,
-    NumpyEngine,
-    Resonator,
-    check_focus_target,
-    choose_engine,
-    exposure_at,
-    focus_phases,
-)
+from haptogram import acoustics
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import pressure_level_in_front
 from haptogram.acoustics.levels.exposure import GUIDELINE, STATEMENT, worst_exposure
@@ -65,7 +56,7 @@ class FieldScene:
         Resolution of the phases.
     """
 
-    model: AcousticModel
+    model: acoustics.AcousticModel
     weights: ComplexArray
     targets_m: FloatArray
     look_m: tuple[float, float, float]
@@ -93,9 +84,11 @@ class FieldScene:
             look = _field_focus(arguments)
             targets = np.array([look])
         for target in targets:
-            check_focus_target(model, target)
-        phases = focus_phases(model, targets)
-        drives = [Drive.from_weights(np.exp(1j * row), arguments.phase_bits) for row in phases]
+            acoustics.check_focus_target(model, target)
+        phases = acoustics.focus_phases(model, targets)
+        drives = [
+            acoustics.Drive.from_weights(np.exp(1j * row), arguments.phase_bits) for row in phases
+        ]
         weights = np.stack([drive.weights() for drive in drives])
         return cls(model, weights, targets, place or look, frame_s, place)
 
@@ -122,7 +115,7 @@ def modulated_field_scene(arguments: argparse.Namespace, scene: FieldScene) -> F
     return modulation.frames(points, arguments.rate_hz)
 
 
-def read_field_drive_file(path: Path, count: int, phase_bits: int) -> Drive:
+def read_field_drive_file(path: Path, count: int, phase_bits: int) -> acoustics.Drive:
     """Read the codes of *count* elements from a CSV file with the header ``phase,amplitude``.
 
     Raises
@@ -140,7 +133,7 @@ def read_field_drive_file(path: Path, count: int, phase_bits: int) -> Drive:
     if len(codes) != count:
         raise ConfigurationError(f"{path}: {len(codes)} elements, the array has {count}")
     try:
-        return Drive(codes[:, 0], codes[:, 1], phase_bits)
+        return acoustics.Drive(codes[:, 0], codes[:, 1], phase_bits)
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
 
@@ -159,14 +152,16 @@ def _field_focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
     return metres_of_position(arguments.focus_mm or (0.0, 0.0, 150.0))
 
 
-def _scene_peak(model: AcousticModel, weights: ComplexArray) -> tuple[float, float, float]:
+def _scene_peak(
+    model: acoustics.AcousticModel, weights: ComplexArray
+) -> tuple[float, float, float]:
     """Return the loudest point of a coarse grid over the array, along its own axes."""
     reach = float(model.array.half_extent_m[:2].max())
     side = np.linspace(-reach, reach, 25)
     heights = np.linspace(0.03, 0.30, 46)
     points = np.stack(np.meshgrid(side, side, heights, indexing="ij"), axis=-1).reshape(-1, 3)
     points = model.array.world_m(points)
-    engine = NumpyEngine(model)
+    engine = acoustics.NumpyEngine(model)
     level = pressure_level_in_front(engine, weights, points)
     best = points[[int(np.argmax(level))]]
     spacing = max(side[1] - side[0], heights[1] - heights[0])
@@ -183,7 +178,7 @@ _LISTENER_M: Final = 0.5
 
 def describe_field_levels(arguments: argparse.Namespace, scene: FieldScene) -> Iterator[str]:
     """Yield the levels at the loudest place half a metre away and, if asked for, at an ear."""
-    engine = choose_engine(scene.model)
+    engine = acoustics.choose_engine(scene.model)
     worst = worst_exposure(engine, scene.weights, _LISTENER_M, scene.frame_s)
     yield (
         f"loudest {_LISTENER_M:g} m from the centre: {worst.equivalent_db_spl:.1f} dB SPL at "
@@ -196,7 +191,7 @@ def describe_field_levels(arguments: argparse.Namespace, scene: FieldScene) -> I
 
 def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> Iterator[str]:
     """Yield the levels of the ultrasound at the listener's position."""
-    engine, lag = choose_engine(scene.model), Resonator.from_bandwidth()
+    engine, lag = acoustics.choose_engine(scene.model), acoustics.Resonator.from_bandwidth()
     ear = metres_of_position(arguments.ear_mm)
     distance_m = math.dist(ear, scene.model.array.centre_m)
     if distance_m < MIN_TARGET_DISTANCE_M:
@@ -205,7 +200,7 @@ def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> 
             f"it can be from {MIN_TARGET_DISTANCE_M * 1e3:g} mm on"
         )
     weights, what = _scene_sequence(arguments, scene)
-    exposure = exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
+    exposure = acoustics.exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
     at = f"({position_text(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre"
     yield f"at an ear at {at}; {what}:"
     yield (

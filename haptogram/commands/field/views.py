@@ -29,12 +29,7 @@ from haptogram.acoustics.levels.lobes import largest_secondary_lobe
 from haptogram.acoustics.levels.shift import find_pressure_peak, predict_focal_shift
 from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.errors import ConfigurationError
-from haptogram.report.figures import (
-    PicturePlane,
-    draw_plane_figure,
-    sample_picture_mean,
-    sample_picture_plane,
-)
+from haptogram.report import figures
 from haptogram.report.figures.planes import MAX_POINTS
 from haptogram.settings.arguments import Progress
 
@@ -80,7 +75,7 @@ def draw_field_picture(
         Sizes out of range; no matplotlib.
     """
     engine = choose_engine(scene.model)
-    plane = PicturePlane.around(
+    plane = figures.PicturePlane.around(
         scene.model.array,
         arguments.plane,
         scene.look_m,
@@ -89,12 +84,12 @@ def draw_field_picture(
     )
     if scene.is_sequence:
         resonator = Resonator.from_bandwidth()
-        field = sample_picture_mean(
+        field = figures.sample_picture_mean(
             engine, scene.weights, plane, scene.frame_s, resonator, progress=progress
         )
     else:
-        field = sample_picture_plane(engine, scene.weights[0], plane, progress)
-    return draw_plane_figure(
+        field = figures.sample_picture_plane(engine, scene.weights[0], plane, progress)
+    return figures.draw_plane_figure(
         field,
         quantity=arguments.quantity,
         targets_m=scene.targets_m,

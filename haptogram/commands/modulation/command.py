@@ -15,16 +15,7 @@ from haptogram.settings.run.files import OutputConfig
 from haptogram.settings.run.verify import VerifyConfig, load_verify_config
 from haptogram.settings.shape import ModulationConfig, ShapeConfig
 
-from ..acting_options import (
-    AM,
-    LM,
-    MESH,
-    PITCH,
-    RADIUS,
-    RESOLUTION,
-    acts_on_a_size,
-    refuse_idle_options,
-)
+from .. import acting_options
 from ..shell.array_options import add_array_options, array_model
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import FILE_HELP, CommandOutputs
@@ -56,19 +47,22 @@ class ModulationResultConfig(Settings):
 
 _ACTING: Final = {
     "modulation_hz": Acting("with am, lm and stm", lambda a: a.kind != "dwell"),
-    "depth": AM,
-    "shift_mm": LM,
+    "depth": acting_options.AM,
+    "shift_mm": acting_options.LM,
     "dwell_ms": Acting("with am, lm and dwell", lambda a: a.kind != "stm"),
     "radius_mm": Acting(
-        RADIUS.where,
-        lambda a: acts_on_a_size(a) and (a.object is not None or a.kind in ("stm", "dwell")),
+        acting_options.RADIUS.where,
+        lambda a: (
+            acting_options.acts_on_a_size(a)
+            and (a.object is not None or a.kind in ("stm", "dwell"))
+        ),
     ),
     "resolution_mm": Acting(
-        RESOLUTION.where,
+        acting_options.RESOLUTION.where,
         lambda a: a.object != "point" and (a.object is not None or a.kind in ("stm", "dwell")),
     ),
-    "unit": MESH,
-    "pitch_mm": PITCH,
+    "unit": acting_options.MESH,
+    "pitch_mm": acting_options.PITCH,
 }
 
 
@@ -123,7 +117,7 @@ def run_modulation(arguments: argparse.Namespace) -> int:
 
     from .result import ModulationResult, describe_felt, felt_csv, felt_dict
 
-    refuse_idle_options(arguments)
+    acting_options.refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, *_OUTPUTS)
     config = _modulation_config(arguments)
     lag = Resonator.from_bandwidth(arguments.bandwidth_hz)

@@ -10,13 +10,7 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from haptogram.acoustics import (
-    FieldEngine,
-    Resonator,
-    check_focus_target,
-    focus_phases,
-    force_on_disc_n,
-)
+from haptogram import acoustics
 from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.objects.modulation import FocusFrames
 from haptogram.objects.signals import FeltSignal, felt_signal_at
@@ -68,11 +62,11 @@ class ModulationResult:
     @classmethod
     def of(
         cls,
-        engine: FieldEngine,
+        engine: acoustics.FieldEngine,
         object: str,
         modulation: ModulationConfig,
         frames: FocusFrames,
-        lag: Resonator,
+        lag: acoustics.Resonator,
         place_m: tuple[float, float, float] | None,
     ) -> Self:
         """Return the signal of *frames* at a place, by default at their first focus.
@@ -83,10 +77,10 @@ class ModulationResult:
             A focus or a place out of reach.
         """
         for point in np.unique(frames.points_m, axis=0):
-            check_focus_target(engine.model, point)
+            acoustics.check_focus_target(engine.model, point)
         x, y, z = frames.points_m[0].tolist()
         place = (x, y, z) if place_m is None else place_m
-        steady = np.exp(1j * focus_phases(engine.model, (x, y, z)))
+        steady = np.exp(1j * acoustics.focus_phases(engine.model, (x, y, z)))
         spot = measure_spot(engine, steady, (x, y, z))
         return cls(
             object,
@@ -95,7 +89,7 @@ class ModulationResult:
             _modulation_frequency_in(frames, modulation),
             place,
             felt_signal_at(engine, frames, place, lag),
-            force_on_disc_n(engine, steady, (x, y, z)),
+            acoustics.force_on_disc_n(engine, steady, (x, y, z)),
             float(np.nanmin(spot.width_6db_m)),
         )
 

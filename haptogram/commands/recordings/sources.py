@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
-from haptogram.errors import ConfigurationError, unreadable_file
+from haptogram.errors import ConfigurationError, reading_file
 from haptogram.evidence.recordings.channels import MAGIC
 
 if TYPE_CHECKING:
@@ -107,17 +107,13 @@ def _opened_byte_source(path: Path) -> contextlib.AbstractContextManager[IO[byte
         if sys.stdin is None:
             raise ConfigurationError("-: standard input is closed; name a file")
         return contextlib.nullcontext(sys.stdin.buffer)
-    try:
+    with reading_file(path):
         return path.open("rb")
-    except OSError as error:
-        raise unreadable_file(path, error) from error
 
 
 def _read_byte_source(file: IO[bytes], path: Path, size: int) -> bytes:
-    try:
+    with reading_file(path):
         return file.read(size)
-    except OSError as error:
-        raise unreadable_file(path, error) from error
 
 
 def _source_blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:

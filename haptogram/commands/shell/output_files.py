@@ -10,17 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import (
-    STANDARD_OUTPUT,
-    check_distinct_files,
-    check_files_writable,
-    is_standard_output,
-)
-from haptogram.machine.terminal import (
-    is_terminal_of_github_job,
-    paint_verdicts_on_terminal,
-    terminal_error_line,
-)
+from haptogram.machine import files, terminal
 from haptogram.settings.arguments import option_word
 from haptogram.settings.board import is_grid_setting
 from haptogram.settings.shape import SHAPES
@@ -80,11 +70,11 @@ class CommandOutputs:
         self.paths: dict[str, Path] = {
             option: Path(path) for option, path in given.items() if path is not None
         }
-        check_distinct_files(self.paths, _input_files_of(settings))
-        check_files_writable(self.paths)
+        files.check_distinct_files(self.paths, _input_files_of(settings))
+        files.check_files_writable(self.paths)
         for option, path in self.paths.items():
-            if is_standard_output(path):
-                self.paths[option] = STANDARD_OUTPUT
+            if files.is_standard_output(path):
+                self.paths[option] = files.STANDARD_OUTPUT
         self._check_formats(pictures=pictures)
         for folder in dict.fromkeys(path.parent for path in self.paths.values()):
             if not folder.exists():
@@ -96,7 +86,7 @@ class CommandOutputs:
             self.provenance = Provenance.of_run(settings.command_line, stamp)
 
     def _check_formats(self, *, pictures: bool) -> None:
-        if self.paths.get("--picture", STANDARD_OUTPUT) != STANDARD_OUTPUT:
+        if self.paths.get("--picture", files.STANDARD_OUTPUT) != files.STANDARD_OUTPUT:
             from haptogram.report.figures import check_picture_format
 
             check_picture_format(self.paths["--picture"])
@@ -108,16 +98,16 @@ class CommandOutputs:
     @property
     def text(self) -> TextIO:
         """The stream for text: standard output, unless that is one of the files."""
-        return sys.stderr if STANDARD_OUTPUT in self.paths.values() else sys.stdout
+        return sys.stderr if files.STANDARD_OUTPUT in self.paths.values() else sys.stdout
 
     def print(self, text: str) -> None:
         """Print *text* to the stream for text, its verdicts in their colours."""
-        print(paint_verdicts_on_terminal(text, self.text), file=self.text, flush=True)
+        print(terminal.paint_verdicts_on_terminal(text, self.text), file=self.text, flush=True)
 
     @property
     def wants_document(self) -> bool:
         """True if a document is shown where no file was asked for: in a job of GitHub."""
-        return is_terminal_of_github_job()
+        return terminal.is_terminal_of_github_job()
 
     def write(
         self, document: Document, *, in_virtual_time: bool = False, **writers: WriteFile
@@ -135,7 +125,7 @@ class CommandOutputs:
         from haptogram.report.formats.job_summary import github_job_annotations, write_job_summary
         from haptogram.report.formats.junit import write_document_junit
 
-        if is_terminal_of_github_job():
+        if terminal.is_terminal_of_github_job():
             for line in github_job_annotations(document):
                 print(line, file=self.text, flush=True)
         formats: dict[str, Callable[..., None]] = {
@@ -216,12 +206,12 @@ def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
 
 def print_command_error(program: str, error: object) -> None:
     """Print *error* on standard error, after the name of *program*."""
-    print(terminal_error_line(program, str(error), sys.stderr), file=sys.stderr)
+    print(terminal.terminal_error_line(program, str(error), sys.stderr), file=sys.stderr)
 
 
 def announce_output_file(path: Path) -> None:
     """Say on standard error that *path* was written, unless that is standard output."""
-    if not is_standard_output(path):
+    if not files.is_standard_output(path):
         print(f"wrote {path}", file=sys.stderr)
 
 

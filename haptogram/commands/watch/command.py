@@ -14,7 +14,7 @@ from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TextIO, TypeAlias
 
-from haptogram.errors import ConfigurationError, unwritable_file
+from haptogram.errors import ConfigurationError, writing_file
 from haptogram.machine.files import STANDARD_OUTPUT, write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_setting_options
@@ -24,13 +24,8 @@ from haptogram.settings.run.files import output_options
 from haptogram.settings.tolerance import ToleranceConfig
 
 from ..acting_options import refuse_idle_options, with_option
+from ..shell import output_files
 from ..shell.exit_status import USAGE
-from ..shell.output_files import (
-    FILE_HELP,
-    CommandOutputs,
-    announce_interrupted_output,
-    announce_output_file,
-)
 from ..shell.positions import add_position_option
 from .expected import (
     WATCHED_BOARD_OPTIONS,
@@ -102,7 +97,7 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
         "one a frame, and after the last the first again [none]",
     )
     add_setting_options(expected, [own["expect_file"], *options_of(ToleranceConfig).values()])
-    result = parser.add_argument_group("result", FILE_HELP)
+    result = parser.add_argument_group("result", output_files.FILE_HELP)
     add_setting_options(result, [own[name] for name in ("latches", "fail_on", "frames")])
     add_setting_options(result, output_options("json junit html summary stamp"))
     parser.add_argument("--quiet", action="store_true", help="no line for each latch")
@@ -111,7 +106,7 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
 def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
     """Watch until the end, and return the exit status."""
     refuse_idle_options(arguments)
-    outputs = CommandOutputs(arguments, *_FILES, "frames")
+    outputs = output_files.CommandOutputs(arguments, *_FILES, "frames")
     _check_watch_source(arguments)
     frames_mm = expected_frames_mm(arguments)
     with (
@@ -200,7 +195,7 @@ class _WatchRun:
         try:
             self._take_all()
         except KeyboardInterrupt:
-            announce_interrupted_output("haptogram watch")
+            output_files.announce_interrupted_output("haptogram watch")
             self._until_s = time.monotonic() + _REST_S
             self._records.end()
             with contextlib.suppress(KeyboardInterrupt):
@@ -255,7 +250,7 @@ class _WatchRun:
             }
             self._frames(json.dumps(line, allow_nan=False) + "\n")
 
-    def finish(self, outputs: CommandOutputs) -> int:
+    def finish(self, outputs: output_files.CommandOutputs) -> int:
         """Print the summary, write the files, and return the exit status."""
         self._lines.print_modulation()
         missing = self._missing
@@ -313,25 +308,16 @@ def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
     elif path == STANDARD_OUTPUT:
         yield functools.partial(print, end="", flush=True)
     else:
-        with contextlib.ExitStack() as open_file:
-            with _frames_file_errors(path):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                file = open_file.enter_context(path.open("wb", buffering=0))
+        with writing_file(path, "--frames"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            file = path.open("wb", buffering=0)
+        with file:
             yield functools.partial(_write_watch_line, file, path)
-        announce_output_file(path)
+        output_files.announce_output_file(path)
 
 
 def _write_watch_line(file: FileIO, path: Path, line: str) -> None:
     rest = line.encode("ascii")
-    with _frames_file_errors(path):
+    with writing_file(path, "--frames"):
         while rest:
             rest = rest[file.write(rest) :]
-
-
-@contextlib.contextmanager
-def _frames_file_errors(path: Path) -> Iterator[None]:
-    """Convert an OSError into a refusal of ``--frames``."""
-    try:
-        yield
-    except OSError as error:
-        raise unwritable_file(path, error, "--frames") from error

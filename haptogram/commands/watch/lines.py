@@ -79,11 +79,7 @@ class LatchLines:
 
 def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
     """Return number, time, pattern, place, verdict and defects of a latch."""
-    from haptogram.report.watch import (
-        watched_defect_texts,
-        watched_pattern_text,
-        watched_status_text,
-    )
+    from haptogram.report import watch
 
     latch = seen.latch
     parts = [f"{latch.number:>6}"]
@@ -91,7 +87,7 @@ def latch_line(seen: WatchedLatch, board: WatchedBoard) -> str:
         parts.append(f"{latch.t_us / 1e6:.6f} s")
     if not latch.is_of_client:
         parts.append(latch.cause)
-    parts.append(watched_pattern_text(seen.pattern, board))
+    parts.append(watch.watched_pattern_text(seen.pattern, board))
     if seen.verdict is not None:
-        parts.append(watched_status_text(seen.verdict))
-    return "  ".join([*parts, *watched_defect_texts(seen)])
+        parts.append(watch.watched_status_text(seen.verdict))
+    return "  ".join([*parts, *watch.watched_defect_texts(seen)])

@@ -12,7 +12,7 @@ from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from haptogram.errors import ConfigurationError, unreadable_file
+from haptogram.errors import ConfigurationError, reading_file
 from haptogram.machine.interrupts import DelayedInterrupts
 from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
 from haptogram.settings.command_line import given_options, written_options
@@ -166,10 +166,8 @@ def _watched_board_settings(arguments: argparse.Namespace) -> BoardConfig:
 
 
 def _read_watched_bytes(source: str) -> bytes:
-    try:
+    with reading_file(source):
         return Path(source).read_bytes()
-    except OSError as error:
-        raise unreadable_file(source, error) from error
 
 
 def _refuse_watched_client_bytes(source: str) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.rules import LINK_REFUSALS, REFUSALS
+
+from ..clauses import load_spec_table
 
 #: A reply or an event that is due: the clause by which it is.
 DUE_CLAUSES: Final[dict[type[m.Message], str]] = {
@@ -32,12 +33,16 @@ DUE_CLAUSES: Final[dict[type[m.Message], str]] = {
     m.StateChanged: "HG-6.8/1",
     m.PlaybackEnded: "HG-7.8/1",
 }
+_REFUSALS: Final = [
+    (row["request"], m.ErrorCode[row["answer"].removeprefix("ERROR(")[:-1]], row["clause"])
+    for row in load_spec_table("request")
+]
 #: A refusal that is due: by request and code, and by the code alone where no request has its own.
 REFUSAL_CLAUSES: Final[dict[tuple[int, int], str]] = {
-    (kind, refusal.code): refusal.clause for kind, some in REFUSALS.items() for refusal in some
+    (m.MessageType[name], code): clause for name, code, clause in _REFUSALS if name != "any"
 }
 LINK_REFUSAL_CLAUSES: Final[dict[int, str]] = {
-    refusal.code: refusal.clause for some in LINK_REFUSALS.values() for refusal in some
+    code: clause for name, code, clause in _REFUSALS if name == "any"
 }
 #: Counters: those of dropped frames first, as a frame that is not dropped moves others too.
 COUNTER_CLAUSES: Final[dict[str, str]] = {

@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
 from haptogram_protocol import messages as m
-from haptogram_protocol.rules import EFFECTS
-from haptogram_protocol.rules import Held as Part
 from haptogram_protocol.state import OUTPUT_TRANSITIONS, MuteReason, OutputInput, OutputState
 
+from ..clauses import load_spec_table
 from ..client.board_client import BoardClient
 from .held_state import ANYTHING, Held
 
@@ -70,19 +69,19 @@ def state_before_effect(before: Held) -> tuple[OutputState, MuteReason]:
 
 def _tabled_effect(name: str, before: Held) -> dict[str, object]:
     """Return the changes that the table of effects in SPEC.md lists for an input."""
-    row = EFFECTS[name]
+    row = next(row for row in load_spec_table("input") if row["input"] == name)
     changed: dict[str, object] = {}
-    if Part.HOLD in row:  # the output goes off
+    if "hold" in row:  # the output goes off
         changed["the radiated drive"] = ANYTHING
-    if Part.PLAYBACK in row:
+    if "playback" in row:
         changed["events"] = ANYTHING
-    if row.get(Part.QUEUE) == "flushed":
+    if row.get("queue") == "flushed":
         queued = before["the queue"]
         assert isinstance(queued, int)  # StatusReply.queued
         changed |= {"the queue": 0} | _counted_effect(before, "flushed", queued)
-    if Part.UPLOAD in row:  # none is left
+    if "upload" in row:  # none is left
         changed["the upload"] = "refused", m.ErrorCode.BAD_STATE
-    if Part.LATCH in row:  # the drive: HG-8.6/4
+    if "last latch, ring" in row:  # the drive: HG-8.6/4
         changed |= {"the last latch": (0, 0), "the trace ring": m.TraceReply(0, 0, ())}
         changed["the latched drive"] = ANYTHING
     return changed

@@ -7,7 +7,7 @@ Three modes: the host computes the drive of ``phases`` and ``drives``; the board
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, cast
 
 import numpy as np
@@ -104,13 +104,10 @@ class FrameBuilder:
         """
         self._check_mode(mode)
         _check_frame_solver(solver, mode)
-        places: dict[tuple[Focus, ...], int] = {}
-        for number, group in enumerate(foci):
-            places.setdefault(group, number)
-        are_in_reach = _are_frames_in_reach(self._model, list(places))
-        for group, number in places.items():
-            self._check(number, group, mode, solver, is_in_reach=are_in_reach)
-        made = dict(zip(places, self._make(list(places), mode, solver), strict=True))
+        numbers = distinct_frames(self._model, foci, solver)
+        for group, number in numbers.items():
+            self._check(number, group, mode)
+        made = dict(zip(numbers, self._make(list(numbers), mode, solver), strict=True))
         return [made[group] for group in foci]
 
     def _make(self, foci: list[tuple[Focus, ...]], mode: Mode, solver: Method) -> list[Frame]:
@@ -119,8 +116,8 @@ class FrameBuilder:
             return [self._points(group) for group in foci]
         if mode == "drives":
             return [self._drives(group, solver) for group in foci]
-        batches = [foci[start : start + _BATCH] for start in range(0, len(foci), _BATCH)]
-        return [frame for batch in batches for frame in self._phases(batch, solver)]
+        batches = batches_of_phases(self._model, foci, solver)
+        return [f for batch, phases in batches for f in self._phases(batch, phases, solver)]
 
     def _check_mode(self, mode: Mode) -> None:
         check_choice("mode", mode, tuple(MODE_OF.values()))
@@ -138,16 +135,7 @@ class FrameBuilder:
                 f"board takes {LEAST_SPEED_MM_S / 1000:g} to {MOST_SPEED_MM_S / 1000:g} m/s"
             )
 
-    def _check(
-        self,
-        number: int,
-        foci: tuple[Focus, ...],
-        mode: Mode,
-        solver: Method,
-        *,
-        is_in_reach: bool,
-    ) -> None:
-        check_frame_foci(self._model, number, foci, solver, is_in_reach=is_in_reach)
+    def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode) -> None:
         if mode == "points" and len(foci) > self._identity.max_points:
             raise ConfigurationError(
                 f"frame {number}: {len(foci)} foci; the board takes {self._identity.max_points}"
@@ -159,8 +147,10 @@ class FrameBuilder:
         if mode == "points" and not self._graded:
             check_full_frame_amplitude(number, foci, "the board drives")
 
-    def _phases(self, foci: list[tuple[Focus, ...]], solver: Method) -> list[Frame]:
-        codes = quantise_phase(frame_phases_rad(self._model, foci, solver), REGISTER_BITS)
+    def _phases(
+        self, foci: Sequence[tuple[Focus, ...]], phases_rad: NDArray[np.float64], solver: Method
+    ) -> list[Frame]:
+        codes = quantise_phase(phases_rad, REGISTER_BITS)
         full = np.full(codes.shape[1], FULL_AMPLITUDE, np.uint8)
         read_only_array(full)  # so that all drives share it
         return [
@@ -192,6 +182,25 @@ class FrameBuilder:
         return Frame(rounded, drive, message, self._geometry_hash, sound_speed_mm_s=speed_mm_s)
 
 
+def distinct_frames(
+    model: AcousticModel, foci: Sequence[tuple[Focus, ...]], solver: Method
+) -> dict[tuple[Focus, ...], int]:
+    """Return the frames that differ, with the number of the first of each.
+
+    Raises
+    ------
+    ConfigurationError
+        For foci that are out of reach, or have phases that *solver* chooses; it names the frame.
+    """
+    numbers: dict[tuple[Focus, ...], int] = {}
+    for number, group in enumerate(foci):
+        numbers.setdefault(group, number)
+    are_in_reach = _are_frames_in_reach(model, list(numbers))
+    for group, number in numbers.items():
+        _check_frame_foci(model, number, group, solver, is_in_reach=are_in_reach)
+    return numbers
+
+
 def _are_frames_in_reach(model: AcousticModel, foci: Sequence[tuple[Focus, ...]]) -> bool:
     """Return True if no focus of any frame is out of reach."""
     places = np.array([focus.position_m for group in foci for focus in group])
@@ -202,13 +211,8 @@ def _are_frames_in_reach(model: AcousticModel, foci: Sequence[tuple[Focus, ...]]
     return True
 
 
-def check_frame_foci(
-    model: AcousticModel,
-    number: int,
-    foci: tuple[Focus, ...],
-    solver: Method,
-    *,
-    is_in_reach: bool = False,
+def _check_frame_foci(
+    model: AcousticModel, number: int, foci: tuple[Focus, ...], solver: Method, *, is_in_reach: bool
 ) -> None:
     """Refuse foci of frame *number* that are out of reach, or have phases that *solver* chooses.
 
@@ -237,16 +241,18 @@ def check_full_frame_amplitude(
         )
 
 
-def frame_phases_rad(
+def batches_of_phases(
     model: AcousticModel, foci: Sequence[tuple[Focus, ...]], solver: Method
-) -> NDArray[np.float64]:
-    """Return the (T, N) phases of T frames; several foci in one: those of the solver's drive."""
-    if all(len(group) == 1 for group in foci):
-        positions = np.array([group[0].position_m for group in foci])
-        lags = np.array([[group[0].phase_rad] for group in foci])
-        phases: NDArray[np.float64] = focus_phases(model, positions) + lags
-        return phases
-    return np.array([np.angle(frame_weights(model, group, solver)) for group in foci])
+) -> Iterator[tuple[Sequence[tuple[Focus, ...]], NDArray[np.float64]]]:
+    """Yield some T frames and their (T, N) phases; several foci in one: those of the solver."""
+    for start in range(0, len(foci), _BATCH):
+        batch = foci[start : start + _BATCH]
+        if all(len(group) == 1 for group in batch):
+            lags = np.array([[group[0].phase_rad] for group in batch])
+            yield batch, focus_phases(model, [group[0].position_m for group in batch]) + lags
+        else:
+            angles = [np.angle(frame_weights(model, group, solver)) for group in batch]
+            yield batch, np.array(angles)
 
 
 def frame_sound_speed_mm_s(model: AcousticModel) -> int:

@@ -15,24 +15,18 @@ from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.acoustics.solvers.several import METHODS, Method
 from haptogram.driver.frames.builder import (
-    check_frame_foci,
+    batches_of_phases,
     check_full_frame_amplitude,
-    frame_phases_rad,
+    distinct_frames,
 )
 from haptogram.driver.frames.frame import are_driver_frames
 from haptogram.driver.frames.targets import Targets, as_frame_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey, Intended
-from haptogram.settings.arguments import (
-    check_argument_kind,
-    check_choice,
-    check_whole,
-    shown_argument,
-)
+from haptogram.settings import arguments
 from haptogram_protocol.dialects.codec import Codes, Dialect, Display
 from haptogram_protocol.errors import LocalProtocolError
 
-_BATCH: Final = 512  # frames whose phases are computed at a time
 _REGISTER_BITS: Final = 8  # phase bits of the drives in records and verdicts
 _TURN: Final = 1 << _REGISTER_BITS
 _SESSION: Final = 0  # these wires know none
@@ -96,7 +90,7 @@ class DialectFrameBuilder:
     """
 
     def __init__(self, model: AcousticModel, display: Display, channels: Sequence[int]) -> None:
-        check_argument_kind("model", model, AcousticModel, "an AcousticModel")
+        arguments.check_argument_kind("model", model, AcousticModel, "an AcousticModel")
         self._model, self._display = model, display
         self._channels = channels
         if len(self._channels) != model.array.count:
@@ -140,21 +134,16 @@ class DialectFrameBuilder:
             A target out of reach, an amplitude that phases cannot make, or a solver that is not
             known; the text names the frame.
         """
-        check_choice("solver", solver, METHODS)
-        numbers: dict[tuple[Focus, ...], int] = {}
-        for number, group in enumerate(foci):
-            numbers.setdefault(group, number)
+        arguments.check_choice("solver", solver, METHODS)
+        numbers = distinct_frames(self._model, foci, solver)
         for group, number in numbers.items():
-            check_frame_foci(self._model, number, group, solver)
             check_full_frame_amplitude(
                 number, group, "this wire is given phases alone, which drive"
             )
-        groups = list(numbers)
-        batches = [groups[start : start + _BATCH] for start in range(0, len(groups), _BATCH)]
         made = {
             group: self.of_phases(row, group, solver)
-            for batch in batches
-            for group, row in zip(batch, frame_phases_rad(self._model, batch, solver), strict=True)
+            for batch, phases in batches_of_phases(self._model, list(numbers), solver)
+            for group, row in zip(batch, phases, strict=True)
         }
         return [made[group] for group in foci]
 
@@ -196,11 +185,11 @@ def checked_display_channels(channels: Any) -> tuple[int, ...]:
     is_list = isinstance(channels, Sequence) and not isinstance(channels, str | bytes)
     if not (is_row or is_list) or len(channels) == 0:
         raise ConfigurationError(
-            f"channels is {shown_argument(channels)}, must be a sequence of whole numbers, one for "
-            "each element"
+            f"channels is {arguments.shown_argument(channels)}, must be a sequence of whole "
+            "numbers, one for each element"
         )
     return tuple(
-        check_whole(f"channels[{place}]", channel, 0, _HIGHEST_CHANNEL)
+        arguments.check_whole(f"channels[{place}]", channel, 0, _HIGHEST_CHANNEL)
         for place, channel in enumerate(channels)
     )
 

@@ -10,17 +10,11 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, NoReturn, TypeAlias, TypeVar
 
+from haptogram import errors
 from haptogram.driver.line.budget import LineBudget, line_transmission_ns
 from haptogram.driver.line.port import ClosedTransport, Transport
-from haptogram.errors import (
-    DeviceError,
-    LinkLostError,
-    NoAnswerError,
-    VersionMismatchError,
-    WrongProtocolError,
-)
 from haptogram.records.kept import MOST_KEPT
-from haptogram_protocol import NEED_DATA, VERSION_MAJOR, HostConnection
+from haptogram_protocol import NEED_DATA, VERSION_MAJOR, HostConnection, messages
 from haptogram_protocol.connection import (
     EventReceived,
     FrameDropped,
@@ -39,6 +33,7 @@ _UNASKED: Final = (EventReceived, FrameDropped)
 _Outcome: TypeAlias = ReplyReceived | RequestRefused | RequestTimedOut
 Handler: TypeAlias = Callable[[EventReceived | ReplyReceived | FrameDropped], None]
 _M = TypeVar("_M", bound=Message)
+_Part = TypeVar("_Part", messages.GeometryReply, messages.DriveReply)
 
 
 class Link:
@@ -164,7 +159,7 @@ class Link:
         if written or self._refusing_since_ns is None:
             self._refusing_since_ns = now_ns
         if now_ns - self._refusing_since_ns > self._timeout_ns:
-            raise LinkLostError(
+            raise errors.LinkLostError(
                 f"{self.url}: the port has taken no byte for {self._timeout_ns / NS_PER_S:g} s"
             )
 
@@ -275,20 +270,20 @@ class Link:
 
     def _check_time(self, deadline_ns: int, what: str) -> None:
         if self.now_ns() >= deadline_ns:
-            raise NoAnswerError(
+            raise errors.NoAnswerError(
                 f"{self.url}: {what} was not answered within {self._timeout_ns / NS_PER_S:g} s"
             )
 
     def _reply_of(self, outcome: _Outcome) -> ReplyReceived:
         if isinstance(outcome, RequestTimedOut):
-            raise NoAnswerError(
+            raise errors.NoAnswerError(
                 f"{self.url}: {outcome.request.name} was sent {outcome.attempts} times and not "
                 "answered"
             )
         if isinstance(outcome, RequestRefused):
             error = outcome.error
             other = "; another host has opened a session" if _link_is_taken_over(error) else ""
-            raise DeviceError(
+            raise errors.DeviceError(
                 f"{outcome.request.name} was refused: {_link_error_name(error.code)}, "
                 f"detail {error.detail}{other}",
                 code=error.code,
@@ -321,6 +316,34 @@ def _ignore_link_event(_: EventReceived | ReplyReceived | FrameDropped) -> None:
     """Ignore an event without a handler."""
 
 
+def request_parts(
+    link: Link,
+    transducers: int,
+    ask: Callable[[int, int], Message],
+    reply: type[_Part],
+    size: Callable[[_Part], int],
+) -> list[_Part]:
+    """Return the replies that together speak of all *transducers*, each of *size* of them.
+
+    Raises
+    ------
+    WrongProtocolError
+        A reply speaks of none, or of others than those that were asked for.
+    """
+    parts, first = list[_Part](), 0
+    while first < transducers:
+        request = ask(first, transducers - first)
+        part = link.request(request, reply)
+        if part.first != first or not size(part):
+            raise errors.WrongProtocolError(
+                f"{link.url}: {request.TYPE.name} from {first} gave {size(part)} transducers from "
+                f"{part.first}"
+            )
+        parts.append(part)
+        first += size(part)
+    return parts
+
+
 def open_line_session(link: Link) -> HelloReply:
     """Say HELLO and return the board's answer.
 
@@ -339,31 +362,31 @@ def open_line_session(link: Link) -> HelloReply:
     seq = link.connection.send_hello(link.now_us())
     try:
         return link.wait_for(seq, HelloReply, deadline_ns)
-    except NoAnswerError as error:
+    except errors.NoAnswerError as error:
         _explain_line_silence(link, error)
-    except DeviceError as error:
+    except errors.DeviceError as error:
         if error.code == ErrorCode.VERSION:
-            raise VersionMismatchError(
+            raise errors.VersionMismatchError(
                 f"{link.url}: the board speaks version {error.detail} of the protocol, "
                 f"this host version {VERSION_MAJOR}"
             ) from error
         raise
 
 
-def _explain_line_silence(link: Link, error: NoAnswerError) -> NoReturn:
+def _explain_line_silence(link: Link, error: errors.NoAnswerError) -> NoReturn:
     connection = link.connection
     seconds = f"{link.timeout_ns / 1e9:g} s"
     if not connection.bytes_received:
-        raise NoAnswerError(f"{link.url}: nothing came back within {seconds}") from error
+        raise errors.NoAnswerError(f"{link.url}: nothing came back within {seconds}") from error
     if not connection.frames_received:
-        raise WrongProtocolError(
+        raise errors.WrongProtocolError(
             f"{link.url}: {connection.bytes_received} bytes came within {seconds}, but no "
             f"Haptogram frame: another device, or another rate than {link.line.baudrate} baud"
         ) from error
     if connection.counters["unknown_type"] == connection.frames_received:
-        raise WrongProtocolError(
+        raise errors.WrongProtocolError(
             f"{link.url}: the port sends back what is written to it; no board answers"
         ) from error
-    raise NoAnswerError(
+    raise errors.NoAnswerError(
         f"{link.url}: frames came within {seconds}, but no answer to HELLO"
     ) from error

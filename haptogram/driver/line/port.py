@@ -18,14 +18,7 @@ from urllib.parse import urlsplit
 
 import serial
 
-from haptogram.errors import (
-    ConfigurationError,
-    LinkError,
-    LinkLostError,
-    PortBusyError,
-    PortNotFoundError,
-    plain_reason,
-)
+from haptogram import errors
 from haptogram.machine.waiter import DescriptorWaiter
 from haptogram.settings.arguments import check_number, check_whole, shown_argument
 from haptogram.settings.board_url import SCHEME
@@ -77,7 +70,7 @@ def check_port(port: object, baudrate: int, timeout_s: float) -> None:
     """Refuse a port that is neither a URL nor a Transport, before anything is opened."""
     methods = ("url", "now_ns", "read_available", "write_some", "close")
     if not (isinstance(port, str) and port) and not all(hasattr(port, name) for name in methods):
-        raise ConfigurationError(
+        raise errors.ConfigurationError(
             f"port is {shown_argument(port)}, must be a URL such as '/dev/ttyUSB0', "
             "or an open Transport"
         )
@@ -119,7 +112,7 @@ class FdTransport:
         except _GONE as error:
             raise _lost_transport(self.url, error) from error
         if not data:
-            raise LinkLostError(f"{self.url}: the other end closed the port")
+            raise errors.LinkLostError(f"{self.url}: the other end closed the port")
         return data
 
     def write_some(self, data: bytes) -> int:
@@ -169,7 +162,7 @@ class PyserialTransport:
                 self._port.timeout = wait_ns / 1e9
                 data = self._read(1)
             return data + self._read(self._port.in_waiting) if data else b""
-        except LinkError:
+        except errors.LinkError:
             raise
         except _GONE as error:
             raise _lost_transport(self.url, error) from error
@@ -185,7 +178,7 @@ class PyserialTransport:
             return len(data) if written is None else int(written)
         except serial.SerialTimeoutException:
             return 0
-        except LinkError:
+        except errors.LinkError:
             raise
         except _GONE as error:
             raise _lost_transport(self.url, error) from error
@@ -216,9 +209,9 @@ class ClosedTransport:
         """Refuse to write."""
         raise self.error()
 
-    def error(self) -> LinkLostError:
+    def error(self) -> errors.LinkLostError:
         """Return the error of whoever uses the port."""
-        return LinkLostError(f"{self.url}: this driver was closed; open another one")
+        return errors.LinkLostError(f"{self.url}: this driver was closed; open another one")
 
     def close(self) -> None:
         """Do nothing: it is closed."""
@@ -279,7 +272,7 @@ def _check_transport_address(url: str) -> None:
     except ValueError:  # a port that is no number, or too large
         is_whole = False
     if not is_whole:
-        raise ConfigurationError(f"port {url!r}, must be {parts.scheme}://HOST:PORT")
+        raise errors.ConfigurationError(f"port {url!r}, must be {parts.scheme}://HOST:PORT")
 
 
 def _open_serial_transport(url: str, baudrate: int) -> Any:
@@ -288,34 +281,34 @@ def _open_serial_transport(url: str, baudrate: int) -> Any:
         return serial.serial_for_url(url, baudrate=baudrate, timeout=0, exclusive=True)
     except OSError as error:  # SerialException is one
         raise _transport_opening_error(url, error) from error
-    except ConfigurationError:
+    except errors.ConfigurationError:
         raise
     except ValueError as error:
         hint = _UNREGISTERED if url.startswith(SCHEME) else ""
-        raise ConfigurationError(
+        raise errors.ConfigurationError(
             f"port {url!r} at {baudrate} baud: {_transport_error_line(error)}{hint}"
         ) from error
 
 
-def _transport_opening_error(url: str, error: OSError) -> LinkError:
+def _transport_opening_error(url: str, error: OSError) -> errors.LinkError:
     """Return the error that says why *url* did not open."""
     codes = {found.errno for found in _transport_error_chain(error) if isinstance(found, OSError)}
     if codes & _BUSY:
-        return PortBusyError(f"{url}: another program holds this port")
+        return errors.PortBusyError(f"{url}: another program holds this port")
     if errno.ECONNREFUSED in codes:
-        return PortNotFoundError(f"{url}: nothing listens there: the connection was refused")
+        return errors.PortNotFoundError(f"{url}: nothing listens there: the connection was refused")
     if codes & _UNREACHED:
-        return PortNotFoundError(f"{url}: that host cannot be reached")
+        return errors.PortNotFoundError(f"{url}: that host cannot be reached")
     if any(isinstance(found, socket.gaierror) for found in _transport_error_chain(error)):
-        return PortNotFoundError(f"{url}: there is no such host")
+        return errors.PortNotFoundError(f"{url}: there is no such host")
     if errno.EISDIR in codes:
-        return LinkError(f"{url}: it is a folder; name a port, such as /dev/ttyUSB0")
+        return errors.LinkError(f"{url}: it is a folder; name a port, such as /dev/ttyUSB0")
     if codes & _ABSENT:
-        return PortNotFoundError(f"{url}: there is no such port")
+        return errors.PortNotFoundError(f"{url}: there is no such port")
     # termios.error is no OSError, and has its code as an argument.
     if any(found.args[:1] == (errno.ENOTTY,) for found in _transport_error_chain(error)):
-        return LinkError(f"{url}: it is no serial port; name one, such as /dev/ttyUSB0")
-    return LinkError(f"{url}: the port cannot be opened: {plain_reason(error)}")
+        return errors.LinkError(f"{url}: it is no serial port; name one, such as /dev/ttyUSB0")
+    return errors.LinkError(f"{url}: the port cannot be opened: {errors.plain_reason(error)}")
 
 
 def _transport_error_chain(error: BaseException | None) -> Iterator[BaseException]:
@@ -329,8 +322,8 @@ def _transport_error_line(error: BaseException) -> str:
     return " ".join(str(error).split())
 
 
-def _lost_transport(url: str, error: BaseException) -> LinkLostError:
-    return LinkLostError(f"{url}: the port is gone: {_transport_error_line(error)}")
+def _lost_transport(url: str, error: BaseException) -> errors.LinkLostError:
+    return errors.LinkLostError(f"{url}: the port is gone: {_transport_error_line(error)}")
 
 
 def _close_transport(port: Any) -> None:

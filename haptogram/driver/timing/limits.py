@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptogram.settings.arguments import (
-    Progress,
-    check_argument_kind,
-    check_callable,
-    check_number,
-    check_whole,
-)
+from haptogram.settings import arguments
 
 _MOST_STREAMED: Final = 10_000_000  # frames in one call: each leaves 64 bytes in its report
 _LONGEST_SPIN_US: Final = 1_000_000
@@ -19,19 +13,19 @@ _LONGEST_HOLD_S: Final = 1e7
 
 def check_hold_duration(seconds: float) -> None:
     """Refuse to hold a focus for a time that is none, or too long."""
-    check_number("seconds", seconds, 0.0, _LONGEST_HOLD_S)
+    arguments.check_number("seconds", seconds, 0.0, _LONGEST_HOLD_S)
 
 
 def check_stream_timing(
-    loops: int, spin_us: int, progress: Progress | None, *, realtime: bool
+    loops: int, spin_us: int, progress: arguments.Progress | None, *, realtime: bool
 ) -> None:
     """Refuse arguments that every stream takes, before its frames are made."""
-    check_whole("loops", loops, 1, _MOST_STREAMED)
-    check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
-    check_argument_kind("realtime", realtime, bool, "True or False")
-    check_callable("progress", progress)
+    arguments.check_whole("loops", loops, 1, _MOST_STREAMED)
+    arguments.check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
+    arguments.check_argument_kind("realtime", realtime, bool, "True or False")
+    arguments.check_callable("progress", progress)
 
 
 def check_streamed_frames(total: int) -> int:
     """Return *total*, the frames of all loops, or refuse it."""
-    return check_whole("number of frames, all loops of them", total, 1, _MOST_STREAMED)
+    return arguments.check_whole("number of frames, all loops of them", total, 1, _MOST_STREAMED)

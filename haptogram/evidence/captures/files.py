@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from haptogram.errors import ConfigurationError, unreadable_file
+from haptogram.errors import ConfigurationError, reading_file
 
 from .capture import Capture
 from .sigrok import read_sigrok
@@ -22,11 +22,8 @@ def read_capture(path: Path) -> Capture:
     ConfigurationError
         A file that cannot be read, is neither, or has no edge.
     """
-    try:
-        with path.open("rb") as file:
-            begin = file.read(len(_ZIP))
-    except OSError as error:
-        raise unreadable_file(path, error, "capture") from error
+    with reading_file(path, "capture"), path.open("rb") as file:
+        begin = file.read(len(_ZIP))
     if not begin:
         raise ConfigurationError(f"{path}: the file is empty; end the capture before it is read")
     capture = read_sigrok(path) if begin == _ZIP else read_vcd(path)

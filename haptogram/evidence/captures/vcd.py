@@ -13,7 +13,7 @@ from typing import BinaryIO, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.errors import ConfigurationError, unreadable_file
+from haptogram.errors import ConfigurationError, reading_file
 
 from .capture import MOST_EDGES, Capture, ChannelEdges
 from .vcd_header import LONGEST_ID, VcdBit, VcdHeader, read_vcd_header
@@ -41,16 +41,13 @@ def read_vcd(path: Path) -> Capture:
     ConfigurationError
         A file that cannot be read or is no VCD: names the place.
     """
-    try:
-        with path.open("rb") as file:
-            header, rest = read_vcd_header(path, file)
-            body = _VcdBody(path, sorted(set(header.names.values())))
-            cut = ""
-            for chunk, is_whole in _vcd_chunks(path, file, rest):
-                body.take(chunk)
-                cut = "" if is_whole else "the file ends in the middle of a line"
-    except OSError as error:
-        raise unreadable_file(path, error, "capture") from error
+    with reading_file(path, "capture"), path.open("rb") as file:
+        header, rest = read_vcd_header(path, file)
+        body = _VcdBody(path, sorted(set(header.names.values())))
+        cut = ""
+        for chunk, is_whole in _vcd_chunks(path, file, rest):
+            body.take(chunk)
+            cut = "" if is_whole else "the file ends in the middle of a line"
     return body.capture(header, cut)
 
 

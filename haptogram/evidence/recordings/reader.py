@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from haptogram.errors import ConfigurationError, unreadable_file, unwritable_file
+from haptogram.errors import ConfigurationError, reading_file, unreadable_file, writing_file
 from haptogram.machine.files import check_distinct_files
 from haptogram.records.latch import LatchRecord
 
@@ -301,12 +301,10 @@ class _RecordingAsItWas:
 
 def _opened_recording(path: Path) -> BinaryIO:
     """Open a file that begins as a recording does."""
-    try:
+    with reading_file(path, "recording"):
         file = path.open("rb")
         begin = file.read(len(channels.MAGIC))
         file.seek(0)
-    except OSError as error:
-        raise unreadable_file(path, error, "recording") from error
     if begin == channels.MAGIC:
         return file
     file.close()
@@ -337,16 +335,13 @@ def repair_recording(source: Path, target: Path) -> tuple[int, str]:
             f"{source}: no message in it can be read; {target} was not written"
         )
     count = 0
-    try:
-        with target.open("wb") as file:
-            writer: Any = Writer(file, compression=CompressionType.NONE)
-            ids = begin_recording(writer, recording.library)
-            for entry in _readable_entries(recording):
-                count += 1
-                writer.add_message(ids[entry.topic], entry.t_ns, entry.content, entry.published_ns)
-            writer.finish()
-    except OSError as error:
-        raise unwritable_file(target, error) from error
+    with writing_file(target), target.open("wb") as file:
+        writer: Any = Writer(file, compression=CompressionType.NONE)
+        ids = begin_recording(writer, recording.library)
+        for entry in _readable_entries(recording):
+            count += 1
+            writer.add_message(ids[entry.topic], entry.t_ns, entry.content, entry.published_ns)
+        writer.finish()
     return count, recording.note
 
 

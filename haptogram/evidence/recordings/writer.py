@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import haptogram
-from haptogram.errors import missing_extra, plain_reason, unwritable_file
+from haptogram.errors import missing_extra, plain_reason, writing_file
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.machine.interrupts import DelayedInterrupts
@@ -301,13 +301,11 @@ class _RecordingOutput:
 
 
 def _opened_recording_file(path: Path) -> BinaryIO:
-    try:
+    with writing_file(path):
         if path == STANDARD_OUTPUT:
             return open(1, "wb", closefd=False)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path.open("wb")
-    except OSError as error:
-        raise unwritable_file(path, error) from error
 
 
 def _encoded_recording_bytes(data: bytes) -> bytes:

@@ -13,17 +13,7 @@ from haptogram.campaigns.bench.measure import BenchRun
 from haptogram.campaigns.bench.percentiles import LEVELS
 from haptogram.campaigns.bench.result import STAGES
 
-from ..figures.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    VERMILION,
-    embed_picture,
-    figure_legend,
-    new_figure,
-)
+from ..figures import style
 from ..formats.document import Document, Finding, Level, Listing, Picture, Section, Table
 
 if TYPE_CHECKING:
@@ -78,7 +68,7 @@ def _bench_stages_section(run: BenchRun, result: Result) -> Section:
             Table(_STAGE_HEAD, rows, range(1, last), (last,)),
             Listing([_bench_clocks_text(result)]),
             Picture(
-                lambda: embed_picture(
+                lambda: style.embed_picture(
                     draw_bench_histograms(run.stages_us),
                     "Histogram of the stages of a frame and of the control loop.",
                     "Both axes are logarithmic, so that rare delays show. The control loop does "
@@ -191,11 +181,11 @@ def _bench_machine_rows(result: Result) -> Iterator[str]:
 
 _BINS: Final = np.geomspace(0.1, 1e6, 141)  # microseconds
 _SHOWN: Final = (
-    ("wake", "wake, from the intended time", BLUE),
-    ("work", "encode and write", ORANGE),
-    ("board", "complete at the board, after the line", GREEN),
-    ("complete", "all of it, from the intended time", VERMILION),
-    ("control", "control loop beside it", BLACK),
+    ("wake", "wake, from the intended time", style.BLUE),
+    ("work", "encode and write", style.ORANGE),
+    ("board", "complete at the board, after the line", style.GREEN),
+    ("complete", "all of it, from the intended time", style.VERMILION),
+    ("control", "control loop beside it", style.BLACK),
 )
 
 
@@ -204,7 +194,7 @@ def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figur
 
     Lines mark the limits from which on a frame counts as late.
     """
-    with new_figure(8.0, 4.8) as figure:
+    with style.new_figure(8.0, 4.8) as figure:
         axes = figure.add_subplot()
         for name, label, colour in _SHOWN:
             values = stages_us[name][~np.isnan(stages_us[name])]
@@ -223,6 +213,6 @@ def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figur
         axes.set_xlim(_BINS[0] / 1.5, min(_BINS[-1], 3.0 * max(most, *MISS_LIMITS_US)))
         for limit_us in MISS_LIMITS_US:
             name = "limits of the miss counts"
-            axes.axvline(limit_us, color=GREY, linewidth=1.0, linestyle="--", label=name)
-        figure_legend(figure, columns=2)
+            axes.axvline(limit_us, color=style.GREY, linewidth=1.0, linestyle="--", label=name)
+        style.figure_legend(figure, columns=2)
     return figure

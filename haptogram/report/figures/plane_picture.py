@@ -14,18 +14,9 @@ from haptogram.acoustics import AcousticModel, Drive, FieldEngine, choose_engine
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator
+from haptogram.report.figures import style
 from haptogram.report.figures.planes import PicturePlane, sample_picture_points
 from haptogram.report.figures.quantities import LEAST_DB, figure_quantity_and_label
-from haptogram.report.figures.style import (
-    GREY,
-    PHASE_MAP,
-    check_picture_format,
-    draw_figure_mark,
-    figure_legend,
-    figure_title,
-    new_figure,
-    write_figure,
-)
 from haptogram.settings.arguments import Progress
 
 if TYPE_CHECKING:
@@ -96,11 +87,11 @@ class PictureField:
             Another suffix, a path that cannot be written, an unknown quantity, or no matplotlib.
         """
         file = Path(path)
-        check_picture_format(file)
+        style.check_picture_format(file)
         figure = draw_plane_figure(
             self, quantity=quantity, decibels=decibels, targets_m=targets_m, title=title
         )
-        write_figure(file, figure)
+        style.write_figure(file, figure)
 
 
 def sample_picture_plane(
@@ -213,25 +204,25 @@ def draw_plane_figure(
         field.model.medium, field.values, quantity, decibels=decibels
     )
     first, second = field.plane.axes
-    with new_figure(*_plane_picture_size(field.plane)) as figure:
+    with style.new_figure(*_plane_picture_size(field.plane)) as figure:
         figure.set_layout_engine("compressed")  # no gaps beside a picture of fixed aspect
         axes = figure.add_subplot()
         image = _draw_plane_image(axes, field.plane, values)
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.92)
         image.set_clim(LEAST_DB if decibels else 0.0, 0.0 if decibels else None)
         if quantity == "phase":
-            image.set(cmap=PHASE_MAP, clim=(-math.pi, math.pi))
+            image.set(cmap=style.PHASE_MAP, clim=(-math.pi, math.pi))
             bar.set_ticks([-math.pi, -math.pi / 2, 0, math.pi / 2, math.pi])
             bar.set_ticklabels(["−π", "−π/2", "0", "π/2", "π"])
         marked = _marked_plane_picture(field.plane, targets_m)
         size = 6.0 if len(marked) > _FEW_TARGETS else None
         for target in marked:
-            draw_figure_mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
+            style.draw_figure_mark(axes, target[first] * 1e3, target[second] * 1e3, "target", size)
         place = np.asarray(field.peak_m() if peak_m is None else peak_m, dtype=np.float64)
-        draw_figure_mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
+        style.draw_figure_mark(axes, place[first] * 1e3, place[second] * 1e3, "peak")
         if second == 2:
             _draw_elements(axes, 1e3 * field.model.array.positions_m[:, [first, second]])
-        figure_legend(figure, columns=2)
+        style.figure_legend(figure, columns=2)
         axes.set_title(_plane_picture_title(title, field.plane))
     return figure
 
@@ -263,7 +254,7 @@ def _draw_elements(axes: Axes, places: FloatArray) -> None:
     near = near[(near[:, 1] >= low - room) & (near[:, 1] <= high + room)]
     if not len(near):
         return
-    axes.plot(*near.T, "s", color=GREY, markersize=2.5, zorder=3.0, label="transducers")
+    axes.plot(*near.T, "s", color=style.GREY, markersize=2.5, zorder=3.0, label="transducers")
     bottom, top = near[:, 1].min() - _EDGE_MM, near[:, 1].max() + _EDGE_MM
     axes.set_xlim(left, right)
     axes.set_ylim(min(low, bottom), max(high, top))
@@ -287,4 +278,4 @@ def _marked_plane_picture(plane: PicturePlane, targets_m: ArrayLike) -> list[lis
 
 def _plane_picture_title(title: str, plane: PicturePlane) -> str:
     axis = plane.normal_axis
-    return figure_title(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")
+    return style.figure_title(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")

@@ -6,15 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
+from haptogram import verification
 from haptogram.records.frame import FrameKey
-from haptogram.verification import (
-    LOST_BY_BOARD,
-    FrameStatus,
-    FrameVerdict,
-    RunVerdict,
-    Verdict,
-    cut_run_verdict_text,
-)
 
 from ..formats.document import Check, Outcome
 from .pins import run_capture_checks
@@ -34,29 +27,29 @@ class _Fault:
 
     name: str
     statement: str
-    shows: Callable[[FrameVerdict], bool]
+    shows: Callable[[verification.FrameVerdict], bool]
     seen_in: str
-    besides: tuple[FrameStatus, ...] = ()
+    besides: tuple[verification.FrameStatus, ...] = ()
 
 
 _FAULTS: Final = (
     _Fault(
         "off_target",
         "no drive without a fault has its focus off the target",
-        lambda frame: frame.status is FrameStatus.OFF_TARGET,
+        lambda frame: frame.status is verification.FrameStatus.OFF_TARGET,
         "verified",
-        (FrameStatus.WRONG_DRIVE, FrameStatus.CORRUPT),
+        (verification.FrameStatus.WRONG_DRIVE, verification.FrameStatus.CORRUPT),
     ),
     _Fault(
         "wrong_drive",
         "no wrong drive is radiated",
-        lambda frame: frame.status is FrameStatus.WRONG_DRIVE,
+        lambda frame: frame.status is verification.FrameStatus.WRONG_DRIVE,
         "verified",
     ),
     _Fault(
         "corrupt",
         "no damaged frame is latched",
-        lambda frame: frame.status is FrameStatus.CORRUPT,
+        lambda frame: frame.status is verification.FrameStatus.CORRUPT,
         "verified",
     ),
     _Fault("early", "no frame is latched before its time", lambda frame: frame.early, "latched"),
@@ -70,7 +63,7 @@ _FAULTS: Final = (
 
 
 def run_checks_of_result(
-    run: RunVerdict, result: Mapping[str, Any], seconds: float | None = None
+    run: verification.RunVerdict, result: Mapping[str, Any], seconds: float | None = None
 ) -> list[Check]:
     """Return the checks of a run of *seconds*, and those of the captures of its drive pins."""
     is_judged = result.get("run_judged", True)
@@ -80,7 +73,7 @@ def run_checks_of_result(
 
 
 def run_checks(
-    run: RunVerdict, cut_short: str | None = None, seconds: float | None = None
+    run: verification.RunVerdict, cut_short: str | None = None, seconds: float | None = None
 ) -> list[Check]:
     """Return every check with its outcome, in a fixed order.
 
@@ -98,7 +91,7 @@ def run_checks(
     ]
 
 
-def _check_of_fault(run: RunVerdict, fault: _Fault) -> Check:
+def _check_of_fault(run: verification.RunVerdict, fault: _Fault) -> Check:
     found = [frame for frame in run.frames if fault.shows(frame)]
     besides = sum(frame.status in fault.besides for frame in run.frames)
     judged = run.counts[fault.seen_in] - besides
@@ -115,7 +108,7 @@ def _check_of_fault(run: RunVerdict, fault: _Fault) -> Check:
     return Check(fault.name, fault.statement, outcome, message, _named_frames(found))
 
 
-def _check_of_unexpected(run: RunVerdict) -> Check:
+def _check_of_unexpected(run: verification.RunVerdict) -> Check:
     keys, outcome, message = run.unexpected, Outcome.PASSED, "none"
     if keys:
         outcome = Outcome.FAILED
@@ -126,9 +119,9 @@ def _check_of_unexpected(run: RunVerdict) -> Check:
     return Check("unexpected", statement, outcome, message, _first_lines(keys, _key_text))
 
 
-def _check_of_lost(run: RunVerdict) -> Check:
-    lost = _frames_with(run, FrameStatus.LOST)
-    reasons = [reason for reason in run.reasons if LOST_BY_BOARD in reason]
+def _check_of_lost(run: verification.RunVerdict) -> Check:
+    lost = _frames_with(run, verification.FrameStatus.LOST)
+    reasons = [reason for reason in run.reasons if verification.LOST_BY_BOARD in reason]
     outcome, message = Outcome.PASSED, "none is known to be"
     if reasons:
         outcome, message = Outcome.FAILED, "; ".join(reasons)
@@ -138,19 +131,19 @@ def _check_of_lost(run: RunVerdict) -> Check:
     return Check("lost", "the board loses no frame", outcome, message, details)
 
 
-def _check_of_held_up(run: RunVerdict) -> Check:
+def _check_of_held_up(run: verification.RunVerdict) -> Check:
     """Check frames delayed by the host machine; they matter only if too few are verified."""
-    held_up = _frames_with(run, FrameStatus.HELD_UP)
+    held_up = _frames_with(run, verification.FrameStatus.HELD_UP)
     outcome, message = Outcome.PASSED, "none"
     if held_up:
-        decisive = run.verdict is Verdict.INCONCLUSIVE and run.too_few
+        decisive = run.verdict is verification.Verdict.INCONCLUSIVE and run.too_few
         outcome = Outcome.INCONCLUSIVE if decisive else Outcome.NOTED
         message = f"{len(held_up)} of {run_count_wording(len(run.frames), 'frame')}"
     statement = "host and machine hold up no frame"
     return Check("held_up", statement, outcome, message, _named_frames(held_up))
 
 
-def _check_of_late(run: RunVerdict) -> Check:
+def _check_of_late(run: verification.RunVerdict) -> Check:
     late, latched = [frame for frame in run.frames if frame.late], run.counts["latched"]
     outcome, message = Outcome.NOT_JUDGED, "no frame was latched"
     if latched:
@@ -159,31 +152,35 @@ def _check_of_late(run: RunVerdict) -> Check:
     return Check("late", "no frame is late", outcome, message, _named_frames(late))
 
 
-def _check_of_share_verified(run: RunVerdict) -> Check:
-    outcome, missing = Outcome.PASSED, list[FrameVerdict]()
+def _check_of_share_verified(run: verification.RunVerdict) -> Check:
+    outcome, missing = Outcome.PASSED, list[verification.FrameVerdict]()
     if run.too_few:
         # Beside a fault that was proved, too few frames change nothing.
-        failed = run.verdict is Verdict.FAIL
+        failed = run.verdict is verification.Verdict.FAIL
         outcome = Outcome.NOTED if failed else Outcome.INCONCLUSIVE
-        missing = _frames_with(run, FrameStatus.NOT_VERIFIED)
+        missing = _frames_with(run, verification.FrameStatus.NOT_VERIFIED)
     statement = f"at least {100.0 * run.min_verified:.4g} % of the frames are verified"
     message = f"{run.counts['verified']} of {run.due}"
     return Check("verified", statement, outcome, message, _named_frames(missing))
 
 
-def _check_of_complete_run(run: RunVerdict, cut_short: str | None, seconds: float | None) -> Check:
+def _check_of_complete_run(
+    run: verification.RunVerdict, cut_short: str | None, seconds: float | None
+) -> Check:
     outcome, message = Outcome.PASSED, "it came to its end"
     if cut_short is not None:
         outcome = Outcome.INCONCLUSIVE
-        message = f"{cut_short}{cut_run_verdict_text(run.counts)}"
+        message = f"{cut_short}{verification.cut_run_verdict_text(run.counts)}"
     return Check("complete", "the run comes to its end", outcome, message, seconds=seconds)
 
 
-def _frames_with(run: RunVerdict, status: FrameStatus) -> list[FrameVerdict]:
+def _frames_with(
+    run: verification.RunVerdict, status: verification.FrameStatus
+) -> list[verification.FrameVerdict]:
     return [frame for frame in run.frames if frame.status is status]
 
 
-def _named_frames(frames: list[FrameVerdict]) -> list[str]:
+def _named_frames(frames: list[verification.FrameVerdict]) -> list[str]:
     return _first_lines(frames, run_frame_wording)
 
 

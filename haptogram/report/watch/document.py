@@ -18,19 +18,7 @@ from haptogram.verification import FrameStatus, FrameVerdict, grouped_frame_find
 from haptogram.verification.frame.verdict import WRONG
 from haptogram.verification.watch import Defect, WatchedLatch, WatchResult
 
-from ..formats.document import (
-    TONES,
-    Block,
-    Check,
-    Document,
-    Finding,
-    Level,
-    Listing,
-    Outcome,
-    Section,
-    Table,
-    View,
-)
+from ..formats import document as parts
 from ..viewer.frames import ViewerFrame, judged_viewer_frame
 from ..viewer.scene import ViewerScene, other_axes_of_viewer
 from .words import watched_pattern_text, watched_place_text
@@ -76,7 +64,7 @@ class WatchReport:
 
     def document(
         self, result: WatchResult, expected_m: Sequence[FloatArray], seconds: float | None
-    ) -> Document:
+    ) -> parts.Document:
         """Return *result* as a document.
 
         Parameters
@@ -90,11 +78,11 @@ class WatchReport:
         facts = [line.split(maxsplit=1) for line in lines]
         unjudged = "no focus was expected, so no latch has a verdict"
         remarks = list(dict.fromkeys(result.remarks))
-        return Document(
+        return parts.Document(
             command="watch",
             heading=sentence,
             title=f"{result.verdict}, {result.latches} latches",
-            tone=TONES[result.verdict],
+            tone=parts.TONES[result.verdict],
             findings=list(_watch_findings(result, self._verdicts)),
             lead=[
                 f"the board is {self._board.dialect}",
@@ -105,9 +93,13 @@ class WatchReport:
                 *self._view_sections(),
                 _watch_table_section(
                     "Latches that may be torn",
-                    Table(("latch", "counted"), [(str(n), text) for n, text in result.torn], (0,)),
+                    parts.Table(
+                        ("latch", "counted"), [(str(n), text) for n, text in result.torn], (0,)
+                    ),
                 ),
-                Section("What the board said of its client", [Listing(remarks)] if remarks else []),
+                parts.Section(
+                    "What the board said of its client", [parts.Listing(remarks)] if remarks else []
+                ),
                 self._expected_section(expected_m),
                 *self._latch_sections(),
             ],
@@ -120,7 +112,7 @@ class WatchReport:
             seconds=seconds,
         )
 
-    def _view_sections(self) -> Iterator[Section]:
+    def _view_sections(self) -> Iterator[parts.Section]:
         if self._frames:
             axes = other_axes_of_viewer(self._board.client_axes)
             scene = ViewerScene.of(self._board.model, list(self._frames), client_axes=axes)
@@ -128,28 +120,30 @@ class WatchReport:
                 "The view has the axes of the array, with +z up; all tables have those of the "
                 "board's own programs."
             )
-            yield Section("View", [View(scene.embedded(), note)])
+            yield parts.Section("View", [parts.View(scene.embedded(), note)])
 
-    def _expected_section(self, expected_m: Sequence[FloatArray]) -> Section:
+    def _expected_section(self, expected_m: Sequence[FloatArray]) -> parts.Section:
         rows = [
             (str(number), ", ".join(map(watched_place_text, self._board.clients_m(foci))))
             for number, foci in enumerate(expected_m, start=1)
         ]
-        note = Listing(["After the last frame the first follows again."])
+        note = parts.Listing(["After the last frame the first follows again."])
         return _watch_table_section(
-            "Expected foci", Table(("frame", "foci x, y, z (mm)"), rows, (0,)), note
+            "Expected foci", parts.Table(("frame", "foci x, y, z (mm)"), rows, (0,)), note
         )
 
-    def _latch_sections(self) -> Iterator[Section]:
+    def _latch_sections(self) -> Iterator[parts.Section]:
         """Yield the table of the latches, with the columns that any row has, and the board."""
         if not self._has_page:
             return
         width = len(_LATCH_HEAD)
         while width > _LATCH_HEAD.index("verdict") and not any(r[width - 1] for r in self._rows):
             width -= 1
-        table = Table(_LATCH_HEAD[:width], [row[:width] for row in self._rows], (0, 1), (3, 5))
+        table = parts.Table(
+            _LATCH_HEAD[:width], [row[:width] for row in self._rows], (0, 1), (3, 5)
+        )
         more = self._count > len(self._rows)
-        note = Listing([f"The last of {self._count}."] if more else [])
+        note = parts.Listing([f"The last of {self._count}."] if more else [])
         yield _watch_table_section("Latches", table, note)
         model = self._board.model
         rows = [
@@ -158,7 +152,7 @@ class WatchReport:
             ("speed of sound", f"{model.medium.sound_speed_m_s:.2f} m/s"),
             ("wavelength", f"{_MM * model.wavelength_m:.3f} mm"),
         ]
-        yield Section("Board", [Table((), rows)])
+        yield parts.Section("Board", [parts.Table((), rows)])
 
     def _row(self, seen: WatchedLatch) -> tuple[str, ...]:
         latch, verdict = seen.latch, seen.verdict
@@ -183,8 +177,8 @@ def watched_status_text(verdict: FrameVerdict) -> str:
     return f"{verdict.status} ({', '.join(failed)})" if failed else str(verdict.status)
 
 
-def _watch_table_section(title: str, table: Table, *notes: Block) -> Section:
-    return Section(title, [table, *notes] if table.rows else [])
+def _watch_table_section(title: str, table: parts.Table, *notes: parts.Block) -> parts.Section:
+    return parts.Section(title, [table, *notes] if table.rows else [])
 
 
 def _shown_watched_frame(seen: WatchedLatch) -> ViewerFrame:
@@ -201,39 +195,41 @@ def _shown_watched_frame(seen: WatchedLatch) -> ViewerFrame:
     return frame
 
 
-def _watch_findings(result: WatchResult, verdicts: Sequence[FrameVerdict]) -> Iterator[Finding]:
+def _watch_findings(
+    result: WatchResult, verdicts: Sequence[FrameVerdict]
+) -> Iterator[parts.Finding]:
     for diagnosis in result.diagnoses:
-        yield Finding(Level.ERROR, str(diagnosis.defect), str(diagnosis))
+        yield parts.Finding(parts.Level.ERROR, str(diagnosis.defect), str(diagnosis))
     wrong = [verdict for verdict in verdicts if verdict.status in WRONG]
     passed = {*WRONG, FrameStatus.ON_TARGET}
     unjudged = [verdict for verdict in verdicts if verdict.status not in passed]
     for line, frames in (*grouped_frame_findings(wrong), *grouped_frame_findings(unjudged)):
         name = f"latch {frames[0].number}" if len(frames) == 1 else f"{len(frames)} latches"
-        yield Finding(Level.ERROR, name, line)
+        yield parts.Finding(parts.Level.ERROR, name, line)
     if result.missing:
-        yield Finding(Level.ERROR, "missing", result.missing)
+        yield parts.Finding(parts.Level.ERROR, "missing", result.missing)
 
 
-def _watch_frame_check(verdict: FrameVerdict) -> Check:
-    outcome = Outcome.PASSED
+def _watch_frame_check(verdict: FrameVerdict) -> parts.Check:
+    outcome = parts.Outcome.PASSED
     if verdict.status in WRONG:
-        outcome = Outcome.FAILED
+        outcome = parts.Outcome.FAILED
     elif verdict.status is not FrameStatus.ON_TARGET:
-        outcome = Outcome.INCONCLUSIVE
+        outcome = parts.Outcome.INCONCLUSIVE
     name = f"latch {verdict.number} is where it was expected"
-    return Check("expected", name, outcome, watched_status_text(verdict), [str(verdict)])
+    return parts.Check("expected", name, outcome, watched_status_text(verdict), [str(verdict)])
 
 
-def _watch_defect_check(result: WatchResult, defect: Defect) -> Check:
+def _watch_defect_check(result: WatchResult, defect: Defect) -> parts.Check:
     found = [str(diagnosis) for diagnosis in result.diagnoses if diagnosis.defect is defect]
-    outcome = Outcome.FAILED if found else Outcome.PASSED
+    outcome = parts.Outcome.FAILED if found else parts.Outcome.PASSED
     message, *more = found or ["not found"]
-    return Check("defects", f"no {defect}", outcome, message, more, kind="defect")
+    return parts.Check("defects", f"no {defect}", outcome, message, more, kind="defect")
 
 
-def _watch_seen_check(result: WatchResult, seconds: float | None) -> Check:
+def _watch_seen_check(result: WatchResult, seconds: float | None) -> parts.Check:
     count = sum(result.kinds.values())
     missing = result.missing or ("" if count else "no latch of a client was seen")
-    outcome = Outcome.INCONCLUSIVE if missing else Outcome.PASSED
+    outcome = parts.Outcome.INCONCLUSIVE if missing else parts.Outcome.PASSED
     message = missing or f"{count} latches"
-    return Check("seen", "every latch was seen", outcome, message, seconds=seconds)
+    return parts.Check("seen", "every latch was seen", outcome, message, seconds=seconds)

@@ -13,20 +13,7 @@ from haptogram.errors import ConfigurationError
 
 from ..arguments import check_texts
 from ..text_file import read_toml_file
-from .kinds import (
-    FAULT_KINDS,
-    FOR_EVER_NS,
-    check_fault_direction,
-    check_fault_name,
-    check_fault_values,
-    check_fault_window,
-    fault_number,
-    fault_number_text,
-    fault_time_ns,
-    fault_time_text,
-    fault_words,
-    usual_fault_direction,
-)
+from . import kinds
 
 #: The largest seed of chance that a plan takes.
 MOST_FAULT_SEED: Final = 2**64 - 1
@@ -61,20 +48,20 @@ class Fault:
     name: str
     values: Mapping[str, float]
     from_ns: int = 0
-    until_ns: int = FOR_EVER_NS
+    until_ns: int = kinds.FOR_EVER_NS
     direction: str = _BOTH
     written: str = field(default="", compare=False)
     option: str = field(default="fault", compare=False)
 
     def __post_init__(self) -> None:
         """Check name, values, direction and times, and set the text if none was written."""
-        check_fault_values(self.name, self.values)
-        check_fault_direction(self.name, self.direction)
-        check_fault_window(self.name, self.from_ns, self.until_ns)
+        kinds.check_fault_values(self.name, self.values)
+        kinds.check_fault_direction(self.name, self.direction)
+        kinds.check_fault_window(self.name, self.from_ns, self.until_ns)
         end_ns = _fault_end_ns(self.name, self.values, self.from_ns)
         if self.name == _DISCONNECT and self.until_ns != end_ns and "ms" in self.non_default:
             raise ConfigurationError(
-                _conflicting_fault_end(self.values["ms"], fault_time_text(self.until_ns))
+                _conflicting_fault_end(self.values["ms"], kinds.fault_time_text(self.until_ns))
             )
         object.__setattr__(self, "written", self.written or str(self))
 
@@ -101,25 +88,27 @@ class Fault:
     @classmethod
     def of(cls, name: str, texts: Mapping[str, str], written: str = "") -> Self:
         """Return the fault *name* with the parameters in *texts*; see :meth:`parse`."""
-        check_fault_name(name)
-        known = fault_words(name)
+        kinds.check_fault_name(name)
+        known = kinds.fault_words(name)
         for key in texts:
             if key not in known:
                 raise ConfigurationError(
                     f"{name} has no parameter {key!r}; known: {', '.join(known)}"
                 )
         values = {
-            key: fault_number(name, key, texts[key]) if key in texts else limits.default
-            for key, limits in FAULT_KINDS[name].items()
+            key: kinds.fault_number(name, key, texts[key]) if key in texts else limits.default
+            for key, limits in kinds.FAULT_KINDS[name].items()
         }
         if name == _DISCONNECT and {"ms", "until"} <= texts.keys():
             raise ConfigurationError(_conflicting_fault_end(values["ms"], texts["until"]))
         times = {
-            key: fault_time_ns(name, key, texts[key]) for key in ("from", "until") if key in texts
+            key: kinds.fault_time_ns(name, key, texts[key])
+            for key in ("from", "until")
+            if key in texts
         }
         from_ns = times.get("from", 0)
         until_ns = times.get("until", _fault_end_ns(name, values, from_ns))
-        direction = texts.get("direction", usual_fault_direction(name))
+        direction = texts.get("direction", kinds.usual_fault_direction(name))
         return cls(name, values, from_ns, until_ns, direction, written)
 
     @property
@@ -128,14 +117,14 @@ class Fault:
         given: dict[str, float | str] = {
             key: value
             for key, value in self.values.items()
-            if value != FAULT_KINDS[self.name][key].default
+            if value != kinds.FAULT_KINDS[self.name][key].default
         }
-        if self.direction != usual_fault_direction(self.name):
+        if self.direction != kinds.usual_fault_direction(self.name):
             given["direction"] = self.direction
         if self.from_ns:
-            given["from"] = fault_time_text(self.from_ns)
+            given["from"] = kinds.fault_time_text(self.from_ns)
         if self.until_ns != _fault_end_ns(self.name, self.values, self.from_ns):
-            given["until"] = fault_time_text(self.until_ns)
+            given["until"] = kinds.fault_time_text(self.until_ns)
         return given
 
     def __str__(self) -> str:
@@ -262,12 +251,12 @@ def faults_of_toml(document: Mapping[str, Any]) -> tuple[tuple[Fault, ...], int 
 
 def _fault_end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
     """Return the time at which a temporary fault ends, in ns."""
-    return from_ns + round(values["ms"] * _NS_PER_MS) if name == _DISCONNECT else FOR_EVER_NS
+    return from_ns + round(values["ms"] * _NS_PER_MS) if name == _DISCONNECT else kinds.FOR_EVER_NS
 
 
 def _conflicting_fault_end(ms: float, until: str) -> str:
     """Return the error text for a fault with both duration and end."""
-    said = f"{_DISCONNECT} ms={fault_number_text(ms)} until={until}"
+    said = f"{_DISCONNECT} ms={kinds.fault_number_text(ms)} until={until}"
     return f"{said}: say either how long, or until when"
 
 
@@ -281,8 +270,8 @@ def _fault_from_table(table: dict[str, Any]) -> Fault:
 
 
 def _fault_value_text(value: float | str) -> str:
-    return value if isinstance(value, str) else fault_number_text(value)
+    return value if isinstance(value, str) else kinds.fault_number_text(value)
 
 
 def _fault_value_toml(value: float | str) -> str:
-    return f'"{value}"' if isinstance(value, str) else fault_number_text(value)
+    return f'"{value}"' if isinstance(value, str) else kinds.fault_number_text(value)

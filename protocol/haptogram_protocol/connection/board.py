@@ -75,7 +75,7 @@ class _Answered:
     wire: bytes
 
 
-class BoardConnection:
+class BoardConnection(ConnectionInbox):
     """Sans-I/O end of the link at the board.
 
     Parameters
@@ -110,13 +110,13 @@ class BoardConnection:
         decoder: FrameDecoder | None = None,
         unsupported: Container[int] = (),
     ) -> None:
+        super().__init__(cobs, decoder)
         self.session = 0
         self.counters = dict.fromkeys(LINK_COUNTERS, 0)
         self.departure_us: Callable[[int], int] = _at_once
         self._output_limit = output_limit
         self._types = frozenset(kind for kind in m.MESSAGES if kind not in unsupported)
         self._stuff = cobs.encode
-        self._inbox = ConnectionInbox(FrameDecoder(cobs) if decoder is None else decoder)
         self._frames: deque[bytes] = deque()  # that wait for the line
         self.output_bytes = 0
         self._greeting: m.HelloReply | None = None
@@ -130,34 +130,12 @@ class BoardConnection:
 
     # --- In ------------------------------------------------------------------------------------
 
-    def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take bytes from the line; no content of them raises an error.
-
-        Parameters
-        ----------
-        data : bytes
-            Any number of bytes.
-        now_us : int
-            Device time, unwrapped, at which the last of them came.
-
-        Raises
-        ------
-        LocalProtocolError
-            If the caller does not take the events (more than 1 MiB of bytes are waiting).
-        """
-        self._inbox.receive(data, now_us)
-
-    @property
-    def buffered(self) -> int:
-        """Number of bytes kept for a frame whose end has not come yet."""
-        return self._inbox.buffered
-
     def next_event(self) -> BoardEvent | NeedData:
         """Return the next event, or :data:`NEED_DATA`.
 
         Requests must be answered before the next event is asked for.
         """
-        found = self._inbox.next_frame()
+        found = self._next_frame()
         if found is None:
             return NEED_DATA
         body, t_rx_us = found

@@ -12,7 +12,7 @@ from collections import deque
 from .. import messages as m
 from ..cobs import PURE_PYTHON, Cobs
 from ..errors import LocalProtocolError, RemoteProtocolError
-from ..framing import FrameDecoder, encode_frame
+from ..framing import encode_frame
 from ..state import LinkInput, LinkState, next_link_state
 from . import events
 from .counters import HOST_COUNTERS
@@ -20,7 +20,7 @@ from .inbox import ConnectionInbox
 from .pending import PendingRequest, PendingRequests
 
 
-class HostConnection:
+class HostConnection(ConnectionInbox):
     """Sans-I/O end of the link at the host.
 
     Parameters
@@ -52,13 +52,13 @@ class HostConnection:
     def __init__(self, *, nonce: int, cobs: Cobs = PURE_PYTHON) -> None:
         if not 1 <= nonce <= 0xFFFF:
             raise LocalProtocolError(f"session nonce {nonce}; it is 1 to 65535")
+        super().__init__(cobs)
         self.session = nonce
         self.link_state = LinkState.CLOSED
         self.identity: m.HelloReply | None = None
         self.warnings: list[str] = []
         self.counters = dict.fromkeys(HOST_COUNTERS, 0)
         self._stuff = cobs.encode
-        self._inbox = ConnectionInbox(FrameDecoder(cobs))
         self._output = bytearray()
         self._events: deque[events.HostEvent] = deque()
         self._pending = PendingRequests()
@@ -190,7 +190,7 @@ class HostConnection:
         self.link_state = next_link_state(self.link_state, LinkInput.PORT_CLOSED)
         self._pending.forget_all()
         self._output.clear()
-        self._inbox.reset()
+        self._forget_received()
 
     def _send(
         self, message: m.Message, now_us: int, *, session: int, flags: int = 0, time_us: int = 0
@@ -226,35 +226,15 @@ class HostConnection:
     # --- In ------------------------------------------------------------------------------------
 
     @property
-    def bytes_received(self) -> int:
-        """Number of bytes received, of any content."""
-        return self._inbox.bytes_received
-
-    @property
     def frames_received(self) -> int:
         """Number of frames whose CRC was right; 0 after many bytes means another protocol."""
         return self.counters["frames"]
-
-    def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take bytes from the line; no content of them raises an error.
-
-        Parameters
-        ----------
-        now_us : int
-            Arrival time, on the clock of :meth:`advance_to`.
-
-        Raises
-        ------
-        LocalProtocolError
-            If the caller does not take the events (more than 1 MiB of bytes are waiting).
-        """
-        self._inbox.receive(data, now_us)
 
     def next_event(self) -> events.HostEvent | events.NeedData:
         """Return the next event, or :data:`NEED_DATA`."""
         if self._events:
             return self._events.popleft()
-        found = self._inbox.next_frame()
+        found = self._next_frame()
         if found is None:
             return events.NEED_DATA
         body, t_rx_us = found

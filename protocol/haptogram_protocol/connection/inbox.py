@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
+from ..cobs import Cobs
 from ..errors import LocalProtocolError, RemoteProtocolError
 from ..framing import FrameDecoder
 
@@ -18,22 +19,36 @@ _SLICE: Final = 4096  # bytes decoded at a time: a chunk may hold thousands of d
 
 
 class ConnectionInbox:
-    """Bounded queue of received chunks, cut into frames on demand."""
+    """Received bytes of one end of a connection: a bounded queue, cut into frames.
 
-    def __init__(self, decoder: FrameDecoder) -> None:
+    Attributes
+    ----------
+    bytes_received : int
+        Number of bytes received, of any content.
+    """
+
+    def __init__(self, cobs: Cobs, decoder: FrameDecoder | None = None) -> None:
         self._chunks: deque[tuple[bytes, int]] = deque()
-        self._frames: deque[tuple[bytes | RemoteProtocolError, int]] = deque()
-        self._decoder = decoder
+        self._received: deque[tuple[bytes | RemoteProtocolError, int]] = deque()
+        self._decoder = FrameDecoder(cobs) if decoder is None else decoder
         self._waiting = 0
         self.bytes_received = 0
 
-    def receive(self, data: bytes, now_us: int) -> None:
-        """Keep *data*, of any content.
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Take bytes from the line; no content of them raises an error.
+
+        Parameters
+        ----------
+        data : bytes
+            Any number of bytes.
+        now_us : int
+            Time, unwrapped, at which the last of them came: of the device, or at a host on the
+            clock of its deadlines.
 
         Raises
         ------
         LocalProtocolError
-            If :data:`INPUT_LIMIT` bytes are waiting to be asked for.
+            If the caller does not take the events (more than 1 MiB of bytes are waiting).
         """
         if self._waiting >= INPUT_LIMIT:
             raise LocalProtocolError(
@@ -46,23 +61,23 @@ class ConnectionInbox:
 
     @property
     def buffered(self) -> int:
-        """Number of bytes of a frame whose end has not come yet."""
+        """Number of bytes kept for a frame whose end has not come yet."""
         return self._decoder.buffered
 
-    def next_frame(self) -> tuple[bytes | RemoteProtocolError, int] | None:
+    def _next_frame(self) -> tuple[bytes | RemoteProtocolError, int] | None:
         """Return the next body, or its error, and its arrival time; None if no frame is left."""
-        while not self._frames and self._chunks:
+        while not self._received and self._chunks:
             chunk, t_us = self._chunks.popleft()
             head, rest = chunk[:_SLICE], chunk[_SLICE:]
             if rest:
                 self._chunks.appendleft((rest, t_us))
             self._waiting -= len(head)
-            self._frames.extend((found, t_us) for found in self._decoder.feed(head))
-        return self._frames.popleft() if self._frames else None
+            self._received.extend((found, t_us) for found in self._decoder.feed(head))
+        return self._received.popleft() if self._received else None
 
-    def reset(self) -> None:
+    def _forget_received(self) -> None:
         """Forget all bytes and frames that wait: the port was closed."""
         self._chunks.clear()
-        self._frames.clear()
+        self._received.clear()
         self._decoder.reset()
         self._waiting = 0

@@ -16,12 +16,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from haptogram_protocol.dialects.autd3 import frame as frames
 from haptogram_protocol.dialects.autd3 import operations
-from haptogram_protocol.dialects.autd3.frame import (
-    MAX_MESSAGE_ID,
-    Autd3DeviceFrame,
-    Autd3DeviceState,
-)
 from haptogram_protocol.dialects.codec import Operation
 
 from .foci import MAX_FOCI_OF_PATTERN, Autd3Foci, read_autd3_foci
@@ -93,7 +89,7 @@ class Autd3Device:
 
     def __init__(self, counters: Counter[str]) -> None:
         self._counters = counters
-        self._state = Autd3DeviceState(0)
+        self._state = frames.Autd3DeviceState(0)
         self._power_up()
 
     def _power_up(self) -> None:
@@ -106,16 +102,16 @@ class Autd3Device:
         )
 
     @property
-    def state(self) -> Autd3DeviceState:
+    def state(self) -> frames.Autd3DeviceState:
         """Answer of the device."""
         return self._state
 
-    def take(self, frame: Autd3DeviceFrame, now_ns: int) -> None:
+    def take(self, frame: frames.Autd3DeviceFrame, now_ns: int) -> None:
         """Do the operations of *frame* at the system time *now_ns*."""
         if frame.repeated:
             return
         error, data = operations.ErrorCode.NONE, self._state.data
-        if frame.message_id > MAX_MESSAGE_ID:
+        if frame.message_id > frames.MAX_MESSAGE_ID:
             error = operations.ErrorCode.INVALID_MESSAGE_ID
         for operation in frame.operations:
             error = self._do(operation, now_ns)
@@ -125,7 +121,7 @@ class Autd3Device:
                 data = _FIRMWARE[operations.InfoType(operation.kind)]
         if error:
             self._counters[f"refused_{error.name.lower()}"] += 1
-        self._state = Autd3DeviceState(frame.message_id, error, data)
+        self._state = frames.Autd3DeviceState(frame.message_id, error, data)
 
     def output(self, period: int) -> Output:
         """Return the output of the device in *period*; never earlier than asked before."""

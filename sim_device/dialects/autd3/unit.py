@@ -245,10 +245,9 @@ def _autd3_layout(options: Devices) -> BoardLayout:
     )
 
 
-AUTD3: Final = Emulation(
-    dialect=link.AUTD3,
-    end=lambda _: link.Autd3BoardEnd(),
-    unit=Autd3Unit,
+AUTD3: Final = Emulation.of(
+    link.AUTD3,
+    Autd3Unit,
     layout=_autd3_layout,
     options=Devices,
     boards=lambda options: options.devices,

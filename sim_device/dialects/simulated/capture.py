@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Final
 
-from haptogram.errors import unwritable_file
+from haptogram.errors import writing_file
 
 from ...line.vcd import vcd_identifier, write_vcd_head
 from .process import PERIOD, SAME, SimulatedHello, count_of_same
@@ -43,10 +43,8 @@ class SimulatedCapture:
         self._changes: list[tuple[int, int]] = []  # since the period began, and levels
         self._last = self._changes
         self._edges: list[tuple[int, str]] = []  # that are not written yet
-        try:
+        with writing_file(path, "--simulator-capture"):
             self._file = path.open("a+", encoding="ascii")
-        except OSError as error:
-            raise unwritable_file(path, error, "--simulator-capture") from error
         self._offset_ns = self._end_of_file_ns()
         if not self._offset_ns:
             write_vcd_head(self._file, names, _LINES[1:])

@@ -36,11 +36,9 @@ class SimulatedUnit:
 
     Parameters
     ----------
-    command : str
-        The simulator.
     settings : BoardSettings
-        The board, which takes bytes from its power-up on: its line, its pins, and the file that
-        takes down what they do.
+        The board, which takes bytes from its power-up on: its simulator, its line, its pins, and
+        the file that takes down what they do.
     expected : Unit or None
         The unit of the dialect.
 
@@ -52,10 +50,10 @@ class SimulatedUnit:
         It has ended, does not answer, or makes no sense.
     """
 
-    def __init__(self, command: str, settings: BoardSettings, expected: Unit | None = None) -> None:
+    def __init__(self, settings: BoardSettings, expected: Unit | None = None) -> None:
         baud, capture, wiring = settings.line.baud, settings.simulator_capture, settings.wiring
         channels = 1 if wiring is None else 1 + max(wiring.channels)
-        self._process = SimulatorProcess(command, baud, channels)
+        self._process = SimulatorProcess(settings.simulator or "", baud, channels)
         hello = self._process.hello
         self._byte_ns = 1e10 / baud if baud else 0.0
         self._capture = None if capture is None else SimulatedCapture(capture, hello, self._byte_ns)
@@ -69,7 +67,7 @@ class SimulatedUnit:
         periods = -(-hello.start_ns // hello.period_ns) + _PERIODS_AHEAD
         self._boot_ns = periods * hello.period_ns
         self._power_up()
-        _LOG.info("simulated by %s", hello.by or command)
+        _LOG.info("simulated by %s", hello.by or settings.simulator)
 
     def _power_up(self) -> None:
         """Boot the board; its drive then counts as the power-up drive."""
@@ -207,16 +205,14 @@ class SimulatedBoard(VirtualDialect):
 
     Parameters
     ----------
-    unit : SimulatedUnit
-        The board.
-    now_us : int
-        Device time at power-up.
+    settings : BoardSettings
+        Its simulator and its line.
     """
 
-    def __init__(self, unit: SimulatedUnit, now_us: int) -> None:
-        super().__init__(now_us)
-        self._unit = self.ahead = unit
-        self.announce = unit.announce
+    def __init__(self, settings: BoardSettings) -> None:
+        super().__init__(settings.boot_us)
+        self._unit = self.ahead = SimulatedUnit(settings)
+        self.announce = self._unit.announce
 
     @property
     def counters(self) -> Mapping[str, int]:

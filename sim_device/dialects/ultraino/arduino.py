@@ -6,31 +6,17 @@ published either: it is Nano16's here, with 24 slots of one port.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram.acoustics.model.boards.grids import (
-    ULTRAINO_FLAT8,
-    ULTRAINO_NANO8,
-    ULTRAINO_NANO16,
-)
-from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.settings.option import Settings, option
 from haptogram_protocol.dialects.codec import Dialect
-from haptogram_protocol.dialects.ultraino.arduino import dialects, slots
-from haptogram_protocol.dialects.ultraino.arduino.board_end import ArduinoBoardEnd
-from haptogram_protocol.dialects.ultraino.arduino.operations import (
-    MAX_BOARDS,
-    MEGA64_FIRMWARE,
-    NANO8_FIRMWARE,
-    NANO16_FIRMWARE,
-)
+from haptogram_protocol.dialects.ultraino.arduino import dialects, operations, slots
 
 from ...board.events import CarrierState
 from ..emulation import Emulation
 from ..unit import Unit
-from .slot_boards import Outputs, SlotBoards, UnsteadyUnit
+from .slot_boards import SlotBoards, UnsteadyUnit
 
 _USUAL, _ANIMATION = "usual", "animation"
 _AT_ONCE, _STAGGERED = "at-once", "staggered"
@@ -43,7 +29,7 @@ _BOARDS_HELP: Final = "boards of the chain; the elements of each follow those of
 class ArduinoChain(Settings):
     """Options of a chain of Nano boards."""
 
-    boards: int = option(1, unit="N", low=1, high=MAX_BOARDS, help=_BOARDS_HELP)
+    boards: int = option(1, unit="N", low=1, high=operations.MAX_BOARDS, help=_BOARDS_HELP)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,43 +63,25 @@ class Mega64Chain(ArduinoChain):
 
 
 def _arduino_emulation(
-    dialect: Dialect,
-    outputs: Outputs,
-    layout: BoardLayout,
-    options: type[ArduinoChain] = ArduinoChain,
+    dialect: Dialect, firmware: slots.ArduinoFirmware, options: type[ArduinoChain] = ArduinoChain
 ) -> Emulation:
     def unit(options: ArduinoChain, now_us: int) -> Unit:
         if not isinstance(options, Mega64Chain):
-            return SlotBoards(outputs, options.boards, now_us)
+            return SlotBoards(firmware, options.boards, now_us)
         animated, staggered = options.firmware == _ANIMATION, options.ports == _STAGGERED
-        own = dataclasses.replace(outputs, shows_one=animated, is_staggered=staggered)
-        boards = SlotBoards(own, options.boards, now_us)
+        boards = SlotBoards(
+            firmware, options.boards, now_us, shows_one=animated, is_staggered=staggered
+        )
         usual = CarrierState.HALVED if options.carrier == _20_KHZ else CarrierState.STEADY
         is_disturbed = options.upload == _DRAWN_OUT
         if not is_disturbed and usual is CarrierState.STEADY:
             return boards
         return UnsteadyUnit(boards, usual, is_disturbed=is_disturbed)
 
-    return Emulation(
-        dialect=dialect,
-        end=lambda options: ArduinoBoardEnd(outputs.firmware, options.boards),
-        unit=unit,
-        layout=lambda _: layout,
-        options=options,
-        boards=lambda options: options.boards,
-        numbered_by="driverPinNumber",
-    )
+    return Emulation.of(dialect, unit, options=options, numbered_by="driverPinNumber")
 
 
-MEGA64: Final = _arduino_emulation(
-    dialects.MEGA64, Outputs(MEGA64_FIRMWARE, slots.MEGA64_LAYOUT), ULTRAINO_FLAT8, Mega64Chain
-)
-NANO16: Final = _arduino_emulation(
-    dialects.NANO16,
-    Outputs(NANO16_FIRMWARE, slots.NANO16_LAYOUT, slots.NANO16_CONNECTED),
-    ULTRAINO_NANO16,
-)
-NANO8: Final = _arduino_emulation(
-    dialects.NANO8, Outputs(NANO8_FIRMWARE, slots.NANO8_LAYOUT), ULTRAINO_NANO8
-)
+MEGA64: Final = _arduino_emulation(dialects.MEGA64, slots.MEGA64_FIRMWARE, Mega64Chain)
+NANO16: Final = _arduino_emulation(dialects.NANO16, slots.NANO16_FIRMWARE)
+NANO8: Final = _arduino_emulation(dialects.NANO8, slots.NANO8_FIRMWARE)
 EMULATIONS: Final = (MEGA64, NANO8, NANO16)

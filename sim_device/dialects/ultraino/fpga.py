@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptogram.acoustics.model.boards.bowls import TINYLEV
 from haptogram.acoustics.model.boards.grids import ULTRAINO_SONICSURFACE, ULTRAINO_STACK
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.settings.option import Settings, option
@@ -54,25 +53,17 @@ def _chained_ultraino_layout(options: FpgaChain) -> BoardLayout:
     return ULTRAINO_SONICSURFACE if options.boards == 1 else ULTRAINO_STACK
 
 
-SIMPLE: Final = Emulation(
-    dialect=wire.SIMPLE,
+SIMPLE: Final = Emulation.of(
+    wire.SIMPLE,
+    _simple_ultraino_unit,
     end=lambda options: wire.SIMPLE.board(fb=options.fb),
-    unit=_simple_ultraino_unit,
-    layout=lambda _: ULTRAINO_SONICSURFACE,
     options=Amplitudes,
 )
-SIMPLE_128: Final = Emulation(
-    dialect=wire.SIMPLE_128,
-    end=lambda _: wire.SIMPLE_128.board(),
-    unit=lambda _, now_us: DoubleBuffer(Registers(wire.RULES_128, 128, _WIDTH_128), 1, now_us),
-    layout=lambda _: TINYLEV,
+SIMPLE_128: Final = Emulation.of(
+    wire.SIMPLE_128,
+    lambda _, now_us: DoubleBuffer(Registers(wire.RULES_128, 128, _WIDTH_128), 1, now_us),
 )
-CHAINED: Final = Emulation(
-    dialect=wire.CHAINED,
-    end=lambda options: wire.CHAINED.board(boards=options.boards),
-    unit=_chained_ultraino_unit,
-    layout=_chained_ultraino_layout,
-    options=FpgaChain,
-    boards=lambda options: options.boards,
+CHAINED: Final = Emulation.of(
+    wire.CHAINED, _chained_ultraino_unit, layout=_chained_ultraino_layout, options=FpgaChain
 )
 EMULATIONS: Final = (SIMPLE, SIMPLE_128, CHAINED)

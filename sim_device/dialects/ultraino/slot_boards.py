@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,8 +14,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram_protocol.dialects.codec import Operation, Reply
 from haptogram_protocol.dialects.ultraino.arduino import operations
-from haptogram_protocol.dialects.ultraino.arduino.operations import ArduinoFirmware
-from haptogram_protocol.dialects.ultraino.arduino.slots import ArduinoSlotLayout
+from haptogram_protocol.dialects.ultraino.arduino.slots import ArduinoFirmware
 
 from ...board.clock import earliest_board_time
 from ...board.events import CarrierState, PulseLatch
@@ -31,32 +29,6 @@ UPLOAD: Final = "upload"  # cause of a latch: bytes begin to arrive, or no more 
 _HALVED: Final = "pins_at_half_carrier"
 
 
-@dataclass(frozen=True)
-class Outputs:
-    """The ports of a board.
-
-    Attributes
-    ----------
-    firmware : ArduinoFirmware
-        Firmware, with its number of patterns.
-    layout : ArduinoSlotLayout
-        Where the bit of a channel stands in the bytes of a slot.
-    connected : bytes
-        For each port the outputs that are set up as such; empty: all.
-    shows_one : bool
-        True if a commit of durations chooses the pattern to show (the animation firmware), and
-        not for how long patterns last.
-    is_staggered : bool
-        Whether ports are written one after another, the last one 30 cycles after the first.
-    """
-
-    firmware: ArduinoFirmware
-    layout: ArduinoSlotLayout
-    connected: bytes = b""
-    shows_one: bool = False
-    is_staggered: bool = False
-
-
 class SlotBoards(LatchingUnit):
     """All boards of a chain; see :class:`~..unit.Unit`.
 
@@ -69,12 +41,17 @@ class SlotBoards(LatchingUnit):
 
     Parameters
     ----------
-    outputs : Outputs
+    firmware : ArduinoFirmware
         The firmware and its ports.
     boards : int
         Boards in the chain.
     now_us : int
         Device time at power-up.
+    shows_one : bool, keyword-only
+        True if a commit of durations chooses the pattern to show (the animation firmware), and
+        not for how long patterns last.
+    is_staggered : bool, keyword-only
+        Whether ports are written one after another, the last one 30 cycles after the first.
 
     Attributes
     ----------
@@ -82,15 +59,22 @@ class SlotBoards(LatchingUnit):
         ``patterns_beyond_memory``: a pattern to show that the boards have no room for.
     """
 
-    def __init__(self, outputs: Outputs, boards: int, now_us: int) -> None:
+    def __init__(
+        self,
+        firmware: ArduinoFirmware,
+        boards: int,
+        now_us: int,
+        *,
+        shows_one: bool = False,
+        is_staggered: bool = False,
+    ) -> None:
         super().__init__()
-        self._outputs = outputs
-        firmware, layout = outputs.firmware, outputs.layout
-        shape = boards, firmware.patterns, layout.steps, layout.ports
+        self._firmware, self._shows_one, self._is_staggered = firmware, shows_one, is_staggered
+        shape = boards, firmware.patterns, firmware.steps, firmware.ports
         self._shown, self._next = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-        self._shown[:, 0, : layout.steps // 2] = 0xFF
+        self._shown[:, 0, : firmware.steps // 2] = 0xFF
         self._boot_us = now_us
-        self._playlist = ArduinoPlaylist(firmware.patterns, counts=not outputs.shows_one)
+        self._playlist = ArduinoPlaylist(firmware.patterns, counts=not shows_one)
         self._durations = bytearray(self._playlist.durations)  # for the next commit
         self._handlers = {
             operations.SetPattern: self._set_pattern,
@@ -129,9 +113,9 @@ class SlotBoards(LatchingUnit):
 
     def _commit_durations(self, _: operations.CommitDurations, t_us: int) -> None:
         self._playlist.skip_to(self._period(t_us))
-        if not self._outputs.shows_one:
+        if not self._shows_one:
             self._playlist.commit(bytes(self._durations))
-        elif self._durations[0] >= self._outputs.firmware.patterns:
+        elif self._durations[0] >= self._firmware.patterns:
             self.counters["patterns_beyond_memory"] += 1
         else:
             self._playlist.show(self._durations[0])
@@ -150,11 +134,11 @@ class SlotBoards(LatchingUnit):
 
     def _levels(self, slots: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return the (steps, channels of all boards) levels of (boards, steps, ports) *slots*."""
-        if self._outputs.connected:
-            slots = slots & np.frombuffer(self._outputs.connected, np.uint8)
+        if self._firmware.connected:
+            slots = slots & np.frombuffer(self._firmware.connected, np.uint8)
         outputs = np.unpackbits(slots, axis=2, bitorder="little").astype(np.bool_)
-        pins = np.array(self._outputs.layout.pins)
-        if self._outputs.is_staggered:
+        pins = np.array(self._firmware.pins)
+        if self._is_staggered:
             begins = np.rint(np.arange(len(outputs[0])) * (CYCLES / len(outputs[0])))
             cycles = np.arange(CYCLES)[:, None] - np.rint(pins // 8 * _CYCLES_OF_A_PORT)
             slots_of = np.searchsorted(begins, cycles % CYCLES, side="right") - 1

@@ -183,19 +183,7 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
         raise Passed
 
     # What comes after the check is no matter here.
-    for module in (
-        "verify.command",
-        "field.command",
-        "modulation.command",
-        "conform.command",
-        "recordings.replay",
-        "view",
-        "watch.command",
-        "soak",
-        "sweep",
-        "bench",
-    ):
-        monkeypatch.setattr(f"haptogram.commands.{module}.CommandOutputs", stop)
+    monkeypatch.setattr("haptogram.commands.shell.output_files.CommandOutputs.__init__", stop)
     monkeypatch.setattr("haptogram.commands.budget._run_dialect_budget", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._list_conform_cases", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._compare_conform_results", stop)

@@ -41,7 +41,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     def teardown(self):
         self.driver.close()
-        assert self.port.board.state is not OutputState.ARMED
+        assert self.port.board.output.state is not OutputState.ARMED
         self.everything_intended_was_latched_once_at_its_time()
 
     # --- the user ------------------------------------------------------------------------------
@@ -103,7 +103,7 @@ class AnyOrder(RuleBasedStateMachine):
     def focus_and_hold(self, place, seconds):
         self.driver.focus(place)
         self.driver.hold(seconds)
-        assert self.port.board.state is OutputState.ARMED
+        assert self.port.board.output.state is OutputState.ARMED
 
     @precondition(lambda self: self.armed)
     @rule(places=few_points, rate_hz=rate_hz, mode=mode)
@@ -142,8 +142,12 @@ class AnyOrder(RuleBasedStateMachine):
     @invariant()
     def only_who_armed_it_hears_it(self):
         board = self.port.board
-        assert self.armed or board.state is not OutputState.ARMED
-        assert not self.armed or board.state is OutputState.ARMED or board.reason in TIMERS
+        assert self.armed or board.output.state is not OutputState.ARMED
+        assert (
+            not self.armed
+            or board.output.state is OutputState.ARMED
+            or board.output.reason in TIMERS
+        )
 
 
 AnyOrder.TestCase.settings = settings(stateful_step_count=12)

@@ -120,7 +120,7 @@ def test_a_ready_frame_takes_its_speed_of_sound_along(driver, port, output, betw
     OUTPUTS[output](driver, frames)
     BETWEEN[between](driver)
     OUTPUTS[output](driver, frames[::-1])
-    assert port.board.config.sound_speed_mm_s == frames[0].sound_speed_mm_s
+    assert port.board.output.config.sound_speed_mm_s == frames[0].sound_speed_mm_s
     driver.intended.clear()
     port.latches.clear()
     OUTPUTS[output](driver, frames) if output == "stream" else driver.play(frames, 250)
@@ -150,7 +150,7 @@ def test_the_next_session_agrees_anew(port):
         second.stream(frames, 500)  # as they are: for the air of the first
         second.stream(FULL, 500, mode="points")
         assert_latched_as_intended(port, second)
-    assert port.board.config.sound_speed_mm_s == round(1000 * HOT.sound_speed_m_s)
+    assert port.board.output.config.sound_speed_mm_s == round(1000 * HOT.sound_speed_m_s)
 
 
 def test_a_configuration_whose_answer_was_lost_is_asked_for(driver, port):

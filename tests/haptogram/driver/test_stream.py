@@ -269,7 +269,7 @@ def test_a_clock_that_jumps_ends_the_stream_with_an_error_and_never_hangs(jump_u
         driver.stream(np.tile(CIRCLE, (60, 1)), 1000)
     assert abs(driver.clock.jump_us - jump_us) < 100
     assert len(driver.intended) < 1500
-    assert port.board.reason is MuteReason.MUTE
+    assert port.board.output.reason is MuteReason.MUTE
     assert port.closed
 
 

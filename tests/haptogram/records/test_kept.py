@@ -162,7 +162,7 @@ def test_a_sink_that_fails_ends_the_stream_and_leaves_the_board_mute():
     with pytest.raises(OSError, match="No space"), driver:
         driver.stream(CIRCLE, 1000)
     assert driver.intended.total == 31
-    assert port.board.state.name == "MUTED"
+    assert port.board.output.state.name == "MUTED"
 
 
 class Lying(BoardPort):

@@ -65,8 +65,8 @@ class LateWindowOf16Bits(Board):
         dropped = super()._refuse(frame)
         if dropped is not None or frame.t_apply_us is None:
             return dropped
-        late_us = self.now_us - frame.t_apply_us
-        return Drop.LATE if late_us > self.config.late_window_us & 0xFFFF else None
+        late_us = self.output.now_us - frame.t_apply_us
+        return Drop.LATE if late_us > self.output.config.late_window_us & 0xFFFF else None
 
 
 class LateSticks(Board):
@@ -91,8 +91,8 @@ class TimesOf24Bits(VirtualHaptogramDialect):
         t_us = super()._unwrap(t_wire_us)
         if t_us is None:
             return None
-        ahead_us = (t_us - self.board.now_us) & 0xFFFFFF
-        return self.board.now_us + ahead_us - (ahead_us >> 23 << 24)
+        ahead_us = (t_us - self.board.output.now_us) & 0xFFFFFF
+        return self.board.output.now_us + ahead_us - (ahead_us >> 23 << 24)
 
 
 class HorizonExclusive(Board):
@@ -100,7 +100,7 @@ class HorizonExclusive(Board):
 
     def _refuse(self, frame: StreamFrame) -> Drop | None:
         dropped = super()._refuse(frame)
-        at_us = None if frame.t_apply_us is None else frame.t_apply_us - self.now_us
+        at_us = None if frame.t_apply_us is None else frame.t_apply_us - self.output.now_us
         exact = dropped is None and at_us == self.settings.max_horizon_us
         return Drop.FUTURE if exact else dropped
 
@@ -218,7 +218,7 @@ class PlayInLateWindow(Board):
     """Takes a PLAY whose start has passed, within the late window."""
 
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
-        super()._check_play(start_us, ready_us - self.config.late_window_us, unattended_ms)
+        super()._check_play(start_us, ready_us - self.output.config.late_window_us, unattended_ms)
 
 
 class SilenceNotHeld(BoardOutput):
@@ -236,10 +236,10 @@ class DividerOfCrcs(VirtualHaptogramDialect):
 
     def _trace_message(self, latch: Any) -> Any:
         message = super()._trace_message(latch)
-        if self.board.config.trace_mode is not TraceMode.CRC:
+        if self.board.output.config.trace_mode is not TraceMode.CRC:
             return message
         self._traced += 1
-        return message if (self._traced - 1) % self.board.config.trace_divider == 0 else None
+        return message if (self._traced - 1) % self.board.output.config.trace_divider == 0 else None
 
 
 class MuteEmptiesRing(BoardOutput):

@@ -74,7 +74,7 @@ class RefusedConfigRenewsHold(Board):
             super().configure(config)
         except RefusalError:
             if self.output._sounding:
-                self.output._timers.latched(self.now_us, self.output.config)
+                self.output._timers.latched(self.output.now_us, self.output.config)
             raise
 
 
@@ -87,7 +87,7 @@ class RefusedPlayRenewsHold(Board):
             super().play(sequence, **more)
         except RefusalError:
             if self.output._sounding:
-                self.output._timers.latched(self.now_us, self.output.config)
+                self.output._timers.latched(self.output.now_us, self.output.config)
             raise
 
 

@@ -118,7 +118,7 @@ class StopRenewsHold(Board):
         plays = self._playback is not None
         super().stop()
         if plays and self.output._sounding:
-            self.output._timers.latched(self.now_us, self.config)
+            self.output._timers.latched(self.output.now_us, self.output.config)
 
 
 class LatchRenewsLease(BoardOutput):
@@ -249,7 +249,7 @@ class PlayStartOnOneSide(VirtualHaptogramDialect):
 
     def _play(self, play: Any, request: Any) -> Message:
         start_us = None if request.immediate else self._unwrap(request.t_wire_us)
-        if start_us is not None and start_us >> 32 != self.board.now_us >> 32:
+        if start_us is not None and start_us >> 32 != self.board.output.now_us >> 32:
             raise RefusalError(ErrorCode.BAD_VALUE, 0)
         return super()._play(play, request)
 
@@ -291,7 +291,7 @@ class TraceDriveUnderCeiling(VirtualHaptogramDialect):
         message = super()._trace_message(latch)
         if not isinstance(message, TraceDrive):
             return message
-        half, ceiling = len(message.data) // 2, self.board.config.amplitude_ceiling
+        half, ceiling = len(message.data) // 2, self.board.output.config.amplitude_ceiling
         amplitudes = bytes(min(code, ceiling) for code in message.data[half:])
         return dataclasses.replace(message, data=message.data[:half] + amplitudes)
 

@@ -16,15 +16,15 @@ from haptogram_protocol.dialects.ultraino.arduino.operations import (
     Swap,
 )
 from haptogram_protocol.dialects.ultraino.arduino.slots import (
-    MEGA64_LAYOUT,
-    NANO8_LAYOUT,
-    NANO16_LAYOUT,
-    ArduinoSlotLayout,
+    MEGA64_FIRMWARE,
+    NANO8_FIRMWARE,
+    NANO16_FIRMWARE,
+    ArduinoFirmware,
     Pulse,
 )
 from haptogram_protocol.errors import LocalProtocolError
 
-LAYOUTS = [MEGA64_LAYOUT, NANO16_LAYOUT, NANO8_LAYOUT]
+LAYOUTS = [MEGA64_FIRMWARE, NANO16_FIRMWARE, NANO8_FIRMWARE]
 SWAP = [Swap(), Forward(0x00)]
 
 
@@ -160,7 +160,7 @@ def test_a_chain_forwards_as_its_boards_do_one_after_the_other(boards: int) -> N
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @given(data=st.data())
-def test_pulses_come_back_from_their_slots(layout: ArduinoSlotLayout, data: st.DataObject) -> None:
+def test_pulses_come_back_from_their_slots(layout: ArduinoFirmware, data: st.DataObject) -> None:
     widths = st.integers(1, layout.steps - 1)
     pulse = st.builds(Pulse, st.integers(0, layout.steps - 1), widths)
     ends = st.sampled_from([Pulse(0, 0), Pulse(0, layout.steps)])
@@ -170,8 +170,8 @@ def test_pulses_come_back_from_their_slots(layout: ArduinoSlotLayout, data: st.D
 
 
 def test_what_is_no_single_pulse_is_none_and_missing_slots_are_low() -> None:
-    assert NANO8_LAYOUT.pulses(b"\x01\x00\x01")[:2] == [None, Pulse(0, 0)]
-    assert NANO8_LAYOUT.pulses(b"\x03\x01")[:2] == [Pulse(0, 2), Pulse(0, 1)]
+    assert NANO8_FIRMWARE.pulses(b"\x01\x00\x01")[:2] == [None, Pulse(0, 0)]
+    assert NANO8_FIRMWARE.pulses(b"\x03\x01")[:2] == [Pulse(0, 2), Pulse(0, 1)]
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_what_is_no_single_pulse_is_none_and_missing_slots_are_low() -> None:
 )
 def test_pulses_that_do_not_fit_are_refused(pulses: list[Pulse], message: str) -> None:
     with pytest.raises(LocalProtocolError, match=message):
-        NANO8_LAYOUT.slots(pulses)
+        NANO8_FIRMWARE.slots(pulses)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from haptogram_protocol.dialects.fpga_bytes.operations import Begin, SetAmplitud
 from haptogram_protocol.dialects.interactlab import FULL_DUTY, QueueFrame
 from haptogram_protocol.dialects.table import DIALECTS
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
-from haptogram_protocol.dialects.ultraino.arduino.slots import MEGA64_LAYOUT, Pulse
+from haptogram_protocol.dialects.ultraino.arduino.slots import MEGA64_FIRMWARE, Pulse
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 EXPECTED: dict[str, Any] = json.loads((DATA / "expected.json").read_text())
@@ -112,8 +112,8 @@ def test_ultraino_mega(name: str) -> None:
         Pulse(code if width else 0, width)
         for code, width in zip(expected["codes"], widths, strict=True)
     ]
-    assert MEGA64_LAYOUT.pulses(patterns[0].slots) == wanted
-    assert MEGA64_LAYOUT.slots(wanted) == patterns[0].slots
+    assert MEGA64_FIRMWARE.pulses(patterns[0].slots) == wanted
+    assert MEGA64_FIRMWARE.slots(wanted) == patterns[0].slots
     forwarded = bytes(op.byte for op in operations if isinstance(op, nibbles.Forward))
     assert forwarded == line(name)[200:]
     durations = (1, 0) if expected["device"] == "MEGA" else (0,)
@@ -158,7 +158,7 @@ def test_frames_are_what_the_clients_send() -> None:
         ],
         "ultraino/chainedfpga_512_ramp": lambda c: chained_ultraino_frame([c[:256], c[256:]]),
         "ultraino/mega_flat8x8_focus": lambda c: mega64_frame(
-            [MEGA64_LAYOUT.slots([Pulse(code, 5) for code in c])]
+            [MEGA64_FIRMWARE.slots([Pulse(code, 5) for code in c])]
         ),
     }
     for name, operations in rows.items():

@@ -89,28 +89,30 @@ class Run:
         self.latches, self.notices, self.radiated = [], [], []
         upload(self.board, 7, 3)
         for number, step in enumerate(steps):
-            self.pass_time(self.board.now_us + step.wait_us)
+            self.pass_time(self.board.output.now_us + step.wait_us)
             self.act(number, step)
             self.look()
 
     def pass_time(self, until_us):
-        start_us = self.board.now_us
+        start_us = self.board.output.now_us
         for cut in self.cuts:
             between_us = start_us + (until_us - start_us) * cut // 100
-            self.board.advance_to(max(between_us, self.board.now_us))
+            self.board.advance_to(max(between_us, self.board.output.now_us))
         self.board.advance_to(until_us)
         self.look()
 
     def look(self):
-        self.latches += self.board.take_latches()
-        self.notices += self.board.take_notices()
-        self.radiated.append(self.board.radiated(self.board.now_us).amplitude_codes.tobytes())
+        self.latches += self.board.output.take_latches()
+        self.notices += self.board.output.take_notices()
+        self.radiated.append(
+            self.board.output.radiated(self.board.output.now_us).amplitude_codes.tobytes()
+        )
 
     def act(self, number, step):
         board = self.board
         if step.action in ("stream", "immediate"):
-            t_apply_us = board.now_us + step.value if step.action == "stream" else None
-            self.asked[number], self.arrived[number] = t_apply_us, board.now_us
+            t_apply_us = board.output.now_us + step.value if step.action == "stream" else None
+            self.asked[number], self.arrived[number] = t_apply_us, board.output.now_us
             self.submitted += 1
             self.dropped += (
                 board.submit(StreamFrame(number, t_apply_us, a_drive(number))) is not None
@@ -138,7 +140,7 @@ def test_any_partition_of_time_gives_the_same_result(steps, cuts):
     whole, cut = Run(steps), Run(steps, cuts)
     assert cut.latches == whole.latches
     assert cut.notices == whole.notices
-    assert cut.board.counters == whole.board.counters
+    assert cut.board.output.counters == whole.board.output.counters
     assert cut.board.next_event_us() == whole.board.next_event_us()
     assert cut.radiated[-1:] == whole.radiated[-1:]
 
@@ -146,7 +148,7 @@ def test_any_partition_of_time_gives_the_same_result(steps, cuts):
 @given(STEPS)
 def test_every_frame_is_latched_queued_flushed_or_dropped_once(steps):
     run = Run(steps)
-    counters = run.board.counters
+    counters = run.board.output.counters
     of_stream = [latch for latch in run.latches if latch.key.sequence == 0]
     assert counters.latched == len(run.latches)
     assert counters.late == sum(latch.late for latch in run.latches)
@@ -184,11 +186,11 @@ def test_the_output_is_silent_unless_armed_and_latched_since(steps):
     happened = [(notice.t_us, notice) for notice in run.notices if isinstance(notice, StateChange)]
     armed_us = [t_us for t_us, change in happened if change.state is OutputState.ARMED]
     armed = not happened or happened[-1][1].state is OutputState.ARMED
-    assert armed == (run.board.state is OutputState.ARMED)
+    assert armed == (run.board.output.state is OutputState.ARMED)
     latched = [latch for latch in run.latches if latch.t_latch_us >= armed_us[-1]]
     if not (armed and latched):
-        run.board.advance_to(run.board.now_us)
-        assert run.board.radiated(run.board.now_us).is_muted
+        run.board.advance_to(run.board.output.now_us)
+        assert run.board.output.radiated(run.board.output.now_us).is_muted
 
 
 @given(STEPS, st.integers(0, 40_000))
@@ -199,12 +201,12 @@ def test_left_alone_the_output_only_fades_and_ends_silent(steps, pause_us):
         board.advance_to(board.next_event_us())
     loudness = []
     for _ in range(40):
-        board.advance_to(board.now_us + pause_us // 40 + 1)
-        loudness.append(int(board.radiated(board.now_us).amplitude_codes.max()))
+        board.advance_to(board.output.now_us + pause_us // 40 + 1)
+        loudness.append(int(board.output.radiated(board.output.now_us).amplitude_codes.max()))
     assert loudness == sorted(loudness, reverse=True)
-    board.advance_to(board.now_us + 100_000)
-    assert board.state is not OutputState.ARMED
-    assert board.radiated(board.now_us).is_muted
+    board.advance_to(board.output.now_us + 100_000)
+    assert board.output.state is not OutputState.ARMED
+    assert board.output.radiated(board.output.now_us).is_muted
     assert board.next_event_us() is None
 
 
@@ -213,8 +215,8 @@ def test_left_alone_the_output_only_fades_and_ends_silent(steps, pause_us):
 
 def latch_now(board: Board, index: int = 0) -> int:
     board.submit(StreamFrame(index, None, a_drive(1)))
-    board.advance_to(-(-board.now_us // CARRIER_US) * CARRIER_US)
-    (latch,) = board.take_latches()
+    board.advance_to(-(-board.output.now_us // CARRIER_US) * CARRIER_US)
+    (latch,) = board.output.take_latches()
     return latch.t_latch_us
 
 
@@ -223,17 +225,17 @@ def test_hold_ramp_and_mute_come_to_the_microsecond():
     t_us = latch_now(board)
     for after_us, code in ((2_999, 255), (3_000, 255), (4_000, 128), (4_999, 0), (5_000, 0)):
         board.advance_to(t_us + after_us)
-        assert board.radiated(board.now_us).amplitude_codes[0] == code
-    assert (board.state, board.reason) == (OutputState.MUTED, MuteReason.HOLD_EXPIRED)
-    assert board.counters.timeouts == 1
+        assert board.output.radiated(board.output.now_us).amplitude_codes[0] == code
+    assert (board.output.state, board.output.reason) == (OutputState.MUTED, MuteReason.HOLD_EXPIRED)
+    assert board.output.counters.timeouts == 1
 
 
 def test_a_latch_is_named_by_the_32_bits_that_a_trace_holds():
     board = a_board()
     board.arm()
     board.submit(StreamFrame((1 << 32) + 5, None, a_drive(1)))
-    board.advance_to(-(-board.now_us // CARRIER_US) * CARRIER_US)
-    (latch,) = board.take_latches()
+    board.advance_to(-(-board.output.now_us // CARRIER_US) * CARRIER_US)
+    (latch,) = board.output.take_latches()
     assert latch.key == LatchKey(sequence=0, loop=0, index=5)
 
 
@@ -242,28 +244,28 @@ def test_a_latch_in_the_ramp_of_the_hold_restores_full_output():
     t_us = latch_now(board)
     board.advance_to(t_us + 4_000)
     board.output.renew_lease()  # not what this ramp waits for
-    assert board.radiated(board.now_us).amplitude_codes[0] == 128
+    assert board.output.radiated(board.output.now_us).amplitude_codes[0] == 128
     latch_now(board, 1)
-    assert board.radiated(board.now_us).amplitude_codes[0] == 255
-    notices = [n for n in board.take_notices() if isinstance(n, RampBegan | RampEnded)]
+    assert board.output.radiated(board.output.now_us).amplitude_codes[0] == 255
+    notices = [n for n in board.output.take_notices() if isinstance(n, RampBegan | RampEnded)]
     assert notices == [
         RampBegan(t_us + 3_000, MuteReason.HOLD_EXPIRED, t_us + 5_000),
-        RampEnded(board.now_us, restored=True),
+        RampEnded(board.output.now_us, restored=True),
     ]
 
 
 def test_a_latch_does_not_undo_the_ramp_of_the_lease_but_a_frame_does():
     board = a_board(dataclasses.replace(QUICK, hold_ms=1000))
-    armed_us = board.now_us
+    armed_us = board.output.now_us
     latch_now(board)
     board.submit(StreamFrame(1, armed_us + 21_000, a_drive(2)))
     board.advance_to(armed_us + 21_000)
-    (latch,) = board.take_latches()
+    (latch,) = board.output.take_latches()
     assert latch.ramping
     assert latch.radiated.amplitude_codes[0] == 128
     assert latch.drive.amplitude_codes[0] == 255
     board.output.renew_lease()
-    assert board.radiated(board.now_us).amplitude_codes[0] == 255
+    assert board.output.radiated(board.output.now_us).amplitude_codes[0] == 255
 
 
 def test_a_ramp_keeps_its_line_and_the_ceiling_in_force_cuts_it_off():
@@ -274,44 +276,44 @@ def test_a_ramp_keeps_its_line_and_the_ceiling_in_force_cuts_it_off():
     for after_ms, (ceiling, ramp_ms, due) in zip((2, 4, 5, 6), settings, strict=True):
         board.advance_to(begins_us + after_ms * 1000)
         board.configure(dataclasses.replace(config, amplitude_ceiling=ceiling, ramp_ms=ramp_ms))
-        assert board.radiated(board.now_us).amplitude_codes[0] == due
+        assert board.output.radiated(board.output.now_us).amplitude_codes[0] == due
     board.advance_to(begins_us + 8_000)
-    assert board.radiated(board.now_us).amplitude_codes[0] == 20
+    assert board.output.radiated(board.output.now_us).amplitude_codes[0] == 20
     latch_now(board, 1)
-    assert board.radiated(board.now_us).amplitude_codes[0] == 255
+    assert board.output.radiated(board.output.now_us).amplitude_codes[0] == 255
 
 
 def test_a_silent_host_is_muted_even_before_the_first_latch():
     board = a_board()
-    board.advance_to(board.now_us + 22_000)
-    assert (board.state, board.reason) == (OutputState.MUTED, MuteReason.HOST_SILENT)
+    board.advance_to(board.output.now_us + 22_000)
+    assert (board.output.state, board.output.reason) == (OutputState.MUTED, MuteReason.HOST_SILENT)
 
 
 def test_playback_brings_its_own_lease_and_the_host_timeout_returns_after_it():
     board = a_board(dataclasses.replace(QUICK, hold_ms=1000))
     upload(board, 1, 3)
-    start_us = board.now_us
+    start_us = board.output.now_us
     board.play(1, start_us=start_us, period_us=10_010, loops=0, unattended_ms=50)
     board.advance_to(start_us + 52_000)
-    assert (board.state, board.reason) == (OutputState.MUTED, MuteReason.UNATTENDED)
+    assert (board.output.state, board.output.reason) == (OutputState.MUTED, MuteReason.UNATTENDED)
     board.arm()
     board.play(1, start_us=None, period_us=20_000, loops=1, unattended_ms=1000)
-    board.advance_to(board.now_us + 40_025)
-    assert PlaybackEnd in [type(n) for n in board.take_notices()]
-    ended_us = board.now_us
+    board.advance_to(board.output.now_us + 40_025)
+    assert PlaybackEnd in [type(n) for n in board.output.take_notices()]
+    ended_us = board.output.now_us
     board.advance_to(ended_us + 15_000)
-    assert board.state is OutputState.ARMED
+    assert board.output.state is OutputState.ARMED
     board.advance_to(ended_us + 23_000)
-    assert board.reason is MuteReason.HOST_SILENT
+    assert board.output.reason is MuteReason.HOST_SILENT
 
 
 def test_playback_never_accumulates_rounding():
     board = a_board(dataclasses.replace(QUICK, hold_ms=1000))
     upload(board, 1, 3)
-    start_us = board.now_us + 7
+    start_us = board.output.now_us + 7
     board.play(1, start_us=start_us, period_us=333, loops=40, unattended_ms=1000)
     board.advance_to(start_us + 333 * 120)
-    latches = board.take_latches()
+    latches = board.output.take_latches()
     due_us = [start_us + k * 333 for k in range(120)]
     assert [latch.t_latch_us for latch in latches] == [-(-t // 25) * 25 for t in due_us]
     assert [(latch.key.loop, latch.key.index) for latch in latches] == [
@@ -323,17 +325,17 @@ def test_playback_never_accumulates_rounding():
 def test_time_does_not_run_backwards(pass_time):
     board = a_board()
     with pytest.raises(ValueError, match="cannot go back"):
-        pass_time(board, board.now_us - 1)
+        pass_time(board, board.output.now_us - 1)
 
 
 def test_two_frames_on_one_carrier_period_the_later_replaces_the_earlier():
     board = a_board()
-    boundary_us = board.now_us + 1_000
+    boundary_us = board.output.now_us + 1_000
     board.submit(StreamFrame(1, boundary_us - 10, a_drive(1)))
     board.submit(StreamFrame(2, boundary_us - 5, a_drive(2)))
     board.advance_to(boundary_us)
-    assert [latch.key.index for latch in board.take_latches()] == [2]
-    assert board.counters.flushed == 1
+    assert [latch.key.index for latch in board.output.take_latches()] == [2]
+    assert board.output.counters.flushed == 1
 
 
 @pytest.mark.parametrize(
@@ -342,8 +344,8 @@ def test_two_frames_on_one_carrier_period_the_later_replaces_the_earlier():
 )
 def test_what_comes_too_late_or_too_early_is_dropped(offset_us, counter):
     board = a_board()
-    board.submit(StreamFrame(1, board.now_us + offset_us, a_drive(1)))
-    assert getattr(board.counters, counter) == 1
+    board.submit(StreamFrame(1, board.output.now_us + offset_us, a_drive(1)))
+    assert getattr(board.output.counters, counter) == 1
     assert board.margins.take() == (1, offset_us, offset_us)
     assert board.margins.take() == (0, 0, 0)
 
@@ -351,9 +353,9 @@ def test_what_comes_too_late_or_too_early_is_dropped(offset_us, counter):
 def test_a_full_queue_and_a_wrong_order_keep_what_is_queued():
     board = a_board()
     for index in range(5):
-        board.submit(StreamFrame(index, board.now_us + 1_000 * (index + 1), a_drive(index)))
-    board.submit(StreamFrame(5, board.now_us + 500, a_drive(5)))
-    assert (board.counters.dropped_full, board.counters.dropped_order) == (1, 1)
+        board.submit(StreamFrame(index, board.output.now_us + 1_000 * (index + 1), a_drive(index)))
+    board.submit(StreamFrame(5, board.output.now_us + 500, a_drive(5)))
+    assert (board.output.counters.dropped_full, board.output.counters.dropped_order) == (1, 1)
     assert board.queued == 4
 
 
@@ -362,8 +364,8 @@ def test_fewer_bits_leave_the_low_bits_of_the_registers_empty(bits):
     board = a_board()
     codes = np.arange(4, dtype=np.uint8) + 3
     board.submit(StreamFrame(0, None, Drive(codes, np.full(4, 255, np.uint8), bits)))
-    assert board.latched.drive.phase_codes.tolist() == (codes * 2 ** (8 - bits)).tolist()
-    assert board.latched.commanded_bits == bits
+    assert board.output.latched.drive.phase_codes.tolist() == (codes * 2 ** (8 - bits)).tolist()
+    assert board.output.latched.commanded_bits == bits
 
 
 def test_correction_and_ceiling_change_what_is_radiated_not_what_is_latched():
@@ -374,10 +376,10 @@ def test_correction_and_ceiling_change_what_is_radiated_not_what_is_latched():
     board.store_chunk(UploadChunk(0, codes))
     board.commit_upload(UploadCommit(0))
     latch_now(board)
-    assert board.latched.drive == a_drive(1)
+    assert board.output.latched.drive == a_drive(1)
     board.submit(StreamFrame(1, None, a_drive(10)))
-    board.advance_to(board.now_us + 25)
-    (latch,) = board.take_latches()
+    board.advance_to(board.output.now_us + 25)
+    (latch,) = board.output.take_latches()
     assert latch.radiated.phase_codes.tolist() == [4, 11, 12, 13]
     assert latch.radiated.amplitude_codes.tolist() == [100] * 4
     assert board.config_crc != before
@@ -387,15 +389,15 @@ def test_a_fault_stops_everything_until_disarm():
     board = a_board()
     latch_now(board)
     board.output.raise_hardware_fault()
-    assert board.radiated(board.now_us).is_muted
+    assert board.output.radiated(board.output.now_us).is_muted
     with pytest.raises(RefusalError) as caught:
         board.arm()
     assert (caught.value.code, caught.value.detail) == (ErrorCode.BAD_STATE, OutputState.FAULT)
     board.mute()
-    assert (board.state, board.reason) == (OutputState.FAULT, MuteReason.FAULT)
+    assert (board.output.state, board.output.reason) == (OutputState.FAULT, MuteReason.FAULT)
     board.disarm()
     board.arm()
-    assert board.state is OutputState.ARMED
+    assert board.output.state is OutputState.ARMED
 
 
 @given(st.lists(st.integers(0, 5), max_size=12))
@@ -431,15 +433,15 @@ def test_an_upload_is_taken_whole_or_not_at_all():
         (ErrorCode.CRC_MISMATCH, zlib.crc32(data)),
     ]
     board.play(3, start_us=None, period_us=1000, loops=1, unattended_ms=100)
-    board.advance_to(board.now_us + 2_000)
-    assert len(board.take_latches()) == 2  # the old sequence
+    board.advance_to(board.output.now_us + 2_000)
+    assert len(board.output.take_latches()) == 2  # the old sequence
 
 
 def test_a_shorter_hold_that_has_run_out_already_acts_at_once():
     board = a_board(dataclasses.replace(QUICK, hold_ms=500, host_timeout_ms=1000))
     assert board.submit(StreamFrame(1, None, a_drive(1))) is None
-    latched_us = board.now_us + CARRIER_US
+    latched_us = board.output.now_us + CARRIER_US
     board.advance_to(latched_us + 100_000)
-    board.take_notices()
+    board.output.take_notices()
     board.configure(dataclasses.replace(QUICK, host_timeout_ms=1000))
-    assert any(isinstance(notice, RampBegan) for notice in board.take_notices())
+    assert any(isinstance(notice, RampBegan) for notice in board.output.take_notices())

@@ -191,8 +191,8 @@ def test_every_frame_is_accounted_for_exactly_once(scenario, fault):
 def test_the_output_is_silent_within_hold_and_ramp_after_the_last_frame(scenario):
     run = streamed(scenario)
     board = run.simulation.dialect.board
-    assert board.state is not OutputState.ARMED
-    assert board.radiated(board.now_us).is_muted
+    assert board.output.state is not OutputState.ARMED
+    assert board.output.radiated(board.output.now_us).is_muted
     muted_us = [n.t_us for n in run.recorder.notices if isinstance(n, StateChange)][-1]
     if run.recorder.latches:
         last_us = run.recorder.latches[-1].t_latch_us

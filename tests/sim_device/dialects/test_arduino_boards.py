@@ -10,14 +10,13 @@ from hypothesis import strategies as st
 from dialect_boards import DialectBoard
 from dialect_frames import mega64_frame
 from haptogram_protocol.dialects.ultraino.arduino import operations as nibbles
-from haptogram_protocol.dialects.ultraino.arduino.operations import MEGA64_FIRMWARE
 from haptogram_protocol.dialects.ultraino.arduino.slots import (
-    MEGA64_LAYOUT,
-    NANO8_LAYOUT,
-    NANO16_LAYOUT,
+    MEGA64_FIRMWARE,
+    NANO8_FIRMWARE,
+    NANO16_FIRMWARE,
     Pulse,
 )
-from sim_device.dialects.ultraino.slot_boards import ArduinoPlaylist, Outputs, SlotBoards
+from sim_device.dialects.ultraino.slot_boards import ArduinoPlaylist, SlotBoards
 
 PATTERNS = 5
 
@@ -79,12 +78,12 @@ def test_the_playlist_is_the_firmware_s_loop(acts):
 
 
 def pattern(code):
-    return MEGA64_LAYOUT.slots([Pulse(code, 5)] * 64)
+    return MEGA64_FIRMWARE.slots([Pulse(code, 5)] * 64)
 
 
 def test_several_patterns_are_latched_one_after_the_other_for_a_whole_pass():
     board = DialectBoard("ultraino-mega64")
-    unit = SlotBoards(Outputs(MEGA64_FIRMWARE, MEGA64_LAYOUT), 1, 0)
+    unit = SlotBoards(MEGA64_FIRMWARE, 1, 0)
     for number in range(3):
         unit.take(nibbles.SetPattern(0, number, pattern(number)), 0)
     unit.take(nibbles.SetDurations(bytes([4, 2, 3, 0])), 0)
@@ -103,9 +102,9 @@ def test_several_patterns_are_latched_one_after_the_other_for_a_whole_pass():
 @pytest.mark.parametrize(
     ("name", "layout", "on"),
     [
-        ("ultraino-mega64", MEGA64_LAYOUT, range(64)),
-        ("ultraino-nano8", NANO8_LAYOUT, range(8)),
-        ("ultraino-nano16", NANO16_LAYOUT, [*range(6), *range(10, 16)]),
+        ("ultraino-mega64", MEGA64_FIRMWARE, range(64)),
+        ("ultraino-nano8", NANO8_FIRMWARE, range(8)),
+        ("ultraino-nano16", NANO16_FIRMWARE, [*range(6), *range(10, 16)]),
     ],
 )
 def test_power_up_drives_every_output_that_is_connected(name, layout, on):
@@ -117,11 +116,11 @@ def test_power_up_drives_every_output_that_is_connected(name, layout, on):
 
 @given(st.binary(min_size=100, max_size=100))
 def test_any_slots_are_the_pulses_of_the_codec(slots):
-    unit = SlotBoards(Outputs(MEGA64_FIRMWARE, MEGA64_LAYOUT), 1, 0)
+    unit = SlotBoards(MEGA64_FIRMWARE, 1, 0)
     for operation in mega64_frame([slots]):
         unit.take(operation, 0)
     found = unit.take_latches()[-1].pulses
-    for channel, pulse in enumerate(MEGA64_LAYOUT.pulses(slots)):
+    for channel, pulse in enumerate(MEGA64_FIRMWARE.pulses(slots)):
         if pulse is None:
             assert sum(found.levels[channel]) == found.widths[channel]
         else:

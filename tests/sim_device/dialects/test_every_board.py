@@ -242,10 +242,9 @@ def test_a_wrong_board_takes_the_place_of_the_right_one():
     blueprint = blueprint_of(BoardConfig.of(dialect="sonicsurface"))
     registers = Registers(sonicsurface.RULES, steps=32, width=16)
     wrong = dataclasses.replace(
-        blueprint.parts.emulation, unit=lambda _, now_us: LateUnit(registers, 1, now_us)
+        EMULATIONS["sonicsurface"], unit=lambda _, now_us: LateUnit(registers, 1, now_us)
     )
-    parts = dataclasses.replace(blueprint.parts, emulation=wrong)
-    dialect = parts.assemble(blueprint.settings)
+    dialect = wrong.power_up(wrong.options(), blueprint.settings)
     dialect.receive(b"\xfe" + bytes([5] * 256) + b"\xfd", dialect.now_us)
     shown = [int(latch.pulses.rises[0]) for latch in dialect.take_latches()]
     assert shown == [0, 5, 0]

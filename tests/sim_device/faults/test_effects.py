@@ -123,7 +123,7 @@ def test_a_status_that_lies_says_armed_and_no_errors(open_host):
     host.wait()
     told = host.ask(GetStatus()).message
     assert told.state is OutputState.ARMED
-    assert host.port.simulation.dialect.board.state is OutputState.DISARMED
+    assert host.port.simulation.dialect.board.output.state is OutputState.DISARMED
     assert told.counters.crc == 0
     assert host.port.simulation.dialect.counters["crc"] > 0
     assert host.port.simulation.fault_counts["device.status"] > 0
@@ -135,7 +135,7 @@ def test_a_clock_that_is_told_wrong_while_the_board_latches_right(open_host):
         host = open_host(url_of(*faults))
         shown_us = host.greet().t_device_us
         pong = host.ask(Ping(1)).message
-        board_us = host.port.simulation.dialect.board.now_us & 0xFFFFFFFF
+        board_us = host.port.simulation.dialect.board.output.now_us & 0xFFFFFFFF
         records[faults] = (shown_us, pong.t_rx_us, pong.t_tx_us, board_us)
     healthy, faulty = records.values()
     assert [f - h for f, h in zip(faulty, healthy, strict=True)] == [5000, 5000, 5000, 0]

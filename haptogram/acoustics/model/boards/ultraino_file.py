@@ -23,7 +23,7 @@ import numpy as np
 from haptogram.acoustics.arrays import MAX_TRANSDUCERS, FloatArray
 from haptogram.acoustics.model.boards.layout import Y_UP
 from haptogram.acoustics.model.geometry import TransducerArray
-from haptogram.errors import ConfigurationError, unreadable_file
+from haptogram.errors import ConfigurationError, reading_file
 
 MAX_BYTES: Final = 16 << 20  # uncompressed; 256 transducers take less than one
 MAX_DEPTH: Final = 64
@@ -208,14 +208,11 @@ def _refuse_ultraino_doctype(*_: object) -> None:
 
 
 def _ultraino_bytes_of(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            is_packed = file.read(len(_GZIP)) == _GZIP
-            file.seek(0)
-            source = gzip.GzipFile(fileobj=file) if is_packed else file
-            data = source.read(MAX_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise unreadable_file(path, error, "array") from error
+    with reading_file(path, "array", (OSError, EOFError, zlib.error)), path.open("rb") as file:
+        is_packed = file.read(len(_GZIP)) == _GZIP
+        file.seek(0)
+        source = gzip.GzipFile(fileobj=file) if is_packed else file
+        data = source.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise ConfigurationError(f"{path}: more than {MAX_BYTES} bytes")
     return data

@@ -8,17 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ..codec import Operation, Reply, no_dialect_bytes_for
+from . import operations
 from .cursor import FpgaChannelCursor
-from .operations import (
-    Begin,
-    BeginAmplitudes,
-    FpgaByteRules,
-    FpgaCodes,
-    Select,
-    SetAmplitudes,
-    SetPhases,
-    Swap,
-)
 
 
 @dataclass(slots=True)
@@ -71,20 +62,21 @@ class FpgaBoardEnd:
 
     commit: Final = "FDh"
 
-    def __init__(self, rules: FpgaByteRules, boards: int = 1) -> None:
+    def __init__(self, rules: operations.FpgaByteRules, boards: int = 1) -> None:
         self.counters: Counter[str] = Counter()
         self._rules = rules
         self._cursor = FpgaChannelCursor(boards)
         self._run = bytearray()
         self._frames = _FramesSinceSwap([0] * boards)
-        self._fitting: dict[FpgaCodes, bytes] = {
-            kind: bytes(range(rules.limit(kind) + 1)) for kind in (SetPhases, SetAmplitudes)
+        self._fitting: dict[operations.FpgaCodes, bytes] = {
+            kind: bytes(range(rules.limit(kind) + 1))
+            for kind in (operations.SetPhases, operations.SetAmplitudes)
         }
         self._counts: dict[type[Operation], Callable[[Any], None]] = {
-            Begin: self._count_begin,
-            BeginAmplitudes: self._count_begin_amplitudes,
-            Select: self._count_select,
-            Swap: self._count_swap,
+            operations.Begin: self._count_begin,
+            operations.BeginAmplitudes: self._count_begin_amplitudes,
+            operations.Select: self._count_select,
+            operations.Swap: self._count_swap,
         }
 
     @property
@@ -142,7 +134,7 @@ class FpgaBoardEnd:
         elif self._frames.frame_bytes:
             self._frames.frame_bytes += 1
 
-    def _count_begin(self, _: Begin) -> None:
+    def _count_begin(self, _: operations.Begin) -> None:
         cursor, frames = self._cursor, self._frames
         if cursor.listening:
             self._count_end_of_frame(cursor.listening[0])  # those that listen are alike
@@ -151,13 +143,13 @@ class FpgaBoardEnd:
         frames.frame_bytes = 1 if cursor.at else frames.frame_bytes + 1
         frames.outside = frames.beyond = 0
 
-    def _count_begin_amplitudes(self, _: BeginAmplitudes) -> None:
+    def _count_begin_amplitudes(self, _: operations.BeginAmplitudes) -> None:
         if 0 < self._cursor.at < self._rules.channels:
             self.counters["frames_cut_short"] += 1
         if self._frames.frame_bytes:
             self._frames.frame_bytes += 1
 
-    def _count_select(self, operation: Select) -> None:
+    def _count_select(self, operation: operations.Select) -> None:
         if not self._rules.starts and operation.board < len(self._cursor.written):
             self._count_end_of_frame(operation.board)
         self._frames.frame_bytes += 1
@@ -171,7 +163,7 @@ class FpgaBoardEnd:
             self.counters["frames_without_commit"] += whole - self._frames.without_commit
             self._frames.without_commit = whole
 
-    def _count_swap(self, _: Swap) -> None:
+    def _count_swap(self, _: operations.Swap) -> None:
         frames, channels = self._frames, self._rules.channels
         if any(0 < count < channels for count in self._cursor.written):
             self.counters["frames_short"] += 1
@@ -225,7 +217,7 @@ class FpgaBoardEnd:
         cursor, rules = self._cursor, self._rules
         codes = bytes(self._run)
         first = (cursor.at - len(codes)) % rules.channels
-        if cursor.kind is SetPhases:
+        if cursor.kind is operations.SetPhases:
             codes = codes.translate(rules.taken)
         found.append(cursor.kind(cursor.listening, first, codes))
         self._run.clear()

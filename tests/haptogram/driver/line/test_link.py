@@ -88,7 +88,7 @@ def test_a_mute_overtakes_a_request_that_waits(link, port):
     link.request(Arm(), ArmReply)
     link.send(Ping(1))
     assert link.mute(MuteReply, 10**9).state.name == "MUTED"
-    assert port.board.state.name == "MUTED"
+    assert port.board.output.state.name == "MUTED"
 
 
 def test_a_mute_ends_the_rest_of_a_frame_that_was_cut_off(port):

@@ -8,17 +8,8 @@ from typing import Final
 
 from ....errors import LocalProtocolError
 from ...codec import Operation, Reply, no_dialect_bytes_for
-from . import line_bytes
-from .operations import (
-    MAX_BOARDS,
-    ArduinoFirmware,
-    CommitDurations,
-    Forward,
-    Restart,
-    SetDurations,
-    SetPattern,
-    Swap,
-)
+from . import line_bytes, operations
+from .slots import ArduinoFirmware
 
 _HIGH_NIBBLE: Final = b"".join(b"%x" % (byte >> 4) for byte in range(256))  # as hexadecimal digit
 
@@ -80,7 +71,7 @@ class PatternMemory:
         """Append a decoded pattern to *found*."""
         digits = halves.translate(_HIGH_NIBBLE).decode("ascii")
         slots = bytes.fromhex(digits + "0" * (len(digits) % 2))
-        found.append(SetPattern(self._board, self.patterns, slots))
+        found.append(operations.SetPattern(self._board, self.patterns, slots))
         self.patterns += 1
 
 
@@ -101,8 +92,8 @@ _TOKENS: Final = re.compile(
 _DURATION, _SWAPPED, _COMMANDED = 16, 17, 18
 _ACTS: Final = re.compile(rb"[" + re.escape(line_bytes.SWAP + line_bytes.COMMAND) + rb"]")
 # Operations are values: each byte that is sent on has one object, and a swap its two.
-_FORWARDS: Final = tuple(map(Forward, range(256)))
-_SWAP_AND_FORWARD: Final = (Swap(), _FORWARDS[line_bytes.SWAP[0]])
+_FORWARDS: Final = tuple(map(operations.Forward, range(256)))
+_SWAP_AND_FORWARD: Final = (operations.Swap(), _FORWARDS[line_bytes.SWAP[0]])
 
 
 class ArduinoBoardEnd:
@@ -130,8 +121,10 @@ class ArduinoBoardEnd:
     commit: Final = "00h"
 
     def __init__(self, firmware: ArduinoFirmware, boards: int = 1) -> None:
-        if not 1 <= boards <= MAX_BOARDS:
-            raise LocalProtocolError(f"a chain of {boards} boards; it has 1 to {MAX_BOARDS}")
+        if not 1 <= boards <= operations.MAX_BOARDS:
+            raise LocalProtocolError(
+                f"a chain of {boards} boards; it has 1 to {operations.MAX_BOARDS}"
+            )
         self.counters: Counter[str] = Counter()
         self._firmware = firmware
         self._boards = boards
@@ -193,7 +186,7 @@ class ArduinoBoardEnd:
 
     def send(self, message: Reply) -> bytes:
         """Return the byte that the last board sends on."""
-        if isinstance(message, Forward):
+        if isinstance(message, operations.Forward):
             return bytes([message.byte & 0xFF])
         raise no_dialect_bytes_for(message, self._firmware.wire)
 
@@ -238,10 +231,10 @@ class ArduinoBoardEnd:
             self._commanded += self._patterns > self._patterns_by_then
             self._patterns_by_then = self._patterns
             self._uncommitted = False
-            found.append(CommitDurations())
+            found.append(operations.CommitDurations())
         else:
             self._restart(found)
-            found.append(Restart())
+            found.append(operations.Restart())
         found.append(_FORWARDS[line_bytes.COMMAND[0]])
 
     def _take_durations(self, part: bytes, found: list[Operation]) -> None:
@@ -256,7 +249,9 @@ class ArduinoBoardEnd:
             return
         if len(self._durations) % line_bytes.BYTES_OF_DURATION:
             self.counters["durations_short"] += 1
-        found.append(SetDurations(line_bytes.durations_from_pairs(bytes(self._durations))))
+        found.append(
+            operations.SetDurations(line_bytes.durations_from_pairs(bytes(self._durations)))
+        )
         self._durations.clear()
         self._uncommitted = True
 

@@ -8,10 +8,9 @@ from typing import Final
 
 from ...codec import Dialect
 from .board_end import ArduinoBoardEnd
-from .host_end import ONE_PATTERN, ArduinoHostEnd, SlotDisplay
+from .host_end import ArduinoHostEnd, SlotDisplay
 from .line_bytes import BYTES_OF_DURATION, COMMAND, DURATION_BYTES, OTHER_HOPS, PARTS, SWAP
-from .operations import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoFirmware
-from .slots import MEGA64_LAYOUT, NANO8_LAYOUT, NANO16_CONNECTED, NANO16_LAYOUT, ArduinoSlotLayout
+from .slots import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoFirmware
 
 
 def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
@@ -20,23 +19,7 @@ def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
     return firmware.half_bytes * boards + durations + len(SWAP)
 
 
-def _arduino_dialect(
-    firmware: ArduinoFirmware,
-    title: str,
-    layout: ArduinoSlotLayout,
-    emitters: str,
-    connected: bytes = b"",
-) -> Dialect:
-    def board(*, boards: int = 1) -> ArduinoBoardEnd:
-        return ArduinoBoardEnd(firmware, boards)
-
-    def host(*, boards: int = 1) -> ArduinoHostEnd:
-        return ArduinoHostEnd(firmware, boards)
-
-    def display(boards: int) -> SlotDisplay:
-        durations = ONE_PATTERN if firmware.durations else b""
-        return SlotDisplay(layout, boards, durations=durations, connected=connected)
-
+def _arduino_dialect(firmware: ArduinoFirmware, title: str, layout: str) -> Dialect:
     ours = PARTS[1].removesuffix(b"+")
     pattern = b"(?<!%b)(?:%b{%d})+" % (ours, ours, firmware.half_bytes)
     others = b"(?:%b{%d})*" % (OTHER_HOPS, firmware.half_bytes)
@@ -47,28 +30,18 @@ def _arduino_dialect(
         name=firmware.wire,
         title=title,
         bauds=(115_200,),
-        steps=layout.steps,
-        channels=len(layout.pins),
+        steps=firmware.steps,
+        channels=len(firmware.pins),
         frame_bytes=functools.partial(_arduino_frame_bytes, firmware),
-        board=board,
-        host=host,
+        board=functools.partial(ArduinoBoardEnd, firmware),
+        host=functools.partial(ArduinoHostEnd, firmware),
         signature=re.compile(pattern + others + ending, re.DOTALL),
-        display=display,
-        layout=emitters,
+        display=functools.partial(SlotDisplay, firmware),
+        layout=layout,
     )
 
 
-MEGA64: Final = _arduino_dialect(
-    MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", MEGA64_LAYOUT, "ultraino-flat8"
-)
-NANO16: Final = _arduino_dialect(
-    NANO16_FIRMWARE,
-    "Ultraino Arduino Nano16",
-    NANO16_LAYOUT,
-    "ultraino-nano16",
-    NANO16_CONNECTED,
-)
-NANO8: Final = _arduino_dialect(
-    NANO8_FIRMWARE, "Ultraino Arduino Nano8", NANO8_LAYOUT, "ultraino-nano8"
-)
+MEGA64: Final = _arduino_dialect(MEGA64_FIRMWARE, "Ultraino Arduino MEGA64", "ultraino-flat8")
+NANO16: Final = _arduino_dialect(NANO16_FIRMWARE, "Ultraino Arduino Nano16", "ultraino-nano16")
+NANO8: Final = _arduino_dialect(NANO8_FIRMWARE, "Ultraino Arduino Nano8", "ultraino-nano8")
 DIALECTS: Final = (MEGA64, NANO8, NANO16)

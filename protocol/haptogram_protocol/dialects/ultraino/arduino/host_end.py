@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from ....errors import LocalProtocolError
 from ...codec import Codes, Display, OneWayHostEnd, Operation, no_dialect_bytes_for
 from .line_bytes import COMMAND, SWAP, durations_to_pairs
-from .operations import ArduinoFirmware, CommitDurations, Restart, SetDurations, SetPattern, Swap
-from .slots import ArduinoSlotLayout, Pulse
+from .operations import CommitDurations, Restart, SetDurations, SetPattern, Swap
+from .slots import ArduinoFirmware, Pulse
 
 
 class ArduinoHostEnd(OneWayHostEnd):
@@ -63,7 +63,7 @@ class ArduinoHostEnd(OneWayHostEnd):
         )
 
 
-ONE_PATTERN = b"\x01\x00"  # durations: a period of the first pattern, and no other one
+_ONE_PATTERN = b"\x01\x00"  # durations: a period of the first pattern, and no other one
 
 
 class SlotDisplay(Display):
@@ -71,31 +71,20 @@ class SlotDisplay(Display):
 
     Parameters
     ----------
-    layout : ArduinoSlotLayout
+    firmware : ArduinoFirmware
         Positions of the channels in the slot bytes.
     boards : int
         Boards of the chain.
-    durations : bytes
-        Durations that come with each frame; empty: the firmware knows none.
-    connected : bytes
-        For each port the outputs that are connected; empty: all.
     """
 
-    def __init__(
-        self,
-        layout: ArduinoSlotLayout,
-        boards: int,
-        *,
-        durations: bytes = b"",
-        connected: bytes = b"",
-    ) -> None:
-        super().__init__(boards * len(layout.pins), layout.steps)
+    def __init__(self, firmware: ArduinoFirmware, boards: int) -> None:
+        count, connected = len(firmware.pins), firmware.connected
+        super().__init__(boards * count, firmware.steps)
         self.options = {"boards": boards}
-        self._layout, self._durations = layout, durations
-        count = len(layout.pins)
+        self._firmware = firmware
         unconnected = [
             channel
-            for channel, pin in enumerate(layout.pins)
+            for channel, pin in enumerate(firmware.pins)
             if connected and not connected[pin // 8] >> pin % 8 & 1
         ]
         self.unconnected = frozenset(
@@ -104,14 +93,14 @@ class SlotDisplay(Display):
 
     def frame(self, codes: Codes) -> list[Operation]:
         """Return the pattern of each board, its duration, and the swap that shows it."""
-        count, half = len(self._layout.pins), self.steps // 2
+        count, half = len(self._firmware.pins), self.steps // 2
         pulses = [Pulse(0, 0) if code is None else Pulse(code, half) for code in codes]
         made: list[Operation] = [
-            SetPattern(first // count, 0, self._layout.slots(pulses[first : first + count]))
+            SetPattern(first // count, 0, self._firmware.slots(pulses[first : first + count]))
             for first in range(0, self.channels, count)
         ]
-        if self._durations:
-            made += [SetDurations(self._durations), CommitDurations()]
+        if self._firmware.durations:
+            made += [SetDurations(_ONE_PATTERN), CommitDurations()]
         return [*made, Swap()]
 
     def read(self, operations: Sequence[Operation]) -> list[int | None] | None:
@@ -122,9 +111,9 @@ class SlotDisplay(Display):
                 written[operation.board] = operation.slots
             elif isinstance(operation, Swap):
                 shown, written = written, {}
-        if len(shown) * len(self._layout.pins) < self.channels:
+        if len(shown) * len(self._firmware.pins) < self.channels:
             return None
         pulses = [
-            pulse for _, slots in sorted(shown.items()) for pulse in self._layout.pulses(slots)
+            pulse for _, slots in sorted(shown.items()) for pulse in self._firmware.pulses(slots)
         ]
         return [pulse.code if pulse is not None and pulse.width else None for pulse in pulses]
