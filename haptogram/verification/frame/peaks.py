@@ -166,9 +166,10 @@ def find_frame_peak(
 
     def step_of(here: PressureLevel) -> FloatArray:
         curvature = here.curvature if here.is_peak else -2.0 * direction.metric
-        newton: FloatArray = np.linalg.solve(-curvature, here.gradient)
+        newton = np.linalg.solve(-curvature, here.gradient)
         length_rad = direction.length_rad(newton @ direction.axes)
-        return min(1.0, _LONGEST_STEP_RAD / max(length_rad, 1e-12)) * newton
+        shortened = min(1.0, _LONGEST_STEP_RAD / max(length_rad, 1e-12))
+        return np.asarray(shortened * newton, dtype=np.float64)
 
     return climb_to_pressure_peak(
         model, weights, start_m, direction.axes, step_of, settled_m=_SETTLED_M, most_steps=_STEPS

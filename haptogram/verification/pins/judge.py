@@ -36,13 +36,11 @@ from .held.frame_times import frames_at_held_drives
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase
 from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
-from .shared_phase import shared_turns_of_pins
 from .shown_frames import (
     FIT_SHARE,
     LATE_PERIODS,
     TORN_PERIODS,
     FramesShownByPins,
-    PinCaptureLimits,
     frames_shown_by_pins,
 )
 from .silence import EndOfSound, end_of_sound_on_pins
@@ -444,7 +442,9 @@ class _PinJudge:
         """Return the phase common to all pins, relative to the carrier clock; None without one."""
         if self.record.reference_element is not None:
             return None
-        return shared_turns_of_pins(self.shown)
+        shown = self.shown
+        sounding = np.abs(np.where(shown.right, shown.drives.weights, 0.0)) > 0.0
+        return np.where(sounding.any(axis=1), shown.drives.turns_rad, np.nan)
 
     def _check_turns(self, judged: Bools) -> None:
         """Find frames in which the phases of all pins are shifted against the carrier clock.
@@ -466,9 +466,9 @@ class _PinJudge:
             )
 
     @cached_property
-    def _limits(self) -> PinCaptureLimits:
+    def _limits(self) -> PinLimits:
         """Return the tolerances of the capture."""
-        return PinCaptureLimits.of(self.record)
+        return PinLimits.of(self.record)
 
     def _check_carrier(self) -> None:
         drift = self.record.drift_ppm
@@ -512,6 +512,8 @@ class _PinJudge:
         errors, sizes = drives.every_error()
         sounding = right & np.isfinite(errors)
         limits = self._limits
+        if right.any():
+            limits = dataclasses.replace(limits, phase_rad=float(drives.limit_rad[right].max()))
         return PinVerdict(
             name=record.name,
             verdict=verdict,
@@ -521,13 +523,7 @@ class _PinJudge:
             elements=self.run.elements,
             array_count=self.model.array.count,
             counts=counts,
-            limits=PinLimits(
-                record.sample_rate_hz,
-                record.samples,
-                limits.resolution_rad,
-                float(drives.limit_rad[right].max()) if right.any() else limits.phase_rad,
-                limits.amplitude,
-            ),
+            limits=limits,
             phase_error_rad=float(np.abs(errors[sounding]).max()) if sounding.any() else None,
             amplitude_error=float(sizes[right].max()) if right.any() else None,
             mute_periods=end.spread_periods,
