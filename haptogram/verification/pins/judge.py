@@ -235,7 +235,13 @@ class _PinJudge:
             )
             return False
         if self._near_match_share(judged) >= FIT_SHARE or self._pins_that_fit(judged) is not None:
-            return True
+            if not self._fits_better_elsewhere(judged):
+                return True
+            self.missing.append(
+                "the capture does not show for certain when the run begins: its frames hardly "
+                "differ, and at another place more of them are right; capture more pins"
+            )
+            return False
         wrong = np.flatnonzero(~right[judged].all(axis=0)).tolist()
         kinds = [fault.kind for fault in faults_of_pins(drives, wrong, judged).values()]
         telling = {PinFaultKind.OTHER_ELEMENT, PinFaultKind.SIGN}
@@ -294,6 +300,17 @@ class _PinJudge:
                 codes = codes * np.conj(run.weights[known[near], own])
             agreeing += _count_distinct_drives(codes, 2.0 * limit) - 1
         return agreeing >= _FEWEST_AGREEING
+
+    def _fits_better_elsewhere(self, judged: Bools) -> bool:
+        """Return True if more drives are right a frame off, or from the first pulse on."""
+        weights, share = self.run.weights, float(self.shown.right[judged].mean())
+        if share == 1.0 or (weights == weights[0]).all():
+            return False
+        begin, gap = float(self.shown.starts[0]), self.run.gap
+        first = min(float(pin.rises[0]) for pin in self.record.pins.values() if len(pin.rises))
+        places = (begin - gap, begin + gap, math.floor(first))
+        others = [frames_shown_by_pins(self.record, self.run, place) for place in places]
+        return any(one.seen.any() and one.right[one.seen].mean() > share for one in others)
 
     def _near_match_share(self, judged: Bools) -> float:
         """Return the share of drives unique to this run that match within two steps."""
