@@ -61,7 +61,6 @@ _FEWEST_FITTING: Final = 3
 _FEWEST_DRIVES: Final = 3  # least different drives with the same error: no chance
 _FEWEST_AGREEING: Final = 2  # drives, beyond those that agree by chance
 _LEAST_PERIODS_OF_CARRIER: Final = 40.0  # periods that show its frequency where samples are missing
-_SAMPLES_OF_8_BITS: Final = 512.0  # samples of a period: one is half a step
 
 
 def verify_captured_pins(
@@ -568,9 +567,5 @@ class _PinJudge:
                 f"phases are relative to element {record.reference_element}: a phase that all "
                 "captured pins have does not show; capture the clock of the carrier to see it"
             )
-        needed_hz = record.carrier_hz * _SAMPLES_OF_8_BITS
-        if record.sample_rate_hz < needed_hz * 0.999:
-            yield (
-                f"{record.sample_rate_hz / 1e6:g} Msamples/s cannot show an error of one step of 8 "
-                f"bits; {needed_hz / 1e6:g} Msamples/s can"
-            )
+        if record.coarse_note:
+            yield record.coarse_note
