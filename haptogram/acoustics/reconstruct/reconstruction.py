@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.engine import choose_engine
-from haptogram.acoustics.field.reference import FieldEngine, points_in_front, propagators
+from haptogram.acoustics.field.reference import FieldEngine, arrival_at_point, points_in_front
 from haptogram.acoustics.levels.force import ReflectingDisc, level_db_spl
 from haptogram.acoustics.model.drive import (
     MAX_PHASE_BITS,
@@ -454,7 +454,7 @@ class Reconstructor:
         self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]
     ) -> SingleFocus:
         self._last_focus = fit.position_m
-        pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
+        pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
         return SingleFocus(
             position_m=_reconstructed_vector(fit.position_m),
             std_m=_reconstructed_vector(fit.std_m),
@@ -479,7 +479,7 @@ class Reconstructor:
         """Return a fit as not a single focus, with its outlier elements."""
         self._last_focus = fit.position_m
         residual = fit.residual_rad[radiated.active]
-        pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
+        pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
         wrong = radiated.active & (np.abs(fit.residual_rad) > 2.0 * radiated.limit_rad)
         return NotSingle(
             residual_rms_rad=math.sqrt(float(np.mean(residual**2))),
@@ -495,21 +495,13 @@ class Reconstructor:
         points = [fit.position_m for fit in tried if self._in_front(fit.position_m)] + starts
         loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
         loudest = points[int(loudness.argmax())]
-        pressure, coherence = self._pressure_rms_pa(loudest, radiated)
+        pressure, coherence = arrival_at_point(self._model, radiated.weights, loudest)
         return NotSingle(
             residual_rms_rad=min(fit.residual_rms_rad for fit in tried),
             position_m=_reconstructed_vector(loudest),
             pressure_rms_pa=pressure,
             coherence=coherence,
         )
-
-    def _pressure_rms_pa(
-        self, point: FloatArray, radiated: _ReconstructedDrive
-    ) -> tuple[float, float]:
-        """Return the RMS pressure and the coherence at a point."""
-        arrivals = radiated.weights * propagators(self._model, point[None, :])[0]
-        total, largest = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())
-        return total / math.sqrt(2.0), (total / largest if largest > 0.0 else 0.0)
 
 
 def _reconstructed_vector(values: FloatArray) -> Vector:
