@@ -17,6 +17,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 from collections.abc import Iterator
@@ -182,6 +183,23 @@ def unwritable_file(path: str | Path, error: BaseException, option: str = "") ->
     is_absent = isinstance(error, FileNotFoundError)  # a file that is absent would be made
     reason = "there is no such folder" if is_absent else plain_reason(error)
     return ConfigurationError(f"{option} '{path}' cannot be written: {reason}".lstrip())
+
+
+@contextlib.contextmanager
+def errors_in(place: object) -> Iterator[None]:
+    """Let a ConfigurationError say where it is: in which file, table or argument.
+
+    Examples
+    --------
+    >>> with errors_in("map.toml"):
+    ...     raise ConfigurationError("no reference")
+    Traceback (most recent call last):
+    haptogram.errors.ConfigurationError: map.toml: no reference
+    """
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{place}: {error}") from error
 
 
 def plain_reason(error: BaseException) -> str:
