@@ -45,7 +45,7 @@ from haptogram.acoustics.reconstruct.estimates import (
     NotSingle,
     Reconstruction,
     SingleFocus,
-    Vector,
+    as_vector,
 )
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.acoustics.reconstruct.warm import (
@@ -312,9 +312,7 @@ class Reconstructor:
             if fit.residual_rms_rad <= limit_rad and apart_m > self._model.wavelength_m / 4.0:
                 rivals.append(fit.position_m)
         single = self._single(best, radiated, found.acquired) if best is not here else found
-        return dataclasses.replace(
-            single, rivals_m=tuple(_reconstructed_vector(place) for place in rivals)
-        )
+        return dataclasses.replace(single, rivals_m=tuple(as_vector(place) for place in rivals))
 
     def _radiated(
         self, weights: ComplexArray, step_rad: float, slack_rad: float
@@ -372,7 +370,7 @@ class Reconstructor:
             return None, "global"
         limit_rad = float(quick_limits_rad(radiated.limit_rad))
         if self._last_focus is not None:
-            fix = self._tracker.fit(radiated.codes, _reconstructed_vector(self._last_focus))
+            fix = self._tracker.fit(radiated.codes, as_vector(self._last_focus))
             if self._tracker.explains(fix, limit_rad):
                 return np.array(fix.position_m), "warm"
         fix = self._tracker.acquire(radiated.codes, limit_rad)
@@ -456,9 +454,9 @@ class Reconstructor:
         self._last_focus = fit.position_m
         pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
         return SingleFocus(
-            position_m=_reconstructed_vector(fit.position_m),
-            std_m=_reconstructed_vector(fit.std_m),
-            bound_m=_reconstructed_vector(fit.bound_m),
+            position_m=as_vector(fit.position_m),
+            std_m=as_vector(fit.std_m),
+            bound_m=as_vector(fit.bound_m),
             observable=(bool(fit.observable[0]), bool(fit.observable[1]), bool(fit.observable[2])),
             residual_rms_rad=fit.residual_rms_rad,
             coherence=coherence,
@@ -483,7 +481,7 @@ class Reconstructor:
         wrong = radiated.active & (np.abs(fit.residual_rad) > 2.0 * radiated.limit_rad)
         return NotSingle(
             residual_rms_rad=math.sqrt(float(np.mean(residual**2))),
-            position_m=_reconstructed_vector(fit.position_m),
+            position_m=as_vector(fit.position_m),
             pressure_rms_pa=pressure,
             coherence=coherence,
             outliers=tuple(int(n) for n in np.flatnonzero(wrong)),
@@ -498,12 +496,7 @@ class Reconstructor:
         pressure, coherence = arrival_at_point(self._model, radiated.weights, loudest)
         return NotSingle(
             residual_rms_rad=min(fit.residual_rms_rad for fit in tried),
-            position_m=_reconstructed_vector(loudest),
+            position_m=as_vector(loudest),
             pressure_rms_pa=pressure,
             coherence=coherence,
         )
-
-
-def _reconstructed_vector(values: FloatArray) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

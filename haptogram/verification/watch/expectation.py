@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import FloatArray, as_point_array
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.estimates import as_vector
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import (
     OneFocus,
     Pattern,
     SeveralFoci,
-    pattern_vector,
 )
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey
@@ -97,7 +97,7 @@ class Expectation:
             key=FrameKey(0, 0, 0, latch.number),
             status=FrameStatus.NOT_VERIFIED,
             evidence=latch.evidence,
-            target_m=pattern_vector(foci[0]),
+            target_m=as_vector(foci[0]),
             t_latch_us=latch.t_us,
             latches=1,
         )
@@ -183,6 +183,6 @@ class Expectation:
             seen,
             status=FrameStatus.ON_TARGET if ok else FrameStatus.OFF_TARGET,
             criteria={"S2": ok},
-            measured_m=pattern_vector(places[worst]),
+            measured_m=as_vector(places[worst]),
             lateral_error_mm=_MM * float(np.linalg.norm(off_m[worst])),
         )

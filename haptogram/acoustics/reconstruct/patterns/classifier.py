@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import arrival_at_point, points_with_field
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.estimates import as_vector
 from haptogram.acoustics.reconstruct.patterns.chance import (
     is_beyond_chance,
     log_chance_of_explanation,
@@ -39,7 +40,6 @@ from haptogram.acoustics.reconstruct.patterns.found import (
     Uniform,
     Unnamed,
     Vortex,
-    pattern_vector,
 )
 from haptogram.acoustics.reconstruct.patterns.search import (
     PatternSearch,
@@ -344,9 +344,9 @@ class PatternClassifier:
         place = fit.position_m if is_place else start
         pressure, coherence = arrival_at_point(self._model, focused, place)
         common: dict[str, Any] = {
-            "position_m": pattern_vector(place),
-            "std_m": pattern_vector(fit.std_m),
-            "bound_m": pattern_vector(fit.bound_m),
+            "position_m": as_vector(place),
+            "std_m": as_vector(fit.std_m),
+            "bound_m": as_vector(fit.bound_m),
             "residual_rms_rad": _rms_of(found),
             "coherence": coherence,
             "pressure_rms_pa": pressure,
@@ -355,16 +355,16 @@ class PatternClassifier:
             "outlier_rad": tuple(float(off) for off in found.fit.residual_rad[~found.used]),
         }
         if found.normal is not None:
-            return TwinTrap(**common, normal=pattern_vector(found.normal @ self._model.array.axes))
+            return TwinTrap(**common, normal=as_vector(found.normal @ self._model.array.axes))
         if found.charge:
             axis = self._model.array.world_m(np.append(found.fit.axis_m, 0.0))
-            return Vortex(**common, charge=found.charge, axis_m=pattern_vector(axis))
+            return Vortex(**common, charge=found.charge, axis_m=as_vector(axis))
         return OneFocus(**common)
 
     def _unnamed(self, drive: ComplexArray, active: BoolArray) -> Unnamed:
         """Return an unnamed pattern with the point of greatest pressure."""
         loudest = self._search_for(active).loudest(drive, 1)[0]
-        return Unnamed(pattern_vector(loudest), arrival_at_point(self._model, drive, loudest)[1])
+        return Unnamed(as_vector(loudest), arrival_at_point(self._model, drive, loudest)[1])
 
 
 def _rms_of(found: Explanation) -> float:
