@@ -143,22 +143,8 @@ class Reconstructor:
         """Forget the last focus: the next drive is searched for."""
         self._last_focus = None
 
-    def reconstruct(
-        self,
-        drive: Drive,
-        *,
-        ramping: bool = False,
-        phase_bits: int | None = None,
-        slack_rad: float = 0.0,
-    ) -> Reconstruction:
-        """Return the focus of *drive*; *ramping* says that its amplitude is still changing.
-
-        Parameters
-        ----------
-        phase_bits : int, optional
-            Resolution to judge by, if the codes were once coarser than they are now.
-        slack_rad : float
-            RMS residual that a focus may leave on top of half a phase step, in radians.
+    def reconstruct(self, drive: Drive) -> Reconstruction:
+        """Return the focus of *drive*.
 
         Raises
         ------
@@ -169,19 +155,12 @@ class Reconstructor:
             raise ConfigurationError(
                 f"drive of {drive.count}, array of {self._model.array.count} elements"
             )
-        if drive.is_muted and not ramping:
-            return NoFocus("muted")
-        step_rad = self.step_rad(drive, phase_bits)
-        (found,) = self.reconstruct_all([DriveToFind(drive, step_rad, slack_rad, ramping)])
+        (found,) = self.reconstruct_all([DriveToFind(drive, self.step_rad(drive.phase_bits))])
         return found
 
-    def step_rad(self, drive: Drive, phase_bits: int | None = None) -> float:
-        """Return the step of the phases by which *drive* is judged, in radians."""
-        return self.step_rad_of_bits(drive.phase_bits, phase_bits)
-
-    def step_rad_of_bits(self, bits: int, phase_bits: int | None = None) -> float:
-        """Return the phase step of drives of *bits*, as :meth:`step_rad`."""
-        coarser = (known or MAX_PHASE_BITS for known in (self._phase_bits, phase_bits))
+    def step_rad(self, bits: int, commanded_bits: int | None = None) -> float:
+        """Return the step by which phases of *bits* are judged, once as coarse as commanded."""
+        coarser = (known or MAX_PHASE_BITS for known in (self._phase_bits, commanded_bits))
         return phase_step_rad(min(bits, *coarser))
 
     def reconstruct_all(self, asked: Sequence[DriveToFind]) -> list[Reconstruction]:
@@ -200,12 +179,9 @@ class Reconstructor:
         return found
 
     def _focus_of(self, asked: DriveToFind) -> Reconstruction:
-        if asked.drive.is_muted and not asked.ramping:
+        if asked.drive.is_muted:
             return NoFocus("muted")
-        weights, slack_rad = asked.drive.weights(), asked.slack_rad
-        return self._reconstruct(
-            weights, asked.step_rad, ramping=asked.ramping, slack_rad=slack_rad
-        )
+        return self._reconstruct(asked.drive.weights(), asked.step_rad, asked.slack_rad)
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
         """Return the foci of the leading drives that a fit warm-started at the last focus finds."""
@@ -235,7 +211,6 @@ class Reconstructor:
         self,
         weights: ArrayLike,
         *,
-        ramping: bool = False,
         step_rad: float | None = None,
         slack_rad: float = 0.0,
     ) -> Reconstruction:
@@ -246,7 +221,7 @@ class Reconstructor:
         step_rad : float, optional
             Step of the phases to judge by, in radians, if they are not of `phase_bits`.
         slack_rad : float
-            As in :meth:`reconstruct`.
+            RMS residual that a focus may leave on top of half a phase step, in radians.
 
         Raises
         ------
@@ -257,9 +232,7 @@ class Reconstructor:
         if step_rad is None:
             step_rad = phase_step_rad(self._phase_bits or REGISTER_BITS)
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
-        return self._reconstruct(
-            as_weights(weights), step_rad, ramping=ramping, slack_rad=slack_rad
-        )
+        return self._reconstruct(as_weights(weights), step_rad, slack_rad)
 
     def reconstruct_quickly(
         self, weights: ArrayLike, *, step_rad: float, slack_rad: float = 0.0
@@ -275,11 +248,9 @@ class Reconstructor:
         return radiated if isinstance(radiated, NoFocus) else self._locate_quickly(radiated)[0]
 
     def _reconstruct(
-        self, weights: ComplexArray, step_rad: float, *, ramping: bool, slack_rad: float = 0.0
+        self, weights: ComplexArray, step_rad: float, slack_rad: float
     ) -> Reconstruction:
         radiated = self._radiated(weights, step_rad, slack_rad)
-        if ramping:
-            return NoFocus("ramping")
         if isinstance(radiated, NoFocus):
             return radiated
         found, tried = self._locate_quickly(radiated)
