@@ -38,7 +38,7 @@ from .ideal_drive import (
 from .peaks import LOST, WITHIN_LOBE_RAD
 from .status import frame_status_of
 from .target import Bools, FrameTarget
-from .tolerated import ToleratedHost, ToleratedHosts, frame_scatter_rad, scale_of_tolerance
+from .tolerated import ToleratedHost, frame_scatter_rad, scale_of_tolerance
 from .verdict import FrameStatus, FrameVerdict, Vector
 
 _MM: Final = 1e3
@@ -167,7 +167,7 @@ class SeveralFociFrame:
         s5 = criteria.frame_amplitudes_ok(self.intended, self.latched)
         verdicts = {
             "S1": error_rad <= limit_rad,
-            "S2": ideal.in_place(offsets_m),
+            "S2": criteria.are_peaks_in_place(ideal.peaks, offsets_m),
             "S3": ideal.excess_level(self._weights, tolerant=False) == 0.0,
             "S5": s5 and ideal.amplitudes_ok(self.latched, slack),
         }
@@ -192,14 +192,14 @@ class SeveralFociFrame:
 
         A host within the tolerance or, if there is none, one that is beyond it for certain.
         """
-        hosts = ToleratedHosts.of(ideal.targets[0], self.known, ideal.drive)
-        model = ideal.targets[0].model
+        target, model = ideal.targets[0], ideal.targets[0].model
+        phases_rad = np.angle(self._weights)
         with contextlib.suppress(ConfigurationError):  # a solver refuses some of them
-            host = ToleratedHost.nearest(hosts, np.angle(self._weights), self._active)
+            host = ToleratedHost.nearest(target, self.known, ideal.drive, phases_rad, self._active)
             if host.explains:
                 return host, None
             other = host.anywhere(model)
-            if other.explains and other.is_beyond(hosts.scale):
+            if other.explains and other.is_beyond(host.scale):
                 return other, None
             return None, host.fault(model, proven=True)
         return None, None

@@ -30,7 +30,7 @@ from haptogram.records.frame import FrameKey
 from ..frame import criteria
 from ..frame.status import frame_status_of
 from ..frame.target import FrameTarget
-from ..frame.tolerated import ToleratedHost, ToleratedHosts
+from ..frame.tolerated import ToleratedHost
 from ..frame.verdict import FrameStatus, FrameVerdict, Vector
 from ..tolerance import Tolerance, Uncertainty
 from .latch import SeenLatch
@@ -113,8 +113,8 @@ class Expectation:
                 seen, status=FrameStatus.WRONG_DRIVE, faults=("nothing was radiated",)
             )
         target = self._target(seen.target_m, amplitudes.tobytes(), latch.steps)
-        hosts = ToleratedHosts.of(target, Uncertainty(), target.drive_of_host)
-        host = ToleratedHost.nearest(hosts, np.angle(weights), target.active)
+        phases_rad, drive = np.angle(weights), target.drive_of_host
+        host = ToleratedHost.nearest(target, Uncertainty(), drive, phases_rad, target.active)
         verdicts, measures = criteria.judge_frame_drive(target, host, weights)
         faults: tuple[str, ...] = ()
         if isinstance(pattern, OneFocus):
