@@ -183,11 +183,12 @@ class PatternClassifier:
     ) -> Explanation | None:
         """Return a single-focus pattern, with or without a half turn between the sides."""
         search, halves = self._search_for(active), self._half_turn(active)
-        turned = drive.copy()
+        arrivals = np.where(np.abs(drive) > _SILENT, np.exp(1j * np.angle(drive)), 0.0)
+        turned = arrivals.copy()
         if halves is not None:
             turned[active] *= np.exp(1j * halves)
         for find in (self._focused_at, self._searched_among):
-            found = find(phases, places, search, drive)
+            found = find(phases, places, search, arrivals)
             if found is None and halves is not None:
                 found = _as_trap(find(phases.turned(halves), places, search, turned), halves)
             if found is not None:
@@ -260,11 +261,9 @@ class PatternClassifier:
         phases: PatternPhases,
         places: list[FloatArray],
         search: PatternSearch,
-        drive: ComplexArray,
+        arrivals: ComplexArray,
     ) -> Explanation | None:
         """Return a focus of nearly all elements at a candidate position."""
-        sounding = np.abs(drive) > _SILENT
-        arrivals = np.where(sounding, np.exp(1j * np.angle(drive)), 0.0)
         for place in [*places, *search.foci_of_bowl(arrivals)]:
             local = self._model.array.local_m(place[None])[0]
             found = explain_turning_pattern(phases, local, self._limit_rad, near=True)
@@ -275,15 +274,13 @@ class PatternClassifier:
         return None
 
     def _searched_among(
-        self, phases: PatternPhases, _: list[FloatArray], search: PatternSearch, drive: ComplexArray
+        self, phases: PatternPhases, _: list[FloatArray], search: PatternSearch, heard: ComplexArray
     ) -> Explanation | None:
         """Return the fit with the fewest outliers among the most likely starts."""
-        active = np.abs(drive) > _SILENT
-        arrivals = np.where(active, np.exp(1j * np.angle(drive)), 0.0)
         best: Explanation | None = None
         for below in (False, True):
-            for start in search.starts(arrivals, below=below)[:_MOST_FITS]:
-                found = self._from_start(phases, start, search, active)
+            for start in search.starts(heard, below=below)[:_MOST_FITS]:
+                found = self._from_start(phases, start, search, heard != 0.0)
                 if found is not None and (best is None or found.used.sum() > best.used.sum()):
                     best = found
                 if best is not None and best.used.mean() >= _SUFFICES:
