@@ -12,12 +12,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.numba_engine import NumbaEngine
 from haptogram.acoustics.field.engines.parallel import ParallelPistons
 from haptogram.acoustics.levels.force import ReflectingDisc, level_db_spl
-from haptogram.acoustics.model.drive import (
-    FULL_AMPLITUDE,
-    REGISTER_BITS,
-    Drive,
-    phase_step_rad,
-)
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS, Drive, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.estimates import SingleFocus
 from haptogram.acoustics.solvers.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M

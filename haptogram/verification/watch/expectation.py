@@ -19,11 +19,7 @@ from haptogram.acoustics.arrays import FloatArray, as_point_array
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.estimates import as_vector
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
-from haptogram.acoustics.reconstruct.patterns.found import (
-    OneFocus,
-    Pattern,
-    SeveralFoci,
-)
+from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern, SeveralFoci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey
 

@@ -28,10 +28,7 @@ from haptogram.acoustics.reconstruct.patterns.explain import (
     explain_turning_pattern,
     explain_twin_trap,
 )
-from haptogram.acoustics.reconstruct.patterns.fit import (
-    PatternPhases,
-    pattern_residual_rms,
-)
+from haptogram.acoustics.reconstruct.patterns.fit import PatternPhases, pattern_residual_rms
 from haptogram.acoustics.reconstruct.patterns.found import (
     Off,
     OneFocus,
