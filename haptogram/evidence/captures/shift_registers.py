@@ -56,12 +56,8 @@ class ShiftRegisters:
     ----------
     clock, latch : str
         Their channels.
-    is_last_first : bool
-        Whether the first bit after a latch reaches the last output.
-    steps : int or None
-        Latches in a period of the carrier.
-    outputs : int
-        Outputs of each chain, if *pattern* names them.
+    settings : ShiftSettings
+        What their table says beside the chains.
     chains : mapping of str to sequence of int
         Elements at the outputs of each chain, by its data line; -1: none.
     pattern : str or None
@@ -70,9 +66,7 @@ class ShiftRegisters:
 
     clock: str
     latch: str
-    is_last_first: bool
-    steps: int | None
-    outputs: int
+    settings: ShiftSettings
     chains: Mapping[str, list[int]]
     pattern: str | None
 
@@ -99,30 +93,21 @@ class ShiftRegisters:
                 "elements at the outputs of each chain: D0 = [0, 1, 2, 3, 4, 5, 6, 7]"
             )
         chains = {} if pattern else {name: _checked_chain(name, data[name]) for name in data}
-        return cls(
-            str(settings.clock),
-            str(settings.latch),
-            settings.order == _LAST,
-            settings.steps,
-            settings.outputs,
-            chains,
-            pattern,
-        )
+        return cls(str(settings.clock), str(settings.latch), settings, chains, pattern)
 
     @property
     def carrier(self) -> str | None:
         """Name of the channel that the latch makes as the clock of the carrier."""
-        return None if self.steps is None else f"{self.latch}/{self.steps}"
+        steps = self.settings.steps
+        return None if steps is None else f"{self.latch}/{steps}"
 
     def chains_in(self, capture: Capture) -> dict[str, list[int]]:
         """Return the elements of each chain of a capture."""
         if self.pattern is None:
             return dict(self.chains)
         numbers = capture.numbered_channels(self.pattern)
-        return {
-            name: list(range(number * self.outputs, (number + 1) * self.outputs))
-            for name, number in numbers.items()
-        }
+        count = self.settings.outputs
+        return {name: list(range(n * count, (n + 1) * count)) for name, n in numbers.items()}
 
     def expanded(self, capture: Capture) -> Capture:
         """Return *capture* with the outputs of all chains as channels: ``D0.0``, ``D0.1``, ...
@@ -145,12 +130,12 @@ class ShiftRegisters:
             count = len(elements)
             held = before >= count
             for output in range(count):
-                back = output + 1 if self.is_last_first else count - output
+                back = output + 1 if self.settings.order == _LAST else count - output
                 levels = bits[before[held] - back]
                 channels[f"{name}.{output}"] = _edges_of_levels(levels, latches[held])
-        if self.carrier is not None and self.steps is not None:
-            rises = latches[:: self.steps]
-            falls = latches[self.steps // 2 :: self.steps]
+        steps = self.settings.steps
+        if self.carrier is not None and steps is not None:
+            rises, falls = latches[::steps], latches[steps // 2 :: steps]
             channels[self.carrier] = ChannelEdges(np.sort(np.concatenate([rises, falls])), False)
         return dataclasses.replace(capture, channels=channels)
 
