@@ -95,10 +95,12 @@ def is_frame_on_target(target: FrameTarget, offset_m: FloatArray) -> bool:
     return target.beyond_m(offset_m) <= target.tolerance.miss_mm / _MM
 
 
-def within_frame_limit(offset_m: FloatArray, limit_m: FloatArray, tolerance_mm: float) -> bool:
-    """Return True if what is left of an offset beyond its limits is no longer than a tolerance."""
-    beyond = np.maximum(np.abs(offset_m) - limit_m, 0.0)
-    return float(np.linalg.norm(beyond)) <= tolerance_mm / _MM
+def are_foci_within(
+    offsets_m: FloatArray, limits_m: FloatArray | Sequence[FloatArray], tolerance_mm: float
+) -> bool:
+    """Return True if what is left of (F, 3) offsets beyond limits is no longer than a tolerance."""
+    beyond = np.maximum(np.abs(offsets_m) - limits_m, 0.0)
+    return bool((np.linalg.norm(beyond, axis=1) <= tolerance_mm / _MM).all())
 
 
 def frame_coherence_at_target(target: FrameTarget, latched: ComplexArray) -> float:

@@ -170,10 +170,7 @@ class Expectation:
         if len(set(nearest.tolist())) != len(foci):
             return dataclasses.replace(seen, status=FrameStatus.OFF_TARGET, criteria={"S2": False})
         off_m = places - foci[nearest]
-        ok = all(
-            criteria.within_frame_limit(off, bound, self.tolerance.miss_mm)
-            for off, bound in zip(off_m, bounds, strict=True)
-        )
+        ok = criteria.are_foci_within(off_m, bounds, self.tolerance.miss_mm)
         worst = int(np.linalg.norm(off_m, axis=1).argmax())
         return dataclasses.replace(
             seen,
