@@ -208,6 +208,23 @@ def writing_file(path: str | Path, option: str = "", kinds: _Kinds = (OSError,))
         raise unwritable_file(path, error, option) from error
 
 
+@contextlib.contextmanager
+def errors_in(place: object) -> Iterator[None]:
+    """Let a ConfigurationError say where it is: in which file, table or argument.
+
+    Examples
+    --------
+    >>> with errors_in("map.toml"):
+    ...     raise ConfigurationError("no reference")
+    Traceback (most recent call last):
+    haptogram.errors.ConfigurationError: map.toml: no reference
+    """
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{place}: {error}") from error
+
+
 def plain_reason(error: BaseException) -> str:
     """Return the cause of an error of the system, or of a text, without codes and jargon.
 

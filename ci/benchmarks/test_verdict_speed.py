@@ -30,7 +30,7 @@ def jittered_frames(board):
 
 def judged(board, frames, finder, *, at_once):
     judge = FrameJudge(board, carrier_us=25)  # a new one: it would remember the drives
-    asked = [DriveToFind(frame.drive, finder.step_rad(frame.drive)) for frame in frames]
+    asked = [DriveToFind(frame.drive, finder.step_rad(frame.drive.phase_bits)) for frame in frames]
     seen = [
         Observation(f.key, f.t_apply_us, False, Evidence.EXTERNAL, f.drive, reconstruction=focus)
         for f, focus in zip(frames, finder.reconstruct_all(asked), strict=True)

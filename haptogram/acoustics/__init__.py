@@ -31,11 +31,7 @@ from haptogram.acoustics.field.reference import (
     pressure,
     propagators,
 )
-from haptogram.acoustics.levels.force import (
-    force_on_disc_n,
-    level_db_spl,
-    radiation_pressure_pa,
-)
+from haptogram.acoustics.levels.force import force_on_disc_n, level_db_spl, radiation_pressure_pa
 from haptogram.acoustics.model.drive import (
     Drive,
     dequantise_phase,
@@ -67,23 +63,13 @@ if TYPE_CHECKING:
     from haptogram.acoustics.levels.dynamics import Resonator
     from haptogram.acoustics.levels.exposure import Exposure, exposure_at, worst_exposure
     from haptogram.acoustics.levels.harmonic import shock_lengths
-    from haptogram.acoustics.levels.lobes import (
-        SecondaryLobe,
-        largest_secondary_lobe,
-    )
-    from haptogram.acoustics.levels.shift import (
-        FocalShift,
-        find_pressure_peak,
-        predict_focal_shift,
-    )
+    from haptogram.acoustics.levels.lobes import SecondaryLobe, largest_secondary_lobe
+    from haptogram.acoustics.levels.shift import FocalShift, find_pressure_peak, predict_focal_shift
     from haptogram.acoustics.levels.spot import FocalSpot, measure_spot
     from haptogram.acoustics.model.calibration import Calibration
     from haptogram.acoustics.model.directivities import RectangularPiston
     from haptogram.acoustics.reconstruct.tracking import Fix, FocusTracker
-    from haptogram.acoustics.solvers.several import (
-        solve_foci,
-        weights_for_foci,
-    )
+    from haptogram.acoustics.solvers.several import solve_foci, weights_for_foci
 
 __all__ = [
     "AcousticModel",

@@ -126,32 +126,22 @@ def observations_of_backdoor(
     records: Iterable[Mapping[str, Any]], session: int | None = None
 ) -> list[Observation]:
     """Return the latches among *records*, of one session or of all, in order."""
-    return [
-        observation_of_record(record)
-        for record in records
-        if record["kind"] == "latch" and session in (None, record["session"])
-    ]
+    return [observation_of_record(record) for record in _latch_records_of(records, session)]
+
+
+def _latch_records_of(
+    records: Iterable[Mapping[str, Any]], session: int | None
+) -> Iterator[Mapping[str, Any]]:
+    """Yield the records of latches, of one session or of all."""
+    for record in records:
+        if record["kind"] == "latch" and session in (None, record["session"]):
+            yield record
 
 
 def observed_fault_counts(records: Sequence[Mapping[str, Any]]) -> dict[str, int] | None:
     """Return the counts of faults that fired; None: the board has not ended, or had none."""
-    if not records or records[-1]["kind"] != _END:
-        return None
-    counts: dict[str, int] | None = records[-1].get("faults")
-    return counts
-
-
-def _observed_silences_of(records: Iterable[Mapping[str, Any]]) -> list[int]:
-    """Return the device times at which the output fell silent, as the board counts them."""
-    return [
-        record["t_us"]
-        for record in records
-        if record["kind"] == "output"
-        and (
-            (record["event"] == "ramp_ended" and not record["restored"])
-            or (record["event"] == "state" and record["requested"] and record["state"] != _ARMED)
-        )
-    ]
+    end = _end_record(records)
+    return None if end is None else end.get("faults")
 
 
 def why_observations_incomplete(
@@ -179,11 +169,7 @@ def why_observations_incomplete(
 
 def _lacked_latches(records: Sequence[Mapping[str, Any]], session: int | None) -> int:
     """Return the number of latch records missing from a session."""
-    numbers = [
-        record["number"]
-        for record in records
-        if record["kind"] == "latch" and session in (None, record["session"])
-    ]
+    numbers = [record["number"] for record in _latch_records_of(records, session)]
     end = _end_record(records)
     gaps = max(numbers) + 1 - len(numbers) if numbers and session is not None else 0
     return max(gaps, end["dropped"] if end else 0)
@@ -217,9 +203,17 @@ def observations_on_clock_of(
 def observed_silences_on_clock_of(
     intended: Sequence[Intended], records: Sequence[Mapping[str, Any]]
 ) -> list[int]:
-    """Return :func:`_observed_silences_of` *records*, counted as the times of *intended* are."""
+    """Return the device times at which the output fell silent, counted as *intended* is."""
     shift_us = _wrap_shift_us(intended, _times_of_frames(records))
-    return [t_us + shift_us for t_us in _observed_silences_of(records)]
+    return [
+        record["t_us"] + shift_us
+        for record in records
+        if record["kind"] == "output"
+        and (
+            (record["event"] == "ramp_ended" and not record["restored"])
+            or (record["event"] == "state" and record["requested"] and record["state"] != _ARMED)
+        )
+    ]
 
 
 def observed_losses_on_clock_of(

@@ -208,10 +208,6 @@ class BoardInProgram:
         """Return nothing: it logs to this program."""
         return ""
 
-    def close_pipe(self) -> None:
-        """End it."""
-        self.terminate()
-
     def terminate(self) -> None:
         """End it; do nothing if it has ended."""
         self._port.close()
@@ -221,6 +217,4 @@ class BoardInProgram:
         self.terminate()
         return 0
 
-    def kill(self) -> None:
-        """End it."""
-        self.terminate()
+    kill = close_pipe = terminate

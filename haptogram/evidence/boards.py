@@ -6,9 +6,10 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, Protocol, Self, TypeAlias
+from typing import Any, Final, Self, TypeAlias
 
 from haptogram.acoustics import AcousticModel
+from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes_on_line
 from haptogram.driver.line.port import Transport
@@ -21,8 +22,7 @@ from haptogram.evidence.dialects.latches import (
     has_dialect_latched_all,
 )
 from haptogram.evidence.virtual_board import VirtualBoard
-from haptogram.records.frame import Intended, Observation
-from haptogram.records.kept import KeptRecords
+from haptogram.records.frame import Observation
 from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import Feature, HelloReply, StateChanged, TraceDrive, TraceMode
@@ -38,22 +38,7 @@ _QUEUE_S: Final = 2.0  # wait for its queue
 _POLL_S: Final = 0.01
 
 _Records: TypeAlias = Sequence[Mapping[str, Any]]
-
-
-class DriverEvidence(Protocol):
-    """The records that a driver of any wire leaves of a run."""
-
-    @property
-    def session(self) -> int:
-        """Nonce of the session; 0 on a wire without sessions."""
-
-    @property
-    def intended(self) -> KeptRecords[Intended]:
-        """Frames that were sent or due, in order."""
-
-    @property
-    def observations(self) -> KeptRecords[Observation]:
-        """Latches that the board reported, or that the bytes on the wire are."""
+AnyDriver: TypeAlias = Driver | DialectDriver
 
 
 class BoardUnderTest:
@@ -101,7 +86,7 @@ class BoardUnderTest:
         return True
 
     def settle(
-        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
+        self, driver: AnyDriver, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> None:
         """Wait for the latches of the session of *driver*, which is closed by now.
 
@@ -109,7 +94,7 @@ class BoardUnderTest:
         that takes time.  With *skip_fields* the board rebuilds no field any more.
         """
 
-    def observations(self, driver: DriverEvidence) -> Sequence[Observation]:
+    def observations(self, driver: AnyDriver) -> Sequence[Observation]:
         """Return the latches of the session of *driver*, which have settled by now."""
         return dialect_run_observations(driver.intended, self.records(), driver.session)
 
@@ -162,7 +147,7 @@ class ProcessBoardUnderTest(BoardUnderTest):
         return ran
 
     def settle(
-        self, driver: DriverEvidence, progress: Progress | None = None, *, skip_fields: bool = False
+        self, driver: AnyDriver, progress: Progress | None = None, *, skip_fields: bool = False
     ) -> None:
         """End the board, and read everything that comes out of its back door."""
         expected = driver.intended.total
@@ -225,7 +210,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
         self._port.close()
         return True
 
-    def observations(self, driver: DriverEvidence) -> Sequence[Observation]:
+    def observations(self, driver: AnyDriver) -> Sequence[Observation]:
         """Return the latches of the session of *driver*."""
         if self._latches is None or are_records_of_another_dialect(self._brief()):
             return super().observations(driver)
@@ -345,7 +330,7 @@ class PortBoardUnderTest(BoardUnderTest):
         if self._mode is TraceMode.RING and driver.intended.total > kept:
             self.unseen = f"the board's trace ring keeps the last {kept} latches"
 
-    def observations(self, driver: DriverEvidence) -> Sequence[Observation]:
+    def observations(self, driver: AnyDriver) -> Sequence[Observation]:
         """Return the latches that the board reported."""
         if not self._read_back:
             return driver.observations
@@ -422,7 +407,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
 
     def settle(
         self,
-        driver: DriverEvidence,
+        driver: AnyDriver,
         progress: Progress | None = None,
         *,
         skip_fields: bool = False,  # noqa: ARG002  the board decides
@@ -435,7 +420,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
                 progress(min(len(self._seen), total), total)
         self.unseen = why
 
-    def _why_incomplete(self, driver: DriverEvidence) -> str | None:
+    def _why_incomplete(self, driver: AnyDriver) -> str | None:
         if are_records_of_another_dialect(self._seen):
             if has_dialect_latched_all(driver.intended, self._seen):
                 return None

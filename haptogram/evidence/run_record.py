@@ -19,7 +19,7 @@ from haptogram.driver.line.port import open_transport
 from haptogram.driver.playback import PlayReport
 from haptogram.driver.stream import StreamReport
 from haptogram.errors import DeviceError, LinkError
-from haptogram.evidence.boards import BoardUnderTest
+from haptogram.evidence.boards import AnyDriver, BoardUnderTest
 from haptogram.evidence.dialects.latches import upload_loss_text
 from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.machine.terminal import printable_on_terminal
@@ -242,7 +242,7 @@ def _note_calibration_of_run(
 @contextlib.contextmanager
 def _checked_run(
     found: RunRecord,
-    driver: Driver | DialectDriver,
+    driver: AnyDriver,
     config: VerifyConfig,
     points_m: FloatArray,
     elements: Calibration | None,
@@ -267,7 +267,7 @@ def _checked_run(
 
 def _observe_run(
     found: RunRecord,
-    driver: Driver | DialectDriver,
+    driver: AnyDriver,
     board: BoardUnderTest,
     settling: Progress | None,
     tap: RecordingTransport | None,
@@ -281,9 +281,7 @@ def _observe_run(
 
 
 @contextlib.contextmanager
-def _interrupted_run(
-    found: RunRecord, driver: Driver | DialectDriver, total: int
-) -> Iterator[None]:
+def _interrupted_run(found: RunRecord, driver: AnyDriver, total: int) -> Iterator[None]:
     """Convert an interrupt into the end of the run; the board is muted at once."""
     try:
         yield
@@ -308,12 +306,7 @@ def _earliest_mute_us(driver: Driver) -> int:
 
 @contextlib.contextmanager
 def _cut_of_run(
-    found: RunRecord,
-    driver: Driver | DialectDriver,
-    board: BoardUnderTest,
-    total: int,
-    *,
-    faulty: bool,
+    found: RunRecord, driver: AnyDriver, board: BoardUnderTest, total: int, *, faulty: bool
 ) -> Iterator[None]:
     """Convert a broken link or an interrupt into the end of the run.
 

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -182,25 +183,18 @@ class VirtualBoard(ClosedByWith):
             elements.to_file(copy)
             config = dataclasses.replace(config, calibration=copy)
         start = self._start_in_program if self.is_virtual else self._start_process
-        try:
+        with contextlib.ExitStack() as undo:
+            undo.callback(self._folder.remove)
             self._process = start(config, reconstruct=reconstruct)
-        except BaseException:
-            self._folder.remove()
-            raise
-        try:
+            undo.callback(self._process.kill)
+            undo.callback(self._process.close_pipe)
             self._records = BoardRecords(self.backdoor, self._process)
-        except BaseException:
-            self._process.kill()
-            self._folder.remove()
-            raise
-        try:
+            undo.callback(self._records.close)
             if isinstance(self._process, BoardProcess):
                 self._process.wait_until_ready()
             if config.dialect is not None:
                 self.model = backdoor.board_model_of_evidence(self._records.read()[0])
-        except BaseException:
-            self.close()
-            raise
+            undo.pop_all()
 
     def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram:
         board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)

@@ -92,7 +92,19 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Circle:
+class _Round:
+    """Something around a centre."""
+
+    radius_m: float
+    center_m: Point3
+
+    def __post_init__(self) -> None:
+        check_number("radius_m", self.radius_m, _LOWEST_RESOLUTION_M, MAX_COORDINATE_M)
+        _check_shape_point("center_m", self.center_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Circle(_Round):
     """A circle in a plane parallel to the array.
 
     Examples
@@ -101,13 +113,6 @@ class Circle:
     (25, 3)
     """
 
-    radius_m: float
-    center_m: Point3
-
-    def __post_init__(self) -> None:
-        _check_shape_radius(self.radius_m)
-        _check_shape_point("center_m", self.center_m)
-
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres, once round."""
         _check_shape_resolution(resolution_m, 2.0 * self.radius_m)
@@ -115,7 +120,7 @@ class Circle:
 
 
 @dataclass(frozen=True, slots=True)
-class Sphere:
+class Sphere(_Round):
     """A whole sphere, ring by ring from the lower pole to the upper one.
 
     Examples
@@ -125,20 +130,13 @@ class Sphere:
     ([0.0, 0.0, 0.13], [-0.0, 0.0, 0.17])
     """
 
-    radius_m: float
-    center_m: Point3
-
-    def __post_init__(self) -> None:
-        _check_shape_radius(self.radius_m)
-        _check_shape_point("center_m", self.center_m)
-
     def sample(self, resolution_m: float) -> FloatArray:
         """Return the (T, 3) points, in metres."""
         return np.array(self.center_m) + _spherical_cap(self.radius_m, math.pi, resolution_m)
 
 
 @dataclass(frozen=True, slots=True)
-class Hemisphere:
+class Hemisphere(_Round):
     """Half of a sphere, ring by ring from its pole to its rim.
 
     Attributes
@@ -157,13 +155,10 @@ class Hemisphere:
     True
     """
 
-    radius_m: float
-    center_m: Point3
     lower: bool = True
 
     def __post_init__(self) -> None:
-        _check_shape_radius(self.radius_m)
-        _check_shape_point("center_m", self.center_m)
+        _Round.__post_init__(self)
         check_argument_kind("lower", self.lower, bool, "True or False")
 
     def sample(self, resolution_m: float) -> FloatArray:
@@ -298,10 +293,6 @@ def _check_shape_resolution(resolution_m: float, extent_m: float) -> None:
             f"resolution is {resolution_m * 1e3:g} mm, must not be more than the object's "
             f"{extent_m * 1e3:g} mm"
         )
-
-
-def _check_shape_radius(radius_m: float) -> None:
-    check_number("radius_m", radius_m, _LOWEST_RESOLUTION_M, MAX_COORDINATE_M)
 
 
 def _check_shape_point(name: str, point: Point3) -> None:

@@ -7,11 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+
+#: Samples of a period of which one is half a step of 8 bits.
+SAMPLES_OF_8_BITS: Final = 512.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -168,6 +172,17 @@ class PinRecord:
     def samples(self) -> float:
         """Samples in a period of the carrier."""
         return self.period_s * self.sample_rate_hz
+
+    @property
+    def coarse_note(self) -> str:
+        """Why the samples cannot show one step of 8 bits; empty: they can."""
+        needed_hz = self.carrier_hz * SAMPLES_OF_8_BITS
+        if self.sample_rate_hz >= needed_hz * 0.999:
+            return ""
+        return (
+            f"{self.sample_rate_hz / 1e6:g} Msamples/s cannot show an error of one step of 8 bits; "
+            f"{needed_hz / 1e6:g} Msamples/s can"
+        )
 
     @property
     def duration_s(self) -> float:

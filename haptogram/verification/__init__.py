@@ -22,12 +22,7 @@ from .frame.verdict import (
 )
 from .losses import LOST_BY_BOARD
 from .run import check_run_judgement, verify_run
-from .run_verdict import (
-    RunVerdict,
-    cut_run_verdict_text,
-    grouped_frame_findings,
-    worst_frame_of,
-)
+from .run_verdict import RunVerdict, cut_run_verdict_text, grouped_frame_findings, worst_frame_of
 from .tolerance import (
     REAL_BOARD,
     Tolerance,

@@ -82,12 +82,10 @@ def _signed_drive_difference(difference: Codes) -> Codes:
 
 
 def _silent_element_drive_faults(model: AcousticModel, silent: NDArray[np.bool_]) -> Iterator[str]:
-    if not silent.any():
-        return
     if silent.all():
         yield "the whole array is silent"
-        return
-    yield from _drive_faults_by_line(model, silent, "dead")
+    elif silent.any():
+        yield from _drive_faults_by_line(model, silent, "dead")
 
 
 def _drive_faults_by_line(

@@ -12,12 +12,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from haptogram.records.frame import Intended
+from haptogram.records.frame import Evidence, Intended, Observation
 from haptogram.records.losses import BoardLosses
 
 from .consequences.held import DueFrame
 from .frame.judge import lost_frame_verdict
-from .frame.verdict import FrameStatus, FrameVerdict
+from .frame.verdict import Cut, FrameStatus, FrameVerdict
 
 #: Text in every reason of a run that failed because the board lost frames.
 LOST_BY_BOARD: Final = "lost by the board"
@@ -30,6 +30,7 @@ _OWN_CLOCK: Final = (
     "; at a pseudo-terminal or a socket a board that finds frames late and one whose process waits "
     "for a processor look alike: its back door (--backdoor) or a quiet machine tells them apart"
 )
+_NOTHING_SHOWN: Final = "no latch of the board was seen at all"
 _NOT_COUNTED: Final = "the board counted no drop"
 
 
@@ -38,12 +39,32 @@ class LossJudge:
 
     Parameters
     ----------
-    known : BoardLosses
+    intended, latched : sequences
+        The frames, and all latches of each; then the latches of no frame.
+    known : BoardLosses or None
         Records of board and back door about them.
+    unseen : str or None
+        Why latches may be missing.
+    cut : Cut or None
+        The interruption of the run.
     """
 
-    def __init__(self, known: BoardLosses) -> None:
-        self._known = known
+    def __init__(
+        self,
+        intended: Sequence[Intended],
+        latched: Sequence[Sequence[Observation]],
+        known: BoardLosses | None,
+        unseen: str | None,
+        cut: Cut | None,
+    ) -> None:
+        self._known = BoardLosses() if known is None else known
+        self._cut = cut
+        is_shown = known is not None or any(
+            latch.evidence is not Evidence.WIRE for latches in latched for latch in latches
+        )
+        self._unseen = _NOTHING_SHOWN if unseen is None and not is_shown else unseen
+        numbers = (f.number for f, latches in zip(intended, latched, strict=False) if latches)
+        self._after = max(numbers, default=-1)
         self._last_us = -math.inf
         self._first: tuple[DueFrame, FrameStatus] | None = None  # missing since the last latch
 
@@ -52,14 +73,21 @@ class LossJudge:
         self._last_us, self._first = t_latch_us, None
 
     def judge(self, wanted: Intended, due: DueFrame) -> FrameVerdict:
-        """Return the verdict on a frame that was not latched: lost, held up or cancelled."""
-        status, why, note = self._loss(wanted, due)
+        """Return the verdict on a frame that was not latched: lost, held up, cancelled, unseen."""
+        missed, cut = lost_frame_verdict(wanted), self._cut
+        if cut is not None and cut.cancelled(wanted.t_apply_us):
+            return dataclasses.replace(missed, status=FrameStatus.CANCELLED)
+        status, fault, note = self._loss(wanted, due)
         if self._first is None:
             self._first = due, status
-        faults = (why,) if why else ()
-        return dataclasses.replace(
-            lost_frame_verdict(wanted), status=status, faults=faults, note=note
-        )
+        is_told = self._known.is_told_in_order and wanted.number < self._after
+        why = None if is_told else self._unseen
+        if why is None and cut is not None and cut.muted_us is None and wanted.number > self._after:
+            why = cut.reason  # who knows whether it was still on the line?
+        if why is not None and status is FrameStatus.LOST:
+            status, fault, note = FrameStatus.NOT_VERIFIED, "", why
+        faults = (fault,) if fault else ()
+        return dataclasses.replace(missed, status=status, faults=faults, note=note)
 
     def _loss(self, wanted: Intended, due: DueFrame) -> tuple[FrameStatus, str, str]:
         """Return status, fault and reason of a lost frame."""

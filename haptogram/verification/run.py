@@ -31,14 +31,13 @@ from haptogram.settings.arguments import (
 
 from .consequences.effect import RunConsequences
 from .consequences.held import (
-    DueFrame,
     HeldFocus,
     consequence_of_held_focus,
     due_frames_of_consequences,
     focus_still_held,
 )
 from .faults import UNNAMED
-from .frame.judge import FrameJudge, lost_frame_verdict
+from .frame.judge import FrameJudge
 from .frame.verdict import JUDGED, MISSED, Cut, FrameStatus, FrameVerdict, Verdict
 from .losses import LossJudge, lost_frames_reason, unnamed_losses_reason
 from .run_verdict import RunVerdict
@@ -137,7 +136,7 @@ def verify_run(
     hold: Callable[[], HeldFocus | None] = _no_drive_yet
     drives = functools.cache(functools.partial(_frames_by_drive, intended))
     every = [seen.pop(frame.key, []) for frame in intended]  # all latches of each frame
-    missed = _MissedFrames(intended, [*every, *seen.values()], losses, unseen, cut)
+    missed = LossJudge(intended, [*every, *seen.values()], losses, unseen, cut)
     quiet_us = sorted(check_whole("silences", t, -(2**63), 2**63, "µs") for t in silences)
     verdicts = judge.judge_all(
         (f, some[0]) for f, some in zip(intended, every, strict=True) if some
@@ -160,7 +159,7 @@ def verify_run(
         frames.append(verdict)
         if latches:
             hold = functools.partial(HeldFocus.after, wanted, latches[0], verdict)
-            missed.losses.latched(latches[0].t_latch_us)
+            missed.latched(latches[0].t_latch_us)
         elif unseen is not None and verdict.status is not FrameStatus.LOST:
             # Who knows whether it was latched?
             hold = functools.partial(HeldFocus, None, verdict.target_m, due.latest_us)
@@ -224,41 +223,6 @@ def _without_earlier(
         if o.key in wanted
         or (first is not None and o.key.sequence == STREAM and o.key.index >= first)
     )
-
-
-class _MissedFrames:
-    """Judges the frames without an observed latch."""
-
-    def __init__(
-        self,
-        intended: Sequence[Intended],
-        seen: Sequence[Sequence[Observation]],
-        losses: BoardLosses | None,
-        unseen: str | None,
-        cut: Cut | None,
-    ) -> None:
-        self.losses = LossJudge(BoardLosses() if losses is None else losses)
-        self._cut = cut
-        is_shown = losses is not None or any(
-            latch.evidence is not Evidence.WIRE for latches in seen for latch in latches
-        )
-        self._unseen = _NOTHING_SHOWN if unseen is None and not is_shown else unseen
-        latched = (f.number for f, latches in zip(intended, seen, strict=False) if latches)
-        self._after = max(latched, default=-1)
-        self._is_told_in_order = losses is not None and losses.is_told_in_order
-
-    def judge(self, wanted: Intended, due: DueFrame) -> FrameVerdict:
-        """Return the verdict of a frame without an observed latch."""
-        if self._cut is not None and self._cut.cancelled(wanted.t_apply_us):
-            return dataclasses.replace(lost_frame_verdict(wanted), status=FrameStatus.CANCELLED)
-        is_told = self._is_told_in_order and wanted.number < self._after
-        verdict, why = self.losses.judge(wanted, due), None if is_told else self._unseen
-        is_broken = self._cut is not None and self._cut.muted_us is None
-        if why is None and self._cut is not None and is_broken and wanted.number > self._after:
-            why = self._cut.reason  # who knows whether it was still on the line?
-        if why is None or verdict.status is not FrameStatus.LOST:
-            return verdict
-        return dataclasses.replace(verdict, status=FrameStatus.NOT_VERIFIED, faults=(), note=why)
 
 
 def _is_run_frame_unnamed(verdict: FrameVerdict, latch: Observation) -> bool:
@@ -337,7 +301,6 @@ def _conclude_run_verdict(
     return dataclasses.replace(run, verdict=verdict, reasons=(*wrong, *missing))
 
 
-_NOTHING_SHOWN: Final = "no latch of the board was seen at all"
 _FAILURES: Final = {
     "off_target": "off target",
     "wrong_drive": "with a wrong drive",
@@ -354,14 +317,7 @@ def _run_verdict_counts(frames: list[FrameVerdict], unexpected: list[FrameKey]) 
         "sent": len(frames),
         "latched": sum(frame.latches > 0 for frame in frames),
         "verified": sum(frame.status in JUDGED for frame in frames),
-        "on_target": by_status[FrameStatus.ON_TARGET],
-        "off_target": by_status[FrameStatus.OFF_TARGET],
-        "wrong_drive": by_status[FrameStatus.WRONG_DRIVE],
-        "corrupt": by_status[FrameStatus.CORRUPT],
-        "not_verified": by_status[FrameStatus.NOT_VERIFIED],
-        "lost": by_status[FrameStatus.LOST],
-        "held_up": by_status[FrameStatus.HELD_UP],
-        "cancelled": by_status[FrameStatus.CANCELLED],
+        **{status.name.lower(): by_status[status] for status in FrameStatus},
         "late": sum(frame.late for frame in frames),
         "early": sum(frame.early for frame in frames),
         "duplicated": sum(frame.latches > 1 for frame in frames),

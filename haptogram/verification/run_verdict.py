@@ -27,6 +27,7 @@ from .frame.verdict import (
 from .tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
+_SPREAD: Final = ("mean", "std", "min", "max")
 _NAMED_FRAMES: Final = 8  # the JSON names all
 
 
@@ -325,13 +326,8 @@ def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float 
 
 def _run_verdict_spread(values: np.ndarray) -> dict[str, float | None]:
     if not len(values):
-        return dict.fromkeys(("mean", "std", "min", "max"))
-    return {
-        "mean": float(values.mean()),
-        "std": float(values.std()),
-        "min": float(values.min()),
-        "max": float(values.max()),
-    }
+        return dict.fromkeys(_SPREAD)
+    return {name: float(getattr(values, name)()) for name in _SPREAD}
 
 
 def _least(values: np.ndarray) -> float | None:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any, Final, TypeVar
 
-from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
+from haptogram.acoustics import AcousticModel, NoFocus, Reconstruction, Reconstructor
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import Pattern
 from haptogram.acoustics.reconstruct.warm import DriveToFind
@@ -50,17 +50,15 @@ class BackdoorEstimator:
         keys = [_drive_of_latch_record(latch) for latch in latches]
         known = self._seen
         new = {key: latch for key, latch in zip(keys, latches, strict=True) if key not in known}
-        step_rad = functools.cache(self._reconstructor.step_rad_of_bits)
+        step_rad = functools.cache(self._reconstructor.step_rad)
         asked = [
-            DriveToFind(
-                latch.radiated,
-                step_rad(latch.radiated.phase_bits, latch.commanded_bits),
-                0.0,
-                latch.ramping,
-            )
+            DriveToFind(latch.radiated, step_rad(latch.radiated.phase_bits, latch.commanded_bits))
             for latch in new.values()
+            if not latch.ramping
         ]
-        known.update(zip(new, self._reconstructor.reconstruct_all(asked), strict=True))
+        foci = iter(self._reconstructor.reconstruct_all(asked))
+        for key, latch in new.items():
+            known[key] = NoFocus("ramping") if latch.ramping else next(foci)
         found = [known[key] for key in keys]
         _forget_oldest(known)
         return found

@@ -8,7 +8,6 @@ import pytest
 
 from haptogram.acoustics import check_focus_target
 from haptogram.acoustics.model.boards.grids import (
-    autd_unit,
     autd_units,
     sonicsurface,
     sonicsurface_wire_index,
@@ -27,7 +26,7 @@ def ours(preset, quantity):
 
 
 def test_an_autd_unit_has_249_places_of_its_grid():
-    positions = autd_unit().positions_m
+    positions = autd_units(1, 1).positions_m
     steps = (positions - positions[0]) / 10.16e-3
     assert steps == pytest.approx(np.rint(steps), abs=1e-9)
     places = {(round(x), round(y)) for x, y, _ in steps}

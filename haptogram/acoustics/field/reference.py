@@ -151,6 +151,15 @@ def pressure(model: AcousticModel, weights: ArrayLike, points_m: ArrayLike) -> C
     return result
 
 
+def arrival_at_point(
+    model: AcousticModel, weights: ComplexArray, point_m: FloatArray
+) -> tuple[float, float]:
+    """Return the RMS pressure of one drive at a point (3,), and its coherence there, 0 to 1."""
+    arrivals = weights * propagators(model, point_m[None, :])[0]
+    total, largest = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())
+    return total / math.sqrt(2.0), (total / largest if largest > 0.0 else 0.0)
+
+
 def _field_gain(
     model: AcousticModel, offsets: tuple[FloatArray, ...], distance: FloatArray
 ) -> FloatArray:

@@ -17,10 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import (
-    FloatArray,
-    as_point_array,
-)
+from haptogram.acoustics.arrays import FloatArray, as_point_array
 from haptogram.acoustics.field.reference import FieldEngine, points_with_field
 from haptogram.acoustics.levels.average import mean_square_pressure
 from haptogram.acoustics.levels.dynamics import Resonator

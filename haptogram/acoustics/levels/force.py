@@ -12,12 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import (
-    ComplexArray,
-    FloatArray,
-    as_complex_array,
-    as_coordinates,
-)
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_complex_array, as_coordinates
 from haptogram.acoustics.field.engines.numba_engine import NumbaEngine
 from haptogram.acoustics.field.reference import FieldEngine, NumpyEngine
 from haptogram.acoustics.model.geometry import TransducerArray

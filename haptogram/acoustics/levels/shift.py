@@ -8,27 +8,30 @@ off from the target, and the maximum of |p| lies where the two balance.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptogram.acoustics.arrays import FloatArray, as_coordinates, as_float_vector
+from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates, as_float_vector
 from haptogram.acoustics.field import reference
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
 
-_GRADIENT_STEP_M: Final = 1e-5
+_STENCIL_M: Final = 1e-5
 _MAX_STEPS: Final = 400  # a steered focus of a small aperture creeps along its ridge
-_STEP_TOLERANCE_M: Final = 1e-7
+_SETTLED_M: Final = 1e-7
+#: A step so short leads no higher where rounding errors are larger.
+AT_TOP_M: Final = 2e-4
+_HALVINGS: Final = 10
 _LONGEST_SHIFT_RAD: Final = 0.2  # beyond it the second order says nothing of the maximum
 _NO_SPREAD: Final = 1e-12  # least spread of the directions to the elements
 _UNOBSERVABLE: Final = 1e-6  # least share of the largest eigenvalue: a line has two below it
 
-# Central differences over the edges and faces of a cube: value, gradient and Hessian.
-_PAIRS: Final = ((0, 1), (0, 2), (1, 2))
+_LEAST_CURVED: Final = 1e-9  # least curvature, relative to the largest
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -102,12 +105,12 @@ def predict_focal_shift(
     levels = (
         np.ones(count) if amplitudes is None else as_float_vector("amplitudes", amplitudes, count)
     )
-    stencil = target + _GRADIENT_STEP_M * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    stencil = target + _STENCIL_M * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     shares = np.abs(reference.propagators(model, stencil)) * np.abs(levels)
     sums = shares.sum(axis=1)
     if not sums.min() > 0.0:
         raise ConfigurationError("no element is heard at the target")
-    slope = (np.log(sums[1:4]) - np.log(sums[4:7])) / (2.0 * _GRADIENT_STEP_M)
+    slope = (np.log(sums[1:4]) - np.log(sums[4:7])) / (2.0 * _STENCIL_M)
     spread, ways = np.linalg.eigh(focal_shift_covariance(model, target, shares[0]))
     seen = spread > max(_UNOBSERVABLE * spread[-1], _NO_SPREAD)
     floor = np.where(seen, spread, max(_UNOBSERVABLE * spread[-1], _NO_SPREAD))
@@ -147,7 +150,7 @@ def find_pressure_peak(
     Parameters
     ----------
     engine : FieldEngine
-        Engine of the field, in float64: second differences of single precision are noise.
+        Engine of the field; the search itself is in double precision.
     weights : (N,) array_like of complex
         One drive.
     start_m : (3,) array_like
@@ -171,70 +174,132 @@ def find_pressure_peak(
     >>> bool(peak[2] < target[2])  # diffraction pulls the maximum towards the array
     True
     """
-    drive = as_drive(weights, engine.model.array.count)
-    position = as_coordinates("start_m", start_m).copy()
-    reference.check_field_points(engine.model, position[None])
-    longest = engine.model.wavelength_m / 4.0
-    # A wide stencil while far away, a narrow one for the last digits.
-    for width in (engine.model.wavelength_m / 50.0, engine.model.wavelength_m / 250.0):
-        for _ in range(_MAX_STEPS):
-            if not _is_pressure_peak_clear(engine.model, position):
-                raise ConfigurationError(
-                    f"no maximum of |p| next to {np.asarray(start_m, dtype=float).tolist()} m: the "
-                    "field rises up to the array"
-                )
-            step = _peak_ascent_step(engine, drive, position, width)
-            step *= min(1.0, longest / max(float(np.linalg.norm(step)), longest))
-            position = position + step
-            if np.linalg.norm(step) < _STEP_TOLERANCE_M:
-                break
-        else:
-            raise ConfigurationError(
-                f"no maximum of |p| within {_MAX_STEPS} steps of "
-                f"{np.asarray(start_m, dtype=float).tolist()} m"
-            )
-    return position
+    model = engine.model
+    drive = as_drive(weights, model.array.count)
+    start = as_coordinates("start_m", start_m)
+    if not abs(reference.pressure(model, drive, start[None])[0]) > 0.0:
+        raise ConfigurationError(f"no sound at {start.tolist()} m")
+    longest = model.wavelength_m / 4.0
 
+    def step_of(here: PressureLevel) -> FloatArray:
+        step = here.ascent
+        return step * min(1.0, longest / max(float(np.linalg.norm(step)), longest))
 
-def _is_pressure_peak_clear(model: AcousticModel, position: FloatArray) -> bool:
-    """Return True if a whole stencil around *position* is in front of the array, and off it."""
-    margin_m = reference.MIN_DISTANCE_M + model.wavelength_m / 25.0
-    around = position + margin_m * _pressure_peak_stencil()
-    return bool(
-        reference.points_clear_of_elements(model, position[None], margin_m)[0]
-        and reference.points_in_front(model, around).all()
+    offset = climb_to_pressure_peak(
+        model, drive, start, np.eye(3), step_of, settled_m=_SETTLED_M, most_steps=_MAX_STEPS
     )
-
-
-def _peak_ascent_step(
-    engine: reference.FieldEngine, drive: ArrayLike, position: FloatArray, width: float
-) -> FloatArray:
-    """Return the Newton step, its sign turned wherever the field curves upward."""
-    pressure = engine.pressure(drive, position + width * _pressure_peak_stencil())
-    if not np.abs(pressure).min() > 0.0:
-        raise ConfigurationError(f"no sound at {position.tolist()} m")
-    slope, hessian = _pressure_peak_derivatives(2.0 * np.log(np.abs(pressure)), width)
-    values, vectors = np.linalg.eigh(hessian)
-    floor = max(float(np.abs(values).max()), 1e-12) * 1e-6
-    step: FloatArray = vectors @ ((vectors.T @ slope) / np.maximum(np.abs(values), floor))
-    return step
-
-
-def _pressure_peak_stencil() -> FloatArray:
-    """Return the 19 points of a cube's centre, faces and edges."""
-    eye = np.eye(3)
-    rows = [np.zeros(3), *eye, *(-eye)]
-    for i, j in _PAIRS:
-        rows += [a * eye[i] + b * eye[j] for a in (1, -1) for b in (1, -1)]
-    return np.array(rows)
-
-
-def _pressure_peak_derivatives(values: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    slope = (values[1:4] - values[4:7]) / (2.0 * width)
-    hessian = np.diag((values[1:4] + values[4:7] - 2.0 * values[0]) / width**2)
-    for index, (i, j) in enumerate(_PAIRS):
-        corner = values[7 + 4 * index : 11 + 4 * index]
-        hessian[i, j] = hessian[j, i] = (corner[0] - corner[1] - corner[2] + corner[3]) / (
-            4.0 * width**2
+    if offset is None:
+        raise ConfigurationError(
+            f"no maximum of |p| next to {start.tolist()} m: the field rises up to the array"
         )
-    return slope, hessian
+    return start + offset
+
+
+def climb_to_pressure_peak(
+    model: AcousticModel,
+    weights: ComplexArray,
+    start_m: FloatArray,
+    axes: FloatArray,
+    step_of: Callable[[PressureLevel], FloatArray],
+    *,
+    settled_m: float,
+    most_steps: int,
+) -> FloatArray | None:
+    """Return (D,) the offset of the pressure peak next to *start_m* along (D, 3) *axes*.
+
+    A step that does not climb is halved.
+
+    Parameters
+    ----------
+    step_of : callable
+        Returns the step (D,) to try from a level.
+    settled_m : float
+        Length of a step that is the last one.
+
+    Returns
+    -------
+    (D,) numpy.ndarray or None
+        None: the ascent leads to the elements or behind them, or does not settle.
+    """
+    offset, here = np.zeros(len(axes)), PressureLevel.at(model, weights, start_m, axes)
+    for _ in range(most_steps):
+        if here is None:
+            return None
+        step = step_of(here)
+        if float(np.linalg.norm(step)) < settled_m:
+            return offset + step
+        for halving in range(_HALVINGS):
+            higher = offset + 0.5**halving * step
+            there = PressureLevel.at(model, weights, start_m + higher @ axes, axes)
+            if there is not None and there.level > here.level:
+                break
+        else:  # at the top, as far as rounding errors can tell
+            return offset if float(np.linalg.norm(step)) < AT_TOP_M else None
+        offset, here = higher, there
+    return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PressureLevel:
+    """L = ln |p|^2 and its derivatives along D axes; the waves (N,) and slopes (D, N) of p."""
+
+    pressure: complex
+    waves: ComplexArray
+    slopes: ComplexArray
+    gradient: FloatArray
+    curvature: FloatArray
+
+    @classmethod
+    def at(
+        cls, model: AcousticModel, weights: ComplexArray, place_m: FloatArray, axes: FloatArray
+    ) -> PressureLevel | None:
+        """Return those at a place; None at an element, behind the array or without sound.
+
+        With a wave q = m e^{jkr}, the magnitude m is differentiated numerically, and its second
+        derivative is that of 1 / r.
+        """
+        places_m = place_m + _STENCIL_M * np.concatenate([0.0 * axes[:1], axes, -axes])
+        try:
+            arrivals = reference.propagators(model, places_m)
+        except ConfigurationError:  # within 1 mm of an element, or behind the array
+            return None
+        count, k, waves = len(axes), model.wavenumber, arrivals * weights
+        rays_m = places_m[:, None, :] - model.array.positions_m
+        distance = np.sqrt(np.einsum("mni,mni->mn", rays_m, rays_m))
+        here, r = waves[0], distance[0]
+        pressure = complex(here.sum())
+        if not abs(pressure) > 0.0:
+            return None
+        still = waves[1:] * np.exp(-1j * k * (distance[1:] - r))
+        fading = (still[:count] - still[count:]) / (2.0 * _STENCIL_M)
+        cosines = axes @ (rays_m[0] / r[:, None]).T
+        turning = 1j * k * cosines
+        slopes = fading + turning * here
+        both = cosines[:, None] * cosines
+        apart = np.eye(count)[:, :, None]
+        bends = turning[:, None] * slopes + fading[:, None] * turning
+        bends += here * (1j * k / r * (apart - both) + (3.0 * both - apart) / r**2)
+        first = slopes.sum(axis=1) / pressure
+        second = bends.sum(axis=2) / pressure - np.outer(first, first)
+        return cls(pressure, here, slopes, 2.0 * first.real, 2.0 * second.real)
+
+    @property
+    def ascent(self) -> FloatArray:
+        """(D,) the Newton step to the peak; its sign is turned where L curves upwards."""
+        values, vectors = np.linalg.eigh(self.curvature)
+        floor = max(float(np.abs(values).max()), 1e-12) * 1e-6
+        step: FloatArray = vectors @ (
+            (vectors.T @ self.gradient) / np.maximum(np.abs(values), floor)
+        )
+        return step
+
+    @property
+    def level(self) -> float:
+        """|p|, which grows with L."""
+        return abs(self.pressure)
+
+    @property
+    def is_peak(self) -> bool:
+        """True if the curvature is that of a peak, in every direction."""
+        values = np.linalg.eigvalsh(self.curvature)
+        return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import FloatArray, read_only_array
 from haptogram.acoustics.model.geometry import TransducerArray
-from haptogram.acoustics.model.own_axes import TOLERANCE_M, grid_rows_and_columns, plane_axes
+from haptogram.acoustics.model.own_axes import (
+    TOLERANCE_M,
+    first_neighbour_vectors,
+    grid_rows_and_columns,
+    plane_axes,
+)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -49,20 +54,11 @@ def find_lattice(array: TransducerArray) -> Lattice | None:
     offsets = array.positions_m - array.centre_m
     if np.abs(offsets @ normal).max() > TOLERANCE_M:
         return None
-    for direction in _lattice_directions(offsets):
+    for direction in (*np.eye(3)[:2], *first_neighbour_vectors(offsets)):
         lattice = _lattice_along(direction, normal, offsets)
         if lattice is not None:
             return lattice
     return None
-
-
-def _lattice_directions(offsets: FloatArray) -> list[FloatArray]:
-    """Return candidate lattice axes: x, y, and the vector to the nearest neighbour."""
-    candidates = [np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])]
-    if len(offsets) > 1:
-        steps = offsets[1:] - offsets[0]
-        candidates.append(steps[np.linalg.norm(steps, axis=1).argmin()])
-    return candidates
 
 
 def _lattice_along(

@@ -39,7 +39,7 @@ def array_axes(
         if axes is not None:
             return axes + 0.0
     upright = _axes_turned_least(face)
-    for direction in (upright[0], *_first_neighbour_vectors(offsets)):
+    for direction in (upright[0], *first_neighbour_vectors(offsets)):
         axes = plane_axes(face, direction)
         if axes is not None and grid_rows_and_columns(axes, offsets, _ROUNDED_M) is not None:
             return _quarter_turned_axes(axes, upright)
@@ -141,7 +141,7 @@ def _axes_turned_least(face: FloatArray) -> FloatArray:
     return np.eye(3) if axes is None else axes + 0.0
 
 
-def _first_neighbour_vectors(offsets: FloatArray) -> list[FloatArray]:
+def first_neighbour_vectors(offsets: FloatArray) -> list[FloatArray]:
     """Return the vector from the first element to its nearest neighbour, if any."""
     steps = offsets[1:] - offsets[0]
     return [steps[np.linalg.norm(steps, axis=1).argmin()]] if len(steps) else []

@@ -16,7 +16,7 @@ import numpy as np
 from haptogram.acoustics.arrays import BoolArray, FloatArray
 from haptogram.acoustics.model.geometry import MIN_SPACING_M
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.cells import search_volume
+from haptogram.acoustics.reconstruct.cells import leading_cells, search_volume
 from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 
 _SUBARRAY_COUNT: Final = 100
@@ -65,8 +65,9 @@ class FocusAcquisition:
         arrivals = np.where(used, np.exp(1j * phases_rad[self.subarray]), 0.0)
         score = np.abs(self._phasors @ arrivals.astype(np.complex64))
         best = self._cells[np.argsort(-score)[:_RIVALS]]
-        leaders, others = _separate_search_cells(best, self._model.array.centre_m)
-        return leaders + others
+        apart_m = np.linalg.norm(best - self._model.array.centre_m, axis=1) * _RIVAL_SEPARATION
+        leaders = leading_cells(best, apart_m)
+        return [*best[leaders], *np.delete(best, leaders, axis=0)]
 
     def fits(
         self, phases_rad: FloatArray, active: BoolArray, step_rad: float, limit: int
@@ -93,16 +94,3 @@ class FocusAcquisition:
             if radius >= outermost or fit.residual_rms_rad > HOPELESS_RAD:
                 return fit
             start, radius = fit.position_m, 2.0 * radius
-
-
-def _separate_search_cells(
-    cells: FloatArray, centre: FloatArray
-) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the best cell of each region, then the other cells, each best first."""
-    leaders: list[FloatArray] = []
-    others: list[FloatArray] = []
-    for cell in cells:
-        apart = _RIVAL_SEPARATION * float(np.linalg.norm(cell - centre))
-        alone = all(np.linalg.norm(cell - leader) > apart for leader in leaders)
-        (leaders if alone else others).append(cell)
-    return leaders, others

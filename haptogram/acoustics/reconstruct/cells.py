@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Final, NamedTuple
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,27 +56,24 @@ def search_volume(model: AcousticModel, positions: FloatArray) -> SearchVolume:
     ConfigurationError
         As of :func:`search_cells`.
     """
-    return _kept_search_volume(_VolumeOf(model, positions))
+    return _kept_search_volume(_VolumeOf.of(model, positions))
 
 
+@dataclass(frozen=True, slots=True)
 class _VolumeOf:
     """What a search volume depends on; equal if it gives the same volume."""
 
-    def __init__(self, model: AcousticModel, positions: FloatArray) -> None:
-        self.model, self.positions = model, positions
-        array = model.array
-        self._content = (
-            *(part.tobytes() for part in (positions, array.positions_m, array.normals, array.axes)),
-            sounding_half_spaces(model).tobytes(),
-            array.pitch_m,
-            model.wavenumber,
-        )
+    model: AcousticModel = field(compare=False)
+    positions: FloatArray = field(compare=False)
+    content: tuple[object, ...]
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _VolumeOf) and self._content == other._content
-
-    def __hash__(self) -> int:
-        return hash(self._content)
+    @classmethod
+    def of(cls, model: AcousticModel, positions: FloatArray) -> Self:
+        """Return the key of the volume that *positions* search."""
+        array, fronts = model.array, sounding_half_spaces(model)
+        parts = (positions, array.positions_m, array.normals, array.axes, fronts)
+        content = (*(part.tobytes() for part in parts), array.pitch_m, model.wavenumber)
+        return cls(model, positions, content)
 
 
 @functools.lru_cache(_VOLUMES_KEPT)
@@ -128,6 +126,18 @@ def search_cells(model: AcousticModel, positions: FloatArray) -> FloatArray:
             f"{np.round(axes[2], 3).tolist()}, is in front of them"
         )
     return cells[usable]
+
+
+def leading_cells(cells: FloatArray, apart_m: FloatArray, most: int | None = None) -> list[int]:
+    """Return the numbers of (M, 3) cells that are (M,) *apart_m* from all leaders before them."""
+    leaders: list[int] = []
+    for number, cell in enumerate(cells):
+        gaps = np.linalg.norm(cells[leaders] - cell, axis=1)
+        if gaps.min(initial=np.inf) > apart_m[number]:
+            leaders.append(number)
+            if len(leaders) == most:
+                break
+    return leaders
 
 
 def cell_phasors(

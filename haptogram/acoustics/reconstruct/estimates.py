@@ -6,7 +6,15 @@ import math
 from dataclasses import dataclass, fields
 from typing import Final, Literal, TypeAlias
 
+from haptogram.acoustics.arrays import FloatArray
+
 Vector: TypeAlias = tuple[float, float, float]
+
+
+def as_vector(values: FloatArray) -> Vector:
+    """Return a (3,) array as plain numbers."""
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.engines.compiled import load_kernels
 from haptogram.acoustics.field.engines.engine import choose_engine
-from haptogram.acoustics.field.reference import FieldEngine, points_in_front, propagators
+from haptogram.acoustics.field.reference import FieldEngine, arrival_at_point, points_in_front
 from haptogram.acoustics.levels.force import ReflectingDisc, level_db_spl
 from haptogram.acoustics.model.drive import (
     MAX_PHASE_BITS,
@@ -45,7 +45,7 @@ from haptogram.acoustics.reconstruct.estimates import (
     NotSingle,
     Reconstruction,
     SingleFocus,
-    Vector,
+    as_vector,
 )
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.acoustics.reconstruct.warm import (
@@ -143,22 +143,8 @@ class Reconstructor:
         """Forget the last focus: the next drive is searched for."""
         self._last_focus = None
 
-    def reconstruct(
-        self,
-        drive: Drive,
-        *,
-        ramping: bool = False,
-        phase_bits: int | None = None,
-        slack_rad: float = 0.0,
-    ) -> Reconstruction:
-        """Return the focus of *drive*; *ramping* says that its amplitude is still changing.
-
-        Parameters
-        ----------
-        phase_bits : int, optional
-            Resolution to judge by, if the codes were once coarser than they are now.
-        slack_rad : float
-            RMS residual that a focus may leave on top of half a phase step, in radians.
+    def reconstruct(self, drive: Drive) -> Reconstruction:
+        """Return the focus of *drive*.
 
         Raises
         ------
@@ -169,19 +155,12 @@ class Reconstructor:
             raise ConfigurationError(
                 f"drive of {drive.count}, array of {self._model.array.count} elements"
             )
-        if drive.is_muted and not ramping:
-            return NoFocus("muted")
-        step_rad = self.step_rad(drive, phase_bits)
-        (found,) = self.reconstruct_all([DriveToFind(drive, step_rad, slack_rad, ramping)])
+        (found,) = self.reconstruct_all([DriveToFind(drive, self.step_rad(drive.phase_bits))])
         return found
 
-    def step_rad(self, drive: Drive, phase_bits: int | None = None) -> float:
-        """Return the step of the phases by which *drive* is judged, in radians."""
-        return self.step_rad_of_bits(drive.phase_bits, phase_bits)
-
-    def step_rad_of_bits(self, bits: int, phase_bits: int | None = None) -> float:
-        """Return the phase step of drives of *bits*, as :meth:`step_rad`."""
-        coarser = (known or MAX_PHASE_BITS for known in (self._phase_bits, phase_bits))
+    def step_rad(self, bits: int, commanded_bits: int | None = None) -> float:
+        """Return the step by which phases of *bits* are judged, once as coarse as commanded."""
+        coarser = (known or MAX_PHASE_BITS for known in (self._phase_bits, commanded_bits))
         return phase_step_rad(min(bits, *coarser))
 
     def reconstruct_all(self, asked: Sequence[DriveToFind]) -> list[Reconstruction]:
@@ -200,12 +179,9 @@ class Reconstructor:
         return found
 
     def _focus_of(self, asked: DriveToFind) -> Reconstruction:
-        if asked.drive.is_muted and not asked.ramping:
+        if asked.drive.is_muted:
             return NoFocus("muted")
-        weights, slack_rad = asked.drive.weights(), asked.slack_rad
-        return self._reconstruct(
-            weights, asked.step_rad, ramping=asked.ramping, slack_rad=slack_rad
-        )
+        return self._reconstruct(asked.drive.weights(), asked.step_rad, asked.slack_rad)
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
         """Return the foci of the leading drives that a fit warm-started at the last focus finds."""
@@ -235,7 +211,6 @@ class Reconstructor:
         self,
         weights: ArrayLike,
         *,
-        ramping: bool = False,
         step_rad: float | None = None,
         slack_rad: float = 0.0,
     ) -> Reconstruction:
@@ -246,7 +221,7 @@ class Reconstructor:
         step_rad : float, optional
             Step of the phases to judge by, in radians, if they are not of `phase_bits`.
         slack_rad : float
-            As in :meth:`reconstruct`.
+            RMS residual that a focus may leave on top of half a phase step, in radians.
 
         Raises
         ------
@@ -257,9 +232,7 @@ class Reconstructor:
         if step_rad is None:
             step_rad = phase_step_rad(self._phase_bits or REGISTER_BITS)
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
-        return self._reconstruct(
-            as_weights(weights), step_rad, ramping=ramping, slack_rad=slack_rad
-        )
+        return self._reconstruct(as_weights(weights), step_rad, slack_rad)
 
     def reconstruct_quickly(
         self, weights: ArrayLike, *, step_rad: float, slack_rad: float = 0.0
@@ -275,11 +248,9 @@ class Reconstructor:
         return radiated if isinstance(radiated, NoFocus) else self._locate_quickly(radiated)[0]
 
     def _reconstruct(
-        self, weights: ComplexArray, step_rad: float, *, ramping: bool, slack_rad: float = 0.0
+        self, weights: ComplexArray, step_rad: float, slack_rad: float
     ) -> Reconstruction:
         radiated = self._radiated(weights, step_rad, slack_rad)
-        if ramping:
-            return NoFocus("ramping")
         if isinstance(radiated, NoFocus):
             return radiated
         found, tried = self._locate_quickly(radiated)
@@ -312,9 +283,7 @@ class Reconstructor:
             if fit.residual_rms_rad <= limit_rad and apart_m > self._model.wavelength_m / 4.0:
                 rivals.append(fit.position_m)
         single = self._single(best, radiated, found.acquired) if best is not here else found
-        return dataclasses.replace(
-            single, rivals_m=tuple(_reconstructed_vector(place) for place in rivals)
-        )
+        return dataclasses.replace(single, rivals_m=tuple(as_vector(place) for place in rivals))
 
     def _radiated(
         self, weights: ComplexArray, step_rad: float, slack_rad: float
@@ -372,7 +341,7 @@ class Reconstructor:
             return None, "global"
         limit_rad = float(quick_limits_rad(radiated.limit_rad))
         if self._last_focus is not None:
-            fix = self._tracker.fit(radiated.codes, _reconstructed_vector(self._last_focus))
+            fix = self._tracker.fit(radiated.codes, as_vector(self._last_focus))
             if self._tracker.explains(fix, limit_rad):
                 return np.array(fix.position_m), "warm"
         fix = self._tracker.acquire(radiated.codes, limit_rad)
@@ -454,11 +423,11 @@ class Reconstructor:
         self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]
     ) -> SingleFocus:
         self._last_focus = fit.position_m
-        pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
+        pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
         return SingleFocus(
-            position_m=_reconstructed_vector(fit.position_m),
-            std_m=_reconstructed_vector(fit.std_m),
-            bound_m=_reconstructed_vector(fit.bound_m),
+            position_m=as_vector(fit.position_m),
+            std_m=as_vector(fit.std_m),
+            bound_m=as_vector(fit.bound_m),
             observable=(bool(fit.observable[0]), bool(fit.observable[1]), bool(fit.observable[2])),
             residual_rms_rad=fit.residual_rms_rad,
             coherence=coherence,
@@ -479,11 +448,11 @@ class Reconstructor:
         """Return a fit as not a single focus, with its outlier elements."""
         self._last_focus = fit.position_m
         residual = fit.residual_rad[radiated.active]
-        pressure, coherence = self._pressure_rms_pa(fit.position_m, radiated)
+        pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
         wrong = radiated.active & (np.abs(fit.residual_rad) > 2.0 * radiated.limit_rad)
         return NotSingle(
             residual_rms_rad=math.sqrt(float(np.mean(residual**2))),
-            position_m=_reconstructed_vector(fit.position_m),
+            position_m=as_vector(fit.position_m),
             pressure_rms_pa=pressure,
             coherence=coherence,
             outliers=tuple(int(n) for n in np.flatnonzero(wrong)),
@@ -495,23 +464,10 @@ class Reconstructor:
         points = [fit.position_m for fit in tried if self._in_front(fit.position_m)] + starts
         loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
         loudest = points[int(loudness.argmax())]
-        pressure, coherence = self._pressure_rms_pa(loudest, radiated)
+        pressure, coherence = arrival_at_point(self._model, radiated.weights, loudest)
         return NotSingle(
             residual_rms_rad=min(fit.residual_rms_rad for fit in tried),
-            position_m=_reconstructed_vector(loudest),
+            position_m=as_vector(loudest),
             pressure_rms_pa=pressure,
             coherence=coherence,
         )
-
-    def _pressure_rms_pa(
-        self, point: FloatArray, radiated: _ReconstructedDrive
-    ) -> tuple[float, float]:
-        """Return the RMS pressure and the coherence at a point."""
-        arrivals = radiated.weights * propagators(self._model, point[None, :])[0]
-        total, largest = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())
-        return total / math.sqrt(2.0), (total / largest if largest > 0.0 else 0.0)
-
-
-def _reconstructed_vector(values: FloatArray) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

@@ -225,11 +225,8 @@ class FocusTracker:
         return above and _CLEARANCE_M <= fix.clearance_m <= _REACH_M
 
     def _check_codes(self, codes: NDArray[np.uint8]) -> None:
-        if codes.dtype is not _CODES or codes.shape != self._shape:  # one object for each type
-            self._refuse(codes)
-
-    def _refuse(self, codes: NDArray[np.uint8]) -> None:
-        if codes.dtype != _CODES or codes.shape != self._shape:
+        # One object for each type: a comparison takes longer.
+        if (codes.dtype is not _CODES and codes.dtype != _CODES) or codes.shape != self._shape:
             raise ConfigurationError(
                 f"codes are {codes.dtype} of shape {codes.shape}, "
                 f"must be uint8 of shape {self._shape}"

@@ -12,12 +12,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.numba_engine import NumbaEngine
 from haptogram.acoustics.field.engines.parallel import ParallelPistons
 from haptogram.acoustics.levels.force import ReflectingDisc, level_db_spl
-from haptogram.acoustics.model.drive import (
-    FULL_AMPLITUDE,
-    REGISTER_BITS,
-    Drive,
-    phase_step_rad,
-)
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS, Drive, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.estimates import SingleFocus
 from haptogram.acoustics.solvers.focus import MAX_TARGET_DISTANCE_M, MIN_TARGET_DISTANCE_M
@@ -44,14 +39,11 @@ class DriveToFind(NamedTuple):
         The drive.
     step_rad, slack_rad : float
         As in :meth:`.Reconstructor.reconstruct_weights`.
-    ramping : bool
-        Whether its amplitude is still changing.
     """
 
     drive: Drive
     step_rad: float
     slack_rad: float = 0.0
-    ramping: bool = False
 
 
 class WarmReconstructor:
@@ -92,8 +84,7 @@ class WarmReconstructor:
     def serves(self, asked: DriveToFind) -> bool:
         """Return True for full amplitudes, and for phases that do not suit several places."""
         drive = asked.drive
-        is_usual = asked.step_rad < COARSE_RAD and not asked.ramping
-        is_usual = is_usual and drive.phase_bits == REGISTER_BITS
+        is_usual = asked.step_rad < COARSE_RAD and drive.phase_bits == REGISTER_BITS
         return is_usual and drive.amplitude_codes.tobytes() == self._full
 
     def foci(self, asked: list[DriveToFind], start: FloatArray) -> list[SingleFocus]:

@@ -23,9 +23,7 @@ from haptogram.errors import ConfigurationError
 _OBSERVABLE_RATIO: Final = 1e-4
 #: Least eigenvalue of the squared slopes, of the largest, at which a direction is observable.
 LEAST_SEEN_SHARE: Final = _OBSERVABLE_RATIO**2
-_MAX_ITERATIONS: Final = 32  # a fit that converges takes 4 to 8
 _MAX_STEP_M: Final = 0.020
-_STEP_TOLERANCE_M: Final = 1e-10
 _MIN_DAMPING: Final = 1e-2
 _MAX_DAMPING: Final = 1e4
 _TINY_M: Final = 1e-300  # a start may lie on an element
@@ -125,12 +123,22 @@ def fit_focus(
     if model.calibration is not None:
         phases = phases + model.calibration.phase_rad
         used = _as_fit_mask(used & model.calibration.heard, model.array.count)
-    problem = _FocusPhaseProblem(model, phases, used)
+    positions, k = model.array.positions_m, model.wavenumber
+    everything = bool(used.all())
+    problem = (
+        PhaseProblem(positions, phases, k)
+        if everything
+        else PhaseProblem(positions[used], phases[used], k)
+    )
     position, steps, converged = problem.solve(as_coordinates("start_m", start_m))
-    residual, phase, slopes = problem.residual_of_all(position)
+    own, phase, slopes = problem.residual(position)
+    residual = own
+    if not everything:
+        arrivals = phases + k * np.linalg.norm(position - positions, axis=1)
+        residual = wrapped_phases(arrivals - phase)
+        own = residual[used]
     step = phase_step_rad(phase_bits) if step_rad is None else step_rad
     std_m, bound_m, observable = problem.uncertainty(slopes, step)
-    own = residual[used]
     rms = math.sqrt(float(own @ own) / len(own))
     return PhaseFit(position, phase, residual, rms, std_m, bound_m, observable, steps, converged)
 
@@ -158,7 +166,8 @@ def focus_phase_response(
     used = _as_fit_mask(active, model.array.count)
     if model.calibration is not None:
         used = _as_fit_mask(used & model.calibration.heard, model.array.count)
-    problem = _FocusPhaseProblem(model, np.zeros(model.array.count), used)
+    positions = model.array.positions_m[used]
+    problem = PhaseProblem(positions, np.zeros(len(positions)), model.wavenumber)
     response = np.zeros((3, model.array.count))
     response[:, used], observable = problem.response(as_coordinates("position_m", position_m))
     return response, observable
@@ -170,46 +179,52 @@ def wrapped_phases(phases_rad: FloatArray) -> FloatArray:
     return wrapped
 
 
-class _FocusPhaseProblem:
-    """The least-squares problem of one fit, with psi eliminated: three unknowns remain."""
+class PhaseProblem:
+    """The least-squares problem of one fit, with psi eliminated: three unknowns remain.
 
-    def __init__(self, model: AcousticModel, phases: FloatArray, used: BoolArray) -> None:
-        self._wavenumber = model.wavenumber
-        self._all = (model.array.positions_m, phases)
-        everything = bool(used.all())
-        self._others = not everything
-        self._positions = model.array.positions_m if everything else model.array.positions_m[used]
-        self._phases = phases if everything else phases[used]
+    A problem with more of them has the place first, and linearises itself.
+    """
+
+    most_steps = 32  # a fit that converges takes 4 to 8
+    settled_m = 1e-10
+
+    def __init__(self, positions_m: FloatArray, phases_rad: FloatArray, wavenumber: float) -> None:
+        self._positions, self._phases = positions_m, phases_rad
+        self._wavenumber = wavenumber
 
     def solve(self, start: FloatArray) -> tuple[FloatArray, int, bool]:
-        """Return the position, the number of steps, and whether they converged."""
-        position, damping = start.copy(), 0.0
-        residual, slopes = self._linearise(position)
-        for iteration in range(1, _MAX_ITERATIONS + 1):
-            step = _damped_fit_step(slopes, residual, damping)
-            candidate = position + step
-            if np.linalg.norm(step) < _STEP_TOLERANCE_M:
+        """Return the unknowns, the number of steps, and whether they converged."""
+        unknown, damping = start.copy(), 0.0
+        residual, slopes = self.linearise(unknown)
+        for iteration in range(1, self.most_steps + 1):
+            step = self.step(slopes, residual, damping)
+            step *= min(1.0, _MAX_STEP_M / max(float(np.linalg.norm(step[:3])), _MAX_STEP_M))
+            candidate = unknown + step
+            if np.linalg.norm(step[:3]) < self.settled_m:
                 return candidate, iteration, True
-            new_residual, new_slopes = self._linearise(candidate)
+            new_residual, new_slopes = self.linearise(candidate)
             if new_residual @ new_residual <= residual @ residual:
-                position, residual, slopes = candidate, new_residual, new_slopes
+                unknown, residual, slopes = candidate, new_residual, new_slopes
                 damping = damping / 10.0 if damping > _MIN_DAMPING else 0.0
             else:
                 damping = max(_MIN_DAMPING, damping * 10.0)
                 if damping > _MAX_DAMPING:
                     break  # no descent: a kink of the wrapped cost
-        return position, iteration, False
+        return unknown, iteration, False
 
-    def residual_of_all(self, position: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        """Return the wrapped residual of every element; of the used ones, phase and slopes."""
-        offset, distance = self._ray(position)
-        residual, phase = self._centred(self._phases + self._wavenumber * distance)
-        phase = math.remainder(phase, 2.0 * math.pi)
-        if self._others:
-            positions, phases = self._all
-            everywhere = np.linalg.norm(position - positions, axis=1)
-            residual = wrapped_phases(phases + self._wavenumber * everywhere - phase)
-        return residual, phase, self._slopes(offset, distance)
+    def step(self, slopes: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
+        """Return the Levenberg-Marquardt step within the observable directions."""
+        values, vectors, kept = _focus_fit_spectrum(slopes)
+        seen = vectors[:, kept]
+        wanted = seen.T @ (slopes.T @ residual)
+        step: FloatArray = -seen @ (wanted / (values[kept] * (1.0 + damping)))
+        return step
+
+    def residual(self, position: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+        """Return the wrapped residuals, their common phase, and their slopes."""
+        offset, distance = self.ray(position)
+        residual, phase = centred_phases(self._phases + self._wavenumber * distance)
+        return residual, math.remainder(phase, 2.0 * math.pi), self.slopes(offset, distance)
 
     def uncertainty(
         self, slopes: FloatArray, step_rad: float
@@ -222,7 +237,7 @@ class _FocusPhaseProblem:
 
     def response(self, position: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return d(position)/d(phase), (3, N), and the observability of each coordinate."""
-        slopes = self._slopes(*self._ray(position))
+        slopes = self.slopes(*self.ray(position))
         inverse, observable = self._inverse(slopes)
         return -inverse @ slopes.T, observable
 
@@ -235,31 +250,30 @@ class _FocusPhaseProblem:
         )
         return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T, observable
 
-    def _ray(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def ray(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the vectors and distances from the elements to a position."""
         offset = position - self._positions
         return offset, np.sqrt(np.einsum("ni,ni->n", offset, offset))
 
-    def _slopes(self, offset: FloatArray, distance: FloatArray) -> FloatArray:
+    def slopes(self, offset: FloatArray, distance: FloatArray) -> FloatArray:
         """Return the centred Jacobian d(residual)/d(position), (N, 3)."""
         slopes: FloatArray = offset * (self._wavenumber / (distance + _TINY_M))[:, None]
         slopes -= np.add.reduce(slopes) / len(slopes)  # `mean` takes four times as long
         return slopes
 
-    def _linearise(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return residuals and Jacobian at a position."""
-        offset, distance = self._ray(position)
-        residual, _ = self._centred(self._phases + self._wavenumber * distance)
-        return residual, self._slopes(offset, distance)
+    def linearise(self, unknown: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return residuals and Jacobian at the unknowns."""
+        residual, _, slopes = self.residual(unknown)
+        return residual, slopes
 
-    @staticmethod
-    def _centred(arrival: FloatArray) -> tuple[FloatArray, float]:
-        """Return the arrival phases less their common phase, wrapped; and that phase."""
-        common = float(np.angle(np.exp(1j * arrival).sum()))
-        residual = wrapped_phases(arrival - common)
-        # From the circular to the least-squares mean.
-        mean = float(np.add.reduce(residual)) / len(residual)
-        return wrapped_phases(residual - mean), common + mean
+
+def centred_phases(arrival: FloatArray) -> tuple[FloatArray, float]:
+    """Return the arrival phases less their common phase, wrapped; and that phase."""
+    common = float(np.angle(np.exp(1j * arrival).sum()))
+    residual = wrapped_phases(arrival - common)
+    # From the circular to the least-squares mean.
+    mean = float(np.add.reduce(residual)) / len(residual)
+    return wrapped_phases(residual - mean), common + mean
 
 
 def _focus_fit_spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -293,14 +307,6 @@ def _are_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool
     u, v = [q - p for p, q in zip(a, b, strict=True)], [q - p for p, q in zip(a, c, strict=True)]
     uu, vv, uv = math.hypot(*u) ** 2, math.hypot(*v) ** 2, sum(map(operator.mul, u, v))
     return uu * vv - uv * uv > 1e-4 * uu * vv and min(uu, vv) > (100.0 * _POINT_M) ** 2
-
-
-def _damped_fit_step(slopes: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
-    """Return the Levenberg-Marquardt step within the observable directions, at most 20 mm long."""
-    values, vectors, kept = _focus_fit_spectrum(slopes)
-    seen = vectors[:, kept]
-    step: FloatArray = -seen @ ((seen.T @ (slopes.T @ residual)) / (values[kept] * (1.0 + damping)))
-    return step * min(1.0, _MAX_STEP_M / max(float(np.linalg.norm(step)), _MAX_STEP_M))
 
 
 def _as_fit_mask(active: ArrayLike | None, count: int) -> BoolArray:

@@ -223,7 +223,7 @@ class _WatchRun:
             elif latch := self._board.latch(record):
                 self._take(self._watch.take(latch))
                 self._count += latch.is_of_client
-        return self._count != self._arguments.latches or self._watch.waits_for_wire
+        return self._count != self._arguments.latches or self._watch.frames.waits_for_wire
 
     def _take_event(self, record: Record) -> None:
         """Process an event about the client."""
@@ -231,11 +231,11 @@ class _WatchRun:
 
         event = record["event"]
         if event == "wire_compared":
-            self._watch.wire_compared(is_own=record["is_own"])
+            self._watch.frames.wire_compared(is_own=record["is_own"])
         elif event == "client_left":
-            self._watch.client_left()
+            self._watch.frames.client_left()
         elif event == "remark":
-            self._watch.remark(About(record["about"]), record["text"])
+            self._watch.frames.remark(About(record["about"]), record["text"])
             self._lines.print_remark(record["text"])
 
     def _take(self, seen: WatchedLatch) -> None:
@@ -259,7 +259,7 @@ class _WatchRun:
         if count := self._not_looked_at:
             noun = "latch" if count == 1 else "latches"
             missing = f"{count} {noun} came that were not looked at: the watch was interrupted"
-        self._watch.cut_short()
+        self._watch.frames.cut_short()
         result = self._watch.result(missing)
         result = dataclasses.replace(result, fail_on_unknown=bool(self._arguments.fail_on))
         if (assumed := _assumed_layout(self._arguments)) and _shows_no_pattern(result):

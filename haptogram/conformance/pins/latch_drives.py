@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.pins import PinRecord
+from haptogram.verification.pins.pin_verdict import PinLimits
 from haptogram.verification.pins.pin_weights import pins_phase
-from haptogram.verification.pins.shown_frames import PinCaptureLimits
 
 from .findings import PinClauseFindings, duration_by_pins, names_of_pins, time_by_pins
 from .latch_pulses import LONGEST, SHORTEST, LatchClausePulses
@@ -75,9 +75,9 @@ class LatchDriveClauseJudge:
         return self.pulses.record
 
     @cached_property
-    def limits(self) -> PinCaptureLimits:
+    def limits(self) -> PinLimits:
         """Errors that the samples may hide."""
-        return PinCaptureLimits.of(self.record)
+        return PinLimits.of(self.record)
 
     def judge(
         self, latches: Iterable[ReportedLatch], settled: float, findings: PinClauseFindings

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,17 @@ class ChannelEdges:
     first_level: bool
     undefined: int = 0
     defined_from: int = 0
+
+    @property
+    def rises(self) -> NDArray[np.int64]:
+        """(R,) ticks at which the channel rises."""
+        return self.times[int(self.first_level) :: 2]
+
+    def levels_at(self, ticks: NDArray[Any], *, after: bool = False) -> NDArray[np.bool_]:
+        """Return the level just before each of *ticks*, or just *after* it."""
+        passed = np.searchsorted(self.times, ticks, side="right" if after else "left")
+        levels: NDArray[np.bool_] = (passed % 2 == 1) ^ self.first_level
+        return levels
 
     def pulses(
         self, *, active_low: bool = False

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.errors import ConfigurationError
+from haptogram.records.pins import SAMPLES_OF_8_BITS
 
 from .capture import Capture
 from .channel_map import ChannelMap
@@ -15,7 +16,6 @@ from .channel_map import ChannelMap
 _Floats: TypeAlias = NDArray[np.float64]
 #: Samples of a period that a capture has at least: below, no phase is worth a word.
 LEAST_SAMPLES: Final = 32
-_PHASE_BITS: Final = 8
 _LEAST_PULSES: Final = 3
 #: An edge is seen up to one sample late, so the distance of two is wrong by less than one.
 _SAMPLES: Final = 2.5
@@ -27,17 +27,6 @@ _LONGER: Final = 0.15  # share of a period by which the next one may come early
 _BLOCK: Final = 64  # pulses that make one point of a steady clock: their mean has no samples
 _MOST_DIVIDER: Final = 3  # largest divider of a carrier with missing pulses
 _NEAR: Final = 0.1  # share by which a carrier is that of the map
-
-
-def least_capture_rate_hz(carrier_hz: float, phase_bits: int = _PHASE_BITS) -> float:
-    """Return the sampling rate at which a sample is half a step of *phase_bits*.
-
-    Examples
-    --------
-    >>> least_capture_rate_hz(40e3) / 1e6
-    20.48
-    """
-    return carrier_hz * 2.0 ** (phase_bits + 1)
 
 
 def checked_capture_period(
@@ -79,7 +68,7 @@ def checked_capture_period(
             f"{capture.path}: {rate_hz:.6g} samples/s{source if is_estimated else ''} are "
             f"{period / sample:.3g} in a period of the carrier, must be {LEAST_SAMPLES} at least; "
             f"sample at {LEAST_SAMPLES * settings.carrier_hz:g} Hz or more, for 8-bit phases at "
-            f"{least_capture_rate_hz(settings.carrier_hz):g} Hz"
+            f"{SAMPLES_OF_8_BITS * settings.carrier_hz:g} Hz"
         )
     return period
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Self
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, errors_in
 from haptogram.settings.option import Settings, option
 from haptogram.settings.text_file import read_toml_file
 
@@ -131,36 +131,31 @@ class ChannelMap:
         values = dict(document)
         elements = values.pop(_ELEMENTS, None)
         shift = values.pop(_SHIFT, None)
-        registers = None if shift is None else ShiftRegisters.of(str(path), shift)
-        try:
+        pattern = elements if isinstance(elements, str) else None
+        with errors_in(path):
+            registers = None if shift is None else ShiftRegisters.of(shift)
             settings = ChannelMapSettings.of(**values)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: {error}") from error
-        reference = settings.reference
-        if reference is None and registers is not None:
-            reference = registers.carrier
-        if reference is None:
-            raise ConfigurationError(
-                f"{path}: no reference; name the channel that phases are relative to"
-            )
-        if isinstance(elements, str):
-            if elements.count(_PLACEHOLDER) != 1:
+            reference = settings.reference
+            if reference is None and registers is not None:
+                reference = registers.carrier
+            if reference is None:
                 raise ConfigurationError(
-                    f'{path}: elements is {elements!r}, must have one {{}}: "e{{}}", or a table'
+                    "no reference; name the channel that phases are relative to"
                 )
-            return cls(Path(path), reference, settings, {}, elements, registers)
-        if elements is None and registers is not None:
-            elements = {}
-        else:
-            elements = _checked_channel_elements(path, elements)
-        return cls(Path(path), reference, settings, elements, None, registers)
+            if pattern is not None and pattern.count(_PLACEHOLDER) != 1:
+                raise ConfigurationError(
+                    f'elements is {pattern!r}, must have one {{}}: "e{{}}", or a table'
+                )
+            if pattern is not None or (elements is None and registers is not None):
+                elements = {}
+            else:
+                elements = _checked_channel_elements(elements)
+        return cls(Path(path), reference, settings, elements, pattern, registers)
 
     def expanded(self, capture: Capture) -> Capture:
         """Return *capture* with the outputs of shift registers as channels."""
-        try:
+        with errors_in(self.path):
             return capture if self.shift is None else self.shift.expanded(capture)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{self.path}: {error}") from error
 
     def joined(self, capture: Capture) -> dict[str, int]:
         """Return the element of each channel that *capture* has, in the order of elements.
@@ -171,49 +166,47 @@ class ChannelMap:
             A channel that the capture lacks, or no element at all.
         """
         settings = self.settings
-        try:
-            signals = self.reference, settings.latch, settings.to_board, settings.to_host
+        signals = self.reference, settings.latch, settings.to_board, settings.to_host
+        with errors_in(self.path):
             for name in (*signals, *self.elements):
                 if name is not None:
                     capture.channel(name)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{self.path}: {error}") from error
-        found = dict(self.elements)
-        if self.pattern is not None:
-            found |= capture.numbered_channels(self.pattern)
-        if self.shift is not None:
-            found |= {
-                f"{name}.{output}": element
-                for name, elements in self.shift.chains_in(capture).items()
-                for output, element in enumerate(elements)
-                if element >= 0
-            }
-        if not found:
-            raise ConfigurationError(
-                f"{self.path}: no channel of {capture.path} is mapped to an element; "
-                "write them in [elements]: D1 = 0"
-            )
-        _check_elements_named_once(self.path, found)
+            found = dict(self.elements)
+            if self.pattern is not None:
+                found |= capture.numbered_channels(self.pattern)
+            if self.shift is not None:
+                found |= {
+                    f"{name}.{output}": element
+                    for name, elements in self.shift.chains_in(capture).items()
+                    for output, element in enumerate(elements)
+                    if element >= 0
+                }
+            if not found:
+                raise ConfigurationError(
+                    f"no channel of {capture.path} is mapped to an element; "
+                    "write them in [elements]: D1 = 0"
+                )
+            _check_elements_named_once(found)
         return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
-def _checked_channel_elements(path: Path | str, elements: object) -> dict[str, int]:
+def _checked_channel_elements(elements: object) -> dict[str, int]:
     if not isinstance(elements, dict) or not elements:
-        raise ConfigurationError(f"{path}: no [elements]; map channels to elements: D1 = 0")
+        raise ConfigurationError("no [elements]; map channels to elements: D1 = 0")
     for name, element in elements.items():
         if isinstance(element, bool) or not isinstance(element, int) or element < 0:
             raise ConfigurationError(
-                f"{path}: channel {name} is element {element!r}, must be a whole number from 0"
+                f"channel {name} is element {element!r}, must be a whole number from 0"
             )
-    _check_elements_named_once(path, elements)
+    _check_elements_named_once(elements)
     return elements
 
 
-def _check_elements_named_once(path: Path | str, elements: Mapping[str, int]) -> None:
+def _check_elements_named_once(elements: Mapping[str, int]) -> None:
     owners: dict[int, str] = {}
     for name, element in elements.items():
         if element in owners:
             raise ConfigurationError(
-                f"{path}: channels {owners[element]} and {name} are both element {element}"
+                f"channels {owners[element]} and {name} are both element {element}"
             )
         owners[element] = name

@@ -14,7 +14,6 @@ from haptogram.verification.pins.elements.levels import levels_of_pins_in_time
 from haptogram.verification.pins.held.drives import HeldDrives, PinLatch
 
 from .capture import Capture
-from .carrier_clock import least_capture_rate_hz
 
 _US: Final = 1e6
 _NS: Final = 1e9
@@ -58,12 +57,7 @@ def notes_of_capture(found: HeldDrives) -> list[str]:
     notes = list(record.notes)
     if record.cut:
         notes.append(f"cut off: {record.cut}; read up to {record.duration_s:g} s")
-    needed_hz = least_capture_rate_hz(record.carrier_hz)
-    if record.sample_rate_hz < needed_hz * 0.999:
-        notes.append(
-            f"{record.sample_rate_hz / 1e6:g} Msamples/s cannot show an error of one step of 8 "
-            f"bits; {needed_hz / 1e6:g} Msamples/s can"
-        )
+    notes += [record.coarse_note] if record.coarse_note else []
     if record.carrier is not None and not record.carrier.is_steady:
         held = float((found.ends - found.begins).sum()) / max(record.end, 1.0)
         notes.append(

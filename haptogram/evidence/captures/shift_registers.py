@@ -14,7 +14,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, errors_in
 from haptogram.settings.option import Settings, option
 
 from .capture import Capture, ChannelEdges
@@ -56,12 +56,8 @@ class ShiftRegisters:
     ----------
     clock, latch : str
         Their channels.
-    is_last_first : bool
-        Whether the first bit after a latch reaches the last output.
-    steps : int or None
-        Latches in a period of the carrier.
-    outputs : int
-        Outputs of each chain, if *pattern* names them.
+    settings : ShiftSettings
+        What their table says beside the chains.
     chains : mapping of str to sequence of int
         Elements at the outputs of each chain, by its data line; -1: none.
     pattern : str or None
@@ -70,14 +66,12 @@ class ShiftRegisters:
 
     clock: str
     latch: str
-    is_last_first: bool
-    steps: int | None
-    outputs: int
+    settings: ShiftSettings
     chains: Mapping[str, list[int]]
     pattern: str | None
 
     @classmethod
-    def of(cls, where: str, document: Mapping[str, Any]) -> Self:
+    def of(cls, document: Mapping[str, Any]) -> Self:
         """Return the registers that the table ``[shift]`` describes.
 
         Raises
@@ -87,44 +81,33 @@ class ShiftRegisters:
         """
         values = dict(document)
         data = values.pop("data", None)
-        try:
+        with errors_in("[shift]"):
             settings = ShiftSettings.of(**values)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{where}: [shift]: {error}") from error
         for name in ("clock", "latch"):
             if getattr(settings, name) is None:
-                raise ConfigurationError(f"{where}: [shift] has no {name}; name its channel")
+                raise ConfigurationError(f"[shift] has no {name}; name its channel")
         pattern = data if isinstance(data, str) and data.count(_PLACEHOLDER) == 1 else None
         if pattern is None and not (isinstance(data, dict) and data):
             raise ConfigurationError(
-                f'{where}: data of [shift] is {data!r}, must be "D{{}}", or a table of the '
+                f'data of [shift] is {data!r}, must be "D{{}}", or a table of the '
                 "elements at the outputs of each chain: D0 = [0, 1, 2, 3, 4, 5, 6, 7]"
             )
-        chains = {} if pattern else {name: _checked_chain(where, name, data[name]) for name in data}
-        return cls(
-            str(settings.clock),
-            str(settings.latch),
-            settings.order == _LAST,
-            settings.steps,
-            settings.outputs,
-            chains,
-            pattern,
-        )
+        chains = {} if pattern else {name: _checked_chain(name, data[name]) for name in data}
+        return cls(str(settings.clock), str(settings.latch), settings, chains, pattern)
 
     @property
     def carrier(self) -> str | None:
         """Name of the channel that the latch makes as the clock of the carrier."""
-        return None if self.steps is None else f"{self.latch}/{self.steps}"
+        steps = self.settings.steps
+        return None if steps is None else f"{self.latch}/{steps}"
 
     def chains_in(self, capture: Capture) -> dict[str, list[int]]:
         """Return the elements of each chain of a capture."""
         if self.pattern is None:
             return dict(self.chains)
         numbers = capture.numbered_channels(self.pattern)
-        return {
-            name: list(range(number * self.outputs, (number + 1) * self.outputs))
-            for name, number in numbers.items()
-        }
+        count = self.settings.outputs
+        return {name: list(range(n * count, (n + 1) * count)) for name, n in numbers.items()}
 
     def expanded(self, capture: Capture) -> Capture:
         """Return *capture* with the outputs of all chains as channels: ``D0.0``, ``D0.1``, ...
@@ -143,16 +126,16 @@ class ShiftRegisters:
         capture, latches, before = self._even_part(capture, chains, latches, before)
         channels = dict(capture.channels)
         for name, elements in chains.items():
-            bits = _levels_before(capture.channel(name), shifts)
+            bits = capture.channel(name).levels_at(shifts)
             count = len(elements)
             held = before >= count
             for output in range(count):
-                back = output + 1 if self.is_last_first else count - output
+                back = output + 1 if self.settings.order == _LAST else count - output
                 levels = bits[before[held] - back]
                 channels[f"{name}.{output}"] = _edges_of_levels(levels, latches[held])
-        if self.carrier is not None and self.steps is not None:
-            rises = latches[:: self.steps]
-            falls = latches[self.steps // 2 :: self.steps]
+        steps = self.settings.steps
+        if self.carrier is not None and steps is not None:
+            rises, falls = latches[::steps], latches[steps // 2 :: steps]
             channels[self.carrier] = ChannelEdges(np.sort(np.concatenate([rises, falls])), False)
         return dataclasses.replace(capture, channels=channels)
 
@@ -192,14 +175,14 @@ class ShiftRegisters:
         return cut, latches[: first + 1], before[: first + 1]
 
 
-def _checked_chain(where: str, name: str, elements: object) -> list[int]:
+def _checked_chain(name: str, elements: object) -> list[int]:
     if (
         not isinstance(elements, list)
         or not 1 <= len(elements) <= _MOST_OUTPUTS
         or any(isinstance(e, bool) or not isinstance(e, int) for e in elements)
     ):
         raise ConfigurationError(
-            f"{where}: the chain {name} of [shift] is {elements!r}, must be a list of 1 to "
+            f"the chain {name} of [shift] is {elements!r}, must be a list of 1 to "
             f"{_MOST_OUTPUTS} elements, -1 for an output without one"
         )
     return list(elements)
@@ -213,20 +196,12 @@ def _rising_edges(capture: Capture, name: str) -> NDArray[np.int64]:
     ConfigurationError
         It never does.
     """
-    edges = capture.channel(name)
-    rises = edges.times[int(edges.first_level) :: 2]
+    rises = capture.channel(name).rises
     if not len(rises):
         raise ConfigurationError(
             f"{capture.path}: {name} of [shift] never rises; check its probe, and its name"
         )
     return rises
-
-
-def _levels_before(edges: ChannelEdges, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return the level of a line just before each of *ticks*."""
-    passed = np.searchsorted(edges.times, ticks)
-    levels: NDArray[np.bool_] = (passed % 2 == 1) ^ edges.first_level
-    return levels
 
 
 def _edges_of_levels(levels: NDArray[np.bool_], ticks: NDArray[np.int64]) -> ChannelEdges:

@@ -47,7 +47,7 @@ def decoded_uart_bytes(
     """
     starts = _uart_start_edges(edges, bit)
     samples = starts[:, None] + bit * (np.arange(_BITS - 1) + 1.5)
-    levels = _uart_levels_at(edges, samples)
+    levels = edges.levels_at(samples, after=True)
     whole = levels[:, -1]
     values = np.packbits(levels[whole, :-1], axis=1, bitorder="little").ravel()
     return values, starts[whole] + _BITS * bit, int((~whole).sum())
@@ -68,9 +68,3 @@ def _uart_start_edges(edges: ChannelEdges, bit: float) -> NDArray[np.float64]:
         found.append(place)
         place = following[place]
     return falling[found]
-
-
-def _uart_levels_at(edges: ChannelEdges, ticks: NDArray[np.float64]) -> NDArray[np.bool_]:
-    passed = np.searchsorted(edges.times, ticks, side="right")
-    levels: NDArray[np.bool_] = (passed % 2 == 1) ^ edges.first_level
-    return levels

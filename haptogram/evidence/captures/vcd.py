@@ -68,26 +68,51 @@ def _vcd_chunks(path: Path, file: BinaryIO, rest: bytes) -> Iterator[tuple[_Byte
 
 
 @dataclass(slots=True)
+class _VcdChannel:
+    """The changes of value of one channel that were read so far."""
+
+    level: int = -1  # the last one that is defined
+    first: int = -1
+    undefined: int = 0
+    defined_from: int = 0
+    times: list[_Numbers] = field(default_factory=list)
+
+    def change(self, times: _Numbers, values: _Bytes) -> int:
+        """Take changes in the order of the file; return the number of edges."""
+        defined = (values == _ZERO) | (values == _ONE)
+        self.undefined += int((~defined).sum())
+        if not defined.any():
+            return 0
+        if self.level < 0:
+            first = int(defined.argmax())
+            rest = int((~defined[first:]).sum())
+            if self.undefined > rest:
+                self.defined_from = int(times[first])
+            self.undefined = rest
+            self.first = self.level = int(values[first] == _ONE)
+        times, levels = times[defined], (values[defined] == _ONE).astype(np.int8)
+        changed = np.diff(levels, prepend=np.int8(self.level)) != 0
+        self.level = int(levels[-1])
+        self.times.append(times[changed])
+        return int(changed.sum())
+
+    def take_edges(self) -> ChannelEdges:
+        """Return the edges, which are kept no longer."""
+        times = np.concatenate(self.times) if self.times else np.zeros(0, np.int64)
+        self.times.clear()
+        edges = _vcd_times_without_glitches(times)
+        return ChannelEdges(edges, self.first == 1, self.undefined, self.defined_from)
+
+
 class _VcdBody:
     """The changes of value that were read so far."""
 
-    path: Path
-    bits: list[VcdBit]  # of the channels, in order
-    now: int | None = None  # the last time stamp
-    first: int = 0
-    edges: int = 0
-    in_comment: bool = False
-    levels: list[int] = field(default_factory=list)
-    firsts: list[int] = field(default_factory=list)
-    undefined: list[int] = field(default_factory=list)
-    defined_from: list[int] = field(default_factory=list)
-    times: list[list[_Numbers]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        count = len(self.bits)
-        self.levels, self.firsts = [-1] * count, [-1] * count
-        self.undefined, self.defined_from = [0] * count, [0] * count
-        self.times = [[] for _ in range(count)]
+    def __init__(self, path: Path, bits: list[VcdBit]) -> None:
+        self.path, self.bits = path, bits  # of the channels, in order
+        self.now: int | None = None  # the last time stamp
+        self.first = self.edges = 0
+        self.in_comment = False
+        self.channels = [_VcdChannel() for _ in bits]
 
     def take(self, data: _Bytes) -> None:
         """Take whole lines."""
@@ -195,26 +220,7 @@ class _VcdBody:
         for channel, end in enumerate(np.cumsum(counts).tolist()):
             begin = end - int(counts[channel])
             if begin < end:
-                self._change_channel(channel, times[begin:end], values[begin:end])
-
-    def _change_channel(self, channel: int, times: _Numbers, values: _Bytes) -> None:
-        defined = (values == _ZERO) | (values == _ONE)
-        self.undefined[channel] += int((~defined).sum())
-        if not defined.any():
-            return
-        if self.levels[channel] < 0:
-            first = int(defined.argmax())
-            rest = int((~defined[first:]).sum())
-            if self.undefined[channel] > rest:
-                self.defined_from[channel] = int(times[first])
-            self.undefined[channel] = rest
-            self.firsts[channel] = self.levels[channel] = int(values[first] == _ONE)
-        times, levels = times[defined], (values[defined] == _ONE).astype(np.int8)
-        changed = np.diff(levels, prepend=np.int8(self.levels[channel])) != 0
-        self.levels[channel] = int(levels[-1])
-        if changed.any():
-            self.times[channel].append(times[changed])
-            self.edges += int(changed.sum())
+                self.edges += self.channels[channel].change(times[begin:end], values[begin:end])
         if self.edges > MOST_EDGES:
             raise ConfigurationError(
                 f"{self.path}: more than {MOST_EDGES} edges; capture a shorter time"
@@ -222,21 +228,9 @@ class _VcdBody:
 
     def capture(self, header: VcdHeader, cut: str) -> Capture:
         """Return everything that was read."""
-        nothing = np.zeros(0, np.int64)
-        by_bit = {}
-        for bit, times, first, undefined, defined_from in zip(
-            self.bits,
-            self.times,
-            self.firsts,
-            self.undefined,
-            self.defined_from,
-            strict=True,
-        ):
-            joined = np.concatenate(times) if times else nothing
-            times.clear()
-            by_bit[bit] = ChannelEdges(
-                _vcd_times_without_glitches(joined), first == 1, undefined, defined_from
-            )
+        by_bit = {
+            bit: channel.take_edges() for bit, channel in zip(self.bits, self.channels, strict=True)
+        }
         channels = {name: by_bit[bit] for name, bit in header.names.items()}
         end = 0 if self.now is None else self.now - self.first
         return Capture(self.path, channels, header.tick_s, end, None, cut)

@@ -145,16 +145,10 @@ class ReplayComparison:
             detail = f"a read of {len(recorded)} bytes gives {len(replayed)}, or other ones"
             self._first_bytes = Difference("bytes of the board", t_us, detail)
 
-    def forget_replayed_frames(self) -> None:
-        """Leave out the frames that the recorded host did not come to read."""
+    def forget_replayed(self, *, frames: bool) -> None:
+        """Leave out the frames that the recorded host did not come to read, or all but frames."""
         waiting = self._waiting[REPLAYED]
-        for key in [key for key in waiting if _compared_replay_kind(key) == "frames"]:
-            del waiting[key]
-
-    def _drop_unmatched_records(self) -> None:
-        """Drop unmatched replayed records, except frames."""
-        waiting = self._waiting[REPLAYED]
-        for key in [key for key in waiting if _compared_replay_kind(key) != "frames"]:
+        for key in [key for key in waiting if (_compared_replay_kind(key) == "frames") is frames]:
             del waiting[key]
 
     def close(self, end_us: int) -> None:
@@ -164,7 +158,7 @@ class ReplayComparison:
         may be unwritten in the recording, and the output of the recorded one went off by its end.
         """
         if not self.has_backdoor:
-            self._drop_unmatched_records()
+            self.forget_replayed(frames=False)
         for side, why in ((RECORDED, "missing in the replay"), (REPLAYED, "not in the recording")):
             for key, entries in self._waiting[side].items():
                 kind = _compared_replay_kind(key)

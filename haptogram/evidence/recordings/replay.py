@@ -310,12 +310,12 @@ class _ReplayLine:
         """Feed every entry, and then let the board come to the end of its queue."""
         for entry in entries:
             self._take(entry)
-        self.comparison.forget_replayed_frames()
+        self.comparison.forget_replayed(frames=True)
         end_ns = self._now_ns
         while self.comparison.awaited and self._now_ns < end_ns + _AFTER_LAST_NS:
             self._now_ns += _STEP_NS
             self._collect()
-        self.comparison.forget_replayed_frames()
+        self.comparison.forget_replayed(frames=True)
         self.comparison.close(self._board.boot_us + end_ns // 1000)
 
     def _take(self, entry: RecordingEntry) -> None:

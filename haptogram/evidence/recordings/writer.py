@@ -24,13 +24,7 @@ from haptogram_protocol.annotation.frames import FrameAnnotator
 from haptogram_protocol.messages import signed_difference, unwrap
 
 from . import channels
-from .scene import (
-    INFO,
-    array_of_recording,
-    axes_of_recording,
-    focus_of_recording,
-    log_of_recording,
-)
+from .scene import INFO, array_of_recording, axes_of_recording, focus_of_recording, log_of_recording
 
 _FLUSH_NS: Final = 50_000_000  # 50 frames at 1 kHz: what a killed run can lose
 _CHUNK: Final = 256 * 1024

@@ -27,7 +27,6 @@ class _HeldStretch:
     begin_us: int
     end_us: int
     away_mm: float | None
-    silent: bool
     radiated_pa: float | None
     intended_pa: float | None
 
@@ -81,7 +80,7 @@ class RunConsequences:
         return cls(
             away_ms=_total_stretch_ms(stretches),
             longest_ms=max(map(_total_stretch_ms, _unbroken_stretches(stretches))),
-            silent_ms=_total_stretch_ms([s for s in stretches if s.silent]),
+            silent_ms=_total_stretch_ms([s for s in stretches if s.radiated_pa == 0.0]),
             farthest_mm=max((s.away_mm for s in stretches if s.away_mm is not None), default=None),
             radiated_pa=_mean_over_stretches(known, [s.radiated_pa or 0.0 for s in known]),
             intended_pa=_mean_over_stretches(known, [s.intended_pa or 0.0 for s in known]),
@@ -152,29 +151,15 @@ def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _H
     """Return the interval in which the previous drive was still radiated."""
     held = frame.consequence
     if held is None:
-        return _HeldStretch(
-            begin_us, end_us, None, silent=False, radiated_pa=None, intended_pa=None
-        )
-    return _HeldStretch(
-        begin_us,
-        end_us,
-        held.focus_error_mm,
-        silent=held.focus_error_mm is None,
-        radiated_pa=held.pressure_rms_pa,
-        intended_pa=held.intended_pressure_rms_pa,
-    )
+        return _HeldStretch(begin_us, end_us, None, None, None)
+    pressures_pa = held.pressure_rms_pa, held.intended_pressure_rms_pa
+    return _HeldStretch(begin_us, end_us, held.focus_error_mm, *pressures_pa)
 
 
 def _stretch_after_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
     """Return the time in which a wrong drive was radiated; of an unseen one nothing is known."""
-    return _HeldStretch(
-        begin_us,
-        end_us,
-        frame.error_mm,
-        silent=frame.coherence == 0.0,
-        radiated_pa=frame.target_pressure_rms_pa,
-        intended_pa=frame.intended_pressure_rms_pa,
-    )
+    pressures_pa = frame.target_pressure_rms_pa, frame.intended_pressure_rms_pa
+    return _HeldStretch(begin_us, end_us, frame.error_mm, *pressures_pa)
 
 
 def _unbroken_stretches(stretches: list[_HeldStretch]) -> Iterator[list[_HeldStretch]]:

@@ -8,7 +8,7 @@ compared with what the ideal drive makes of it: see :mod:`.ideal_drive`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -95,10 +95,12 @@ def is_frame_on_target(target: FrameTarget, offset_m: FloatArray) -> bool:
     return target.beyond_m(offset_m) <= target.tolerance.miss_mm / _MM
 
 
-def within_frame_limit(offset_m: FloatArray, limit_m: FloatArray, tolerance_mm: float) -> bool:
-    """Return True if what is left of an offset beyond its limits is no longer than a tolerance."""
-    beyond = np.maximum(np.abs(offset_m) - limit_m, 0.0)
-    return float(np.linalg.norm(beyond)) <= tolerance_mm / _MM
+def are_foci_within(
+    offsets_m: FloatArray, limits_m: FloatArray | Sequence[FloatArray], tolerance_mm: float
+) -> bool:
+    """Return True if what is left of (F, 3) offsets beyond limits is no longer than a tolerance."""
+    beyond = np.maximum(np.abs(offsets_m) - limits_m, 0.0)
+    return bool((np.linalg.norm(beyond, axis=1) <= tolerance_mm / _MM).all())
 
 
 def frame_coherence_at_target(target: FrameTarget, latched: ComplexArray) -> float:
@@ -121,40 +123,22 @@ def least_coherence(limit_rad: float, share: float) -> float:
     return math.cos(min(limit_rad, math.pi)) * share - _ROUNDING_RAD
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PeakCriterion:
-    """Distance of a pressure peak from that of the ideal drive, and its limit (S4).
-
-    Attributes
-    ----------
-    ok : bool
-        Whether rounding explains it.
-    offset_m : (3,) numpy.ndarray or None
-        From its place to the peak; None: there is no peak.
-    error_rad : float or None
-        Length of that in the metric of the focus, radians of phase.
-    """
-
-    ok: bool
-    offset_m: FloatArray | None
-    error_rad: float | None
-
-    @classmethod
-    def of(
-        cls, target: FrameTarget, expected: ExpectedPeak, latched: ComplexArray
-    ) -> PeakCriterion:
-        """Return the error of the peak of *latched* next to the *expected* one."""
-        local = expected.offset_m(target.model, latched)
-        if local is None:
-            return cls(False, None, None)
-        offset_m = local @ expected.direction.axes
-        ok = bool((np.abs(local) <= expected.rounding_m).all())
-        return cls(ok, offset_m, expected.direction.length_rad(offset_m))
+def peak_offsets_m(
+    model: AcousticModel, peaks: Sequence[ExpectedPeak | None], latched: ComplexArray
+) -> list[FloatArray | None]:
+    """Return (D,) how far each peak of *latched* is from its place; None where there is none."""
+    return [None if peak is None else peak.offset_m(model, latched) for peak in peaks]
 
 
-def frame_peak_errors(target: FrameTarget, latched: ComplexArray) -> list[PeakCriterion]:
-    """S4: return the errors of the peak across and along the beam; none where nothing can tell."""
-    return [PeakCriterion.of(target, expected, latched) for expected in target.peaks]
+def are_peaks_in_place(
+    peaks: Sequence[ExpectedPeak | None], offsets_m: Sequence[FloatArray | None]
+) -> bool:
+    """Return True if every peak that has a place is within its limit of it."""
+    return all(
+        offset is not None and bool((np.abs(offset) <= peak.rounding_m).all())
+        for peak, offset in zip(peaks, offsets_m, strict=True)
+        if peak is not None
+    )
 
 
 def judge_frame_drive(
@@ -170,7 +154,7 @@ def judge_frame_drive(
         The host within the tolerance whose phases come nearest: it is asked of its drive.
     """
     asked = target.of_host(host.off, host.limit_rad) if host.explains else target
-    peaks = frame_peak_errors(asked, latched)
+    offsets_m = peak_offsets_m(asked.model, asked.peaks, latched)
     verdicts = {
         "S1": host.explains,
         "S3": frame_coherence_at_target(asked, latched)
@@ -181,10 +165,14 @@ def judge_frame_drive(
         "phase_error_rad": host.error_rad,
         "coherence": frame_coherence_at_target(target, latched),
     }
-    if peaks:
-        lengths = [peak.error_rad for peak in peaks if peak.error_rad is not None]
+    if offsets_m:
+        lengths = [
+            peak.direction.length_rad(offset_m @ peak.direction.axes)
+            for peak, offset_m in zip(asked.peaks, offsets_m, strict=True)
+            if offset_m is not None
+        ]
         measures["peak_error"] = max(lengths, default=None)
-        verdicts["S4"] = all(peak.ok for peak in peaks)
+        verdicts["S4"] = are_peaks_in_place(asked.peaks, offsets_m)
     return verdicts, measures
 
 

@@ -10,11 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics import AcousticModel, Drive, check_focus_target
-from haptogram.acoustics.arrays import (
-    as_complex_array,
-    as_float_array,
-    as_float_vector,
-)
+from haptogram.acoustics.arrays import as_complex_array, as_float_array, as_float_vector
 from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation

@@ -51,7 +51,7 @@ class IdealFrameDrive:
     asked : (N,) numpy.ndarray of complex
         Weights that the foci ask for; of magnitude 1 where the drive has phases only.
     drive : callable
-        From how far a host is off, as :class:`.tolerated.ToleratedHosts` has it, to what the foci
+        From how far a host is off, as :class:`.tolerated.ToleratedHost` has it, to what the foci
         then ask for.
     has_amplitudes : bool
         Whether the drive has amplitudes, and not only phases.
@@ -176,18 +176,7 @@ class IdealFrameDrive:
 
     def offsets_m(self, latched: ComplexArray) -> list[FloatArray | None]:
         """S2: return (3,) the offset of each peak from its place; None where there is none."""
-        return [
-            None if peak is None else peak.offset_m(target.model, latched)
-            for target, peak in zip(self.placed, self.peaks, strict=True)
-        ]
-
-    def in_place(self, offsets_m: Sequence[FloatArray | None]) -> bool:
-        """S2: return True if every peak that has a place is within its limit of it."""
-        return all(
-            offset is not None and bool((np.abs(offset) <= peak.rounding_m).all())
-            for peak, offset in zip(self.peaks, offsets_m, strict=True)
-            if peak is not None
-        )
+        return criteria.peak_offsets_m(self.targets[0].model, self.peaks, latched)
 
     def excess_level(self, latched: ComplexArray, *, tolerant: bool) -> float:
         """S3: return the share by which |p| at a target is off beyond its limit; 0: none is."""

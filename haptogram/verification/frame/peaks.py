@@ -12,14 +12,11 @@ from typing import Final
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, propagators
+from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
-from haptogram.errors import ConfigurationError
+from haptogram.acoustics.levels.shift import AT_TOP_M, PressureLevel, climb_to_pressure_peak
 
-_STENCIL_M: Final = 1e-5  # of the differences of magnitudes, whose waves are taken out
-_AT_TOP_M: Final = 2e-4  # a step so short leads no higher where rounding errors are larger
 _STEPS: Final = 60
-_HALVINGS: Final = 10
 _LONGEST_STEP_RAD: Final = 0.7  # longest step: the main lobe reaches to about 2
 _SETTLED_M: Final = 2e-6
 #: Error of the peak search: its last step, and rounding errors.
@@ -32,13 +29,12 @@ WITHIN_LOBE_RAD: Final = 1.8
 LOST: Final = 0.4
 _ROUND: Final = 0.10  # rad: a peak that rounding moves further may do so out of proportion
 _FLAT: Final = 1.5  # times the bound of the first order: such a peak has no place of its own
-_LEAST_CURVED: Final = 1e-9  # least curvature, relative to the largest
 _MARGIN: Final = 1.1  # factor for the second order of the response to rounding
 #: Least metric of a focus, over k^2, along a direction in which the phases determine its place.
 TURNED_RATIO: Final = 1e-6
 #: All of these, in the order of the compiled loops.
 PEAK_SETTINGS: Final[FloatArray] = np.array([
-    _AT_TOP_M, _LONGEST_STEP_RAD, _SETTLED_M, _STEPS, NEXT_TO_TARGET_RAD, LOST, _ROUND, _MARGIN,
+    AT_TOP_M, _LONGEST_STEP_RAD, _SETTLED_M, _STEPS, NEXT_TO_TARGET_RAD, LOST, _ROUND, _MARGIN,
     _SEARCH_M, TURNED_RATIO,
 ])  # fmt: skip
 
@@ -160,34 +156,24 @@ def find_frame_peak(
     """Return (D,) the offset of the pressure peak next to *start_m* along the axes of *direction*.
 
     Newton steps on ln |p|^2; its curvature is replaced by that of an ideal focus, -2 k^2 C, where
-    there is none.  A step that does not climb is halved.
+    there is none.
 
     Returns
     -------
     (D,) numpy.ndarray or None
         None: the ascent leads to the elements or behind them, or does not settle.
     """
-    axes = direction.axes
-    offset, here = np.zeros(len(axes)), _FramePeakLevel.at(model, weights, start_m, axes)
-    for _ in range(_STEPS):
-        if here is None:
-            return None
+
+    def step_of(here: PressureLevel) -> FloatArray:
         curvature = here.curvature if here.is_peak else -2.0 * direction.metric
         newton = np.linalg.solve(-curvature, here.gradient)
-        length_rad = direction.length_rad(newton @ axes)
+        length_rad = direction.length_rad(newton @ direction.axes)
         shortened = min(1.0, _LONGEST_STEP_RAD / max(length_rad, 1e-12))
-        step = np.asarray(shortened * newton, dtype=np.float64)
-        if float(np.linalg.norm(step)) < _SETTLED_M:
-            return offset + step
-        for halving in range(_HALVINGS):
-            higher = offset + 0.5**halving * step
-            there = _FramePeakLevel.at(model, weights, start_m + higher @ axes, axes)
-            if there is not None and there.level > here.level:
-                break
-        else:  # at the top, as far as rounding errors can tell
-            return offset if float(np.linalg.norm(step)) < _AT_TOP_M else None
-        offset, here = higher, there
-    return None
+        return np.asarray(shortened * newton, dtype=np.float64)
+
+    return climb_to_pressure_peak(
+        model, weights, start_m, direction.axes, step_of, settled_m=_SETTLED_M, most_steps=_STEPS
+    )
 
 
 def frame_peak_response(
@@ -206,73 +192,10 @@ def frame_peak_response(
     (D, N) numpy.ndarray or None
         None: *place_m* is no peak.
     """
-    here = _FramePeakLevel.at(model, weights, place_m, direction.axes)
+    here = PressureLevel.at(model, weights, place_m, direction.axes)
     if here is None or not here.is_peak:
         return None
     shares, slopes = here.waves / here.pressure, here.slopes / here.pressure
     mixed = -2.0 * (slopes - shares * slopes.sum(axis=1)[:, None]).imag
     response: FloatArray = np.linalg.solve(-here.curvature, mixed)
     return response
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _FramePeakLevel:
-    """L = ln |p|^2 and its derivatives along D axes; the waves (N,) and slopes (D, N) of p."""
-
-    pressure: complex
-    waves: ComplexArray
-    slopes: ComplexArray
-    gradient: FloatArray
-    curvature: FloatArray
-
-    @classmethod
-    def at(
-        cls, model: AcousticModel, weights: ComplexArray, place_m: FloatArray, axes: FloatArray
-    ) -> _FramePeakLevel | None:
-        """Return those at a place; None at an element, behind the array or without sound.
-
-        With a wave q = m e^{jkr}, the magnitude m is differentiated numerically, and its second
-        derivative is that of 1 / r.
-        """
-        places_m = place_m + _STENCIL_M * np.concatenate([0.0 * axes[:1], axes, -axes])
-        arrivals = _frame_peak_arrivals(model, places_m)
-        if arrivals is None:
-            return None
-        count, k, waves = len(axes), model.wavenumber, arrivals * weights
-        rays_m = places_m[:, None, :] - model.array.positions_m
-        distance = np.sqrt(np.einsum("mni,mni->mn", rays_m, rays_m))
-        here, r = waves[0], distance[0]
-        pressure = complex(here.sum())
-        if not abs(pressure) > 0.0:
-            return None
-        still = waves[1:] * np.exp(-1j * k * (distance[1:] - r))
-        fading = (still[:count] - still[count:]) / (2.0 * _STENCIL_M)
-        cosines = axes @ (rays_m[0] / r[:, None]).T
-        turning = 1j * k * cosines
-        slopes = fading + turning * here
-        both = cosines[:, None] * cosines
-        apart = np.eye(count)[:, :, None]
-        bends = turning[:, None] * slopes + fading[:, None] * turning
-        bends += here * (1j * k / r * (apart - both) + (3.0 * both - apart) / r**2)
-        first = slopes.sum(axis=1) / pressure
-        second = bends.sum(axis=2) / pressure - np.outer(first, first)
-        return cls(pressure, here, slopes, 2.0 * first.real, 2.0 * second.real)
-
-    @property
-    def level(self) -> float:
-        """|p|, which grows with L."""
-        return abs(self.pressure)
-
-    @property
-    def is_peak(self) -> bool:
-        """True if the curvature is that of a peak, in every direction."""
-        values = np.linalg.eigvalsh(self.curvature)
-        return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)
-
-
-def _frame_peak_arrivals(model: AcousticModel, points: FloatArray) -> ComplexArray | None:
-    """Return the propagators (M, N); None where a point has no field."""
-    try:
-        return propagators(model, points)
-    except ConfigurationError:  # within 1 mm of an element, or behind the array
-        return None

@@ -18,6 +18,7 @@ import numpy as np
 
 from haptogram.acoustics import Drive
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.acoustics.reconstruct.estimates import as_vector
 from haptogram.acoustics.reconstruct.patterns.foci_fit import (
     FociFit,
     fit_foci,
@@ -38,8 +39,8 @@ from .ideal_drive import (
 from .peaks import LOST, WITHIN_LOBE_RAD
 from .status import frame_status_of
 from .target import Bools, FrameTarget
-from .tolerated import ToleratedHost, ToleratedHosts, frame_scatter_rad, scale_of_tolerance
-from .verdict import FrameStatus, FrameVerdict, Vector
+from .tolerated import ToleratedHost, frame_scatter_rad, scale_of_tolerance
+from .verdict import FrameStatus, FrameVerdict
 
 _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # factor on the first-order bound
@@ -139,7 +140,7 @@ class SeveralFociFrame:
             faults=faults,
             note="; ".join(notes),
             phase_error_rad=error_rad,
-            bound_mm=None if worst_m is None else _frame_foci_mm(worst_m),
+            bound_mm=None if worst_m is None else as_vector(_MM * worst_m),
             smallest_miss_mm=smallest_mm,
             uncertainty_mm=ideal.place_uncertainty(self.known),
             balance=levels.balance,
@@ -167,7 +168,7 @@ class SeveralFociFrame:
         s5 = criteria.frame_amplitudes_ok(self.intended, self.latched)
         verdicts = {
             "S1": error_rad <= limit_rad,
-            "S2": ideal.in_place(offsets_m),
+            "S2": criteria.are_peaks_in_place(ideal.peaks, offsets_m),
             "S3": ideal.excess_level(self._weights, tolerant=False) == 0.0,
             "S5": s5 and ideal.amplitudes_ok(self.latched, slack),
         }
@@ -183,7 +184,7 @@ class SeveralFociFrame:
         if fit is None or fit.residual_rad > limit_rad:
             return _Findings(verdicts, unseen, offsets_m, None)
         limits_m = _frame_foci_limits_m(ideal, fit)
-        if limits_m is None or not _are_frame_foci_within(fit, limits_m, 0.0):
+        if limits_m is None or not criteria.are_foci_within(fit.offsets_m, limits_m, 0.0):
             return _Findings(verdicts, unseen, list(fit.offsets_m), None)
         return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
@@ -192,14 +193,14 @@ class SeveralFociFrame:
 
         A host within the tolerance or, if there is none, one that is beyond it for certain.
         """
-        hosts = ToleratedHosts.of(ideal.targets[0], self.known, ideal.drive)
-        model = ideal.targets[0].model
+        target, model = ideal.targets[0], ideal.targets[0].model
+        phases_rad = np.angle(self._weights)
         with contextlib.suppress(ConfigurationError):  # a solver refuses some of them
-            host = ToleratedHost.nearest(hosts, np.angle(self._weights), self._active)
+            host = ToleratedHost.nearest(target, self.known, ideal.drive, phases_rad, self._active)
             if host.explains:
                 return host, None
             other = host.anywhere(model)
-            if other.explains and other.is_beyond(hosts.scale):
+            if other.explains and other.is_beyond(host.scale):
                 return other, None
             return None, host.fault(model, proven=True)
         return None, None
@@ -256,7 +257,7 @@ class SeveralFociFrame:
             blurred = fit._replace(bound_m=3.0 * fit.residual_rad / limit_rad * fit.bound_m)
             unseen.append(_NOT_THESE)
         limits_m = _frame_foci_limits_m(ideal, blurred)
-        within = limits_m is not None and _are_frame_foci_within(fit, limits_m, miss_mm)
+        within = limits_m is not None and criteria.are_foci_within(fit.offsets_m, limits_m, miss_mm)
         if limits_m is None or not (within or _are_frame_peaks_sharp(ideal, limits_m)):
             return _Findings(verdicts, [*unseen, _NOT_THESE], list(fit.offsets_m), None)
         verdicts["S2"] = within
@@ -320,13 +321,6 @@ def _are_frame_peaks_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray
     )
 
 
-def _are_frame_foci_within(fit: FociFit, limits_m: Sequence[FloatArray], miss_mm: float) -> bool:
-    pairs = zip(fit.offsets_m, limits_m, strict=True)
-    return all(
-        criteria.within_frame_limit(offset_m, limit_m, miss_mm) for offset_m, limit_m in pairs
-    )
-
-
 def _farthest_miss_mm(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any]:
     """Return the error of the focus farthest from its place; nothing if one has no place."""
     offsets = [offset for offset in found.offsets_m if offset is not None]
@@ -335,11 +329,7 @@ def _farthest_miss_mm(targets: Sequence[FrameTarget], found: _Findings) -> dict[
     target, offset_m = max(
         zip(targets, offsets, strict=True), key=lambda pair: np.linalg.norm(pair[1])
     )
-    across_m, along_m = target.split(offset_m)
-    return {
-        "lateral_error_mm": None if across_m is None else _MM * across_m,
-        "axial_error_mm": None if along_m is None else _MM * along_m,
-    }
+    return target.errors_mm(offset_m)
 
 
 def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
@@ -360,9 +350,3 @@ def _solver_failure(levels: IdealFociLevels, intended: Intended) -> Iterator[str
             f"{levels.efficiency:.2f} (at least {LEAST_EFFICIENCY:g}), the weakest has "
             f"{levels.balance:.2f} of their mean (at least {LEAST_BALANCE:g})"
         )
-
-
-def _frame_foci_mm(values: FloatArray) -> Vector:
-    """Convert metres to millimetres."""
-    x, y, z = (float(_MM * value) for value in values)
-    return x, y, z

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram import acoustics
+from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
@@ -19,7 +20,7 @@ from ..tolerance import Uncertainty
 from . import criteria
 from .status import frame_status_of
 from .target import Bools, FrameTarget
-from .tolerated import ToleratedHost, ToleratedHosts
+from .tolerated import ToleratedHost
 from .verdict import FrameStatus, FrameVerdict
 
 _MM: Final = 1e3
@@ -134,8 +135,7 @@ class SingleFocusFrame:
                 if not faults:  # the right drive in other air: a focus, but not a sharp one
                     measures |= _focus_miss(target, found)
                 elif measures["coherence"] >= _STILL_A_FOCUS:
-                    peaks = criteria.frame_peak_errors(target, self.latched.weights())
-                    measures |= _peak_miss(target, peaks)
+                    measures |= _peak_miss(target, self.latched.weights())
                     measures["pressure_rms_pa"] = found.pressure_rms_pa
                 notes.append(_frame_without_focus(found))
             elif not faults:
@@ -167,8 +167,8 @@ class SingleFocusFrame:
     def _host(self) -> ToleratedHost:
         """The tolerated host whose phases are nearest."""
         phases_rad = np.angle(self.latched.weights())
-        hosts = ToleratedHosts.of(self.target, self.known, self.target.drive_of_host)
-        return ToleratedHost.nearest(hosts, phases_rad, self._active)
+        target, known = self.target, self.known
+        return ToleratedHost.nearest(target, known, target.drive_of_host, phases_rad, self._active)
 
     @cached_property
     def _drive_criteria(self) -> tuple[dict[str, Any], dict[str, bool]]:
@@ -291,9 +291,13 @@ def _focus_miss(
     }
 
 
-def _peak_miss(target: FrameTarget, peaks: list[criteria.PeakCriterion]) -> dict[str, Any]:
+def _peak_miss(target: FrameTarget, latched: ComplexArray) -> dict[str, Any]:
     """Return the distance of the pressure peak from its place, if it was found all around."""
-    offsets = [peak.offset_m for peak in peaks if peak.offset_m is not None]
+    offsets = [
+        offset_m @ peak.direction.axes
+        for peak in target.peaks
+        if (offset_m := peak.offset_m(target.model, latched)) is not None
+    ]
     if len(offsets) != _ACROSS_AND_ALONG:
         return {}
     across_m, along_m = offsets

@@ -163,8 +163,8 @@ class FrameTarget:
         """(3,) whether each coordinate of the focus shows in the phases."""
         return np.isfinite(self.bound_m)
 
-    def split(self, offset_m: FloatArray) -> tuple[float | None, float | None]:
-        """Return the parts of an offset across and along the beam, in metres.
+    def errors_mm(self, offset_m: FloatArray) -> dict[str, float | None]:
+        """Return the parts of an offset across and along the beam, in mm, as the verdict has them.
 
         None where it depends on a coordinate that cannot be observed.
         """
@@ -173,10 +173,12 @@ class FrameTarget:
         along = float(seen @ self.axis)
         lateral = np.eye(3) - np.outer(self.axis, self.axis)
         across = float(np.linalg.norm(seen - along * self.axis))
-        return (
-            None if np.abs(lateral[:, lost]).max(initial=0.0) > _SAME_LINE else across,
-            None if np.abs(self.axis[lost]).max(initial=0.0) > _SAME_LINE else along,
-        )
+        is_across_lost = np.abs(lateral[:, lost]).max(initial=0.0) > _SAME_LINE
+        is_along_lost = np.abs(self.axis[lost]).max(initial=0.0) > _SAME_LINE
+        return {
+            "lateral_error_mm": None if is_across_lost else _MM * across,
+            "axial_error_mm": None if is_along_lost else _MM * along,
+        }
 
     # --- the pressure peak (S4) ----------------------------------------------------------------
 
@@ -306,15 +308,13 @@ class FrameTarget:
 
     def miss(self, offset_m: FloatArray) -> dict[str, Any]:
         """Return place and error of a focus; None for a part that cannot be observed."""
-        across_m, along_m = self.split(offset_m)
         place_m = (self.position_m + offset_m).tolist()
         return {
             "measured_m": tuple(
                 value if seen else None
                 for value, seen in zip(place_m, self.observable, strict=True)
             ),
-            "lateral_error_mm": None if across_m is None else _MM * across_m,
-            "axial_error_mm": None if along_m is None else _MM * along_m,
+            **self.errors_mm(offset_m),
         }
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
@@ -43,9 +43,9 @@ _DIRECTIONS: Final = 128  # directions of a tolerated miss: 2 % short of a ball 
 _ANYWHERE: Final = Tolerance(miss_mm=10.0, temperature_c=20.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ToleratedHosts:
-    """The hosts within a tolerance.
+@dataclass(frozen=True, eq=False)
+class ToleratedHost:
+    """A host within a tolerance, beside a drive.
 
     Attributes
     ----------
@@ -53,55 +53,51 @@ class ToleratedHosts:
         From how far a host is off, (4,) metres along x, y, z and share of the speed of sound, to
         the weights (N,) that it asks for.
     scale : (4,) numpy.ndarray
-        The whole tolerance.
-    limit_rad, scatter_rad : float
+        The whole tolerance; 0: nothing is tolerated.
+    rounding_rad, scatter_rad : float
         Largest phase error by rounding, and by what is not known of an element.
-    is_strict : bool
-        Whether nothing is tolerated.
-    """
-
-    drive: Callable[[FloatArray], ComplexArray]
-    scale: FloatArray
-    limit_rad: float
-    scatter_rad: float
-    is_strict: bool
-
-    @classmethod
-    def of(
-        cls, target: FrameTarget, known: Uncertainty, drive: Callable[[FloatArray], ComplexArray]
-    ) -> ToleratedHosts:
-        """Return the hosts within the tolerance of a target that ask for *drive*."""
-        scatter_rad = frame_scatter_rad(target, known)
-        scale = scale_of_tolerance(target.tolerance, target.model)
-        return cls(drive, scale, target.phase_limit_rad, scatter_rad, target.tolerance.is_strict)
-
-
-@dataclass(frozen=True, eq=False)
-class ToleratedHost:
-    """A host within a tolerance, beside a drive.
-
-    Attributes
-    ----------
-    hosts : ToleratedHosts
-        All that are tolerated.
     phases_rad : (N,) numpy.ndarray
-        Phases of the drive.
+        Phases of the drive beside it.
     active : (N,) numpy.ndarray of bool
         Elements that sound.
     share : (4,) numpy.ndarray
         How much of the tolerance it takes: of the miss along x, y and z, and of the air.
     """
 
-    hosts: ToleratedHosts
+    drive: Callable[[FloatArray], ComplexArray]
+    scale: FloatArray
+    rounding_rad: float
+    scatter_rad: float
     phases_rad: FloatArray
     active: Bools
-    share: FloatArray
+    share: FloatArray = field(default_factory=lambda: np.zeros(4))
 
     @classmethod
-    def nearest(cls, hosts: ToleratedHosts, phases_rad: FloatArray, active: Bools) -> ToleratedHost:
-        """Return the host whose phases come nearest to those of the *active* elements."""
-        host = cls(hosts, phases_rad, active, np.zeros(4))
-        if hosts.is_strict or host.explains:
+    def nearest(
+        cls,
+        target: FrameTarget,
+        known: Uncertainty,
+        drive: Callable[[FloatArray], ComplexArray],
+        phases_rad: FloatArray,
+        active: Bools,
+    ) -> ToleratedHost:
+        """Return the host within the tolerance of a target whose phases come nearest.
+
+        Parameters
+        ----------
+        drive : callable
+            What the hosts ask for.
+        phases_rad, active : (N,) numpy.ndarray
+            Phases that came, and the elements that sound.
+        """
+        scale = scale_of_tolerance(target.tolerance, target.model)
+        scatter_rad = frame_scatter_rad(target, known)
+        return cls(drive, scale, target.phase_limit_rad, scatter_rad, phases_rad, active).searched()
+
+    def searched(self) -> ToleratedHost:
+        """Return the host of the same tolerance whose phases come nearest."""
+        host = dataclasses.replace(self, share=np.zeros(4))
+        if self.is_strict or host.explains:
             return host
         host = host.fitted()
         if host.explains or host.rms_rad > _HOPELESS * host.limit_rad:
@@ -113,19 +109,24 @@ class ToleratedHost:
         return host
 
     @property
+    def is_strict(self) -> bool:
+        """True if nothing is tolerated."""
+        return not self.scale.any()
+
+    @property
     def off(self) -> FloatArray:
         """(4,) how far it is off: metres, and a share of the speed of sound."""
-        return self.hosts.scale * self.share
+        return self.scale * self.share
 
     @property
     def limit_rad(self) -> float:
         """Largest phase error of an element: of rounding, and of what is not known of it."""
-        return self.hosts.limit_rad + self.hosts.scatter_rad
+        return self.rounding_rad + self.scatter_rad
 
     @cached_property
     def _drive(self) -> ComplexArray:
         """Return the drive that a host with this error sends."""
-        return self.hosts.drive(self.off)
+        return self.drive(self.off)
 
     @cached_property
     def levels(self) -> FloatArray:
@@ -164,33 +165,31 @@ class ToleratedHost:
     @property
     def explains(self) -> bool:
         """True if no element is off by more than rounding and what is not known of it."""
-        if self.error_rad > self.limit_rad * (1.0 if self.hosts.is_strict else _EXACT):
+        if self.error_rad > self.limit_rad * (1.0 if self.is_strict else _EXACT):
             return False
         return self.explains_roughly
 
     @property
     def explains_roughly(self) -> bool:
         """True if the root mean square of the phase errors is no more than that leaves."""
-        scatter_rad = self.hosts.scatter_rad / _COVERAGE
+        scatter_rad = self.scatter_rad / _COVERAGE
         allowed_rad = scatter_rad * (1.0 + 3.0 / math.sqrt(self.active.sum()))
         spread_rad = float(np.std(self.errors_rad[self.active]))
-        return spread_rad <= self.hosts.limit_rad + allowed_rad
+        return spread_rad <= self.rounding_rad + allowed_rad
 
     @property
     def _off_rad(self) -> float:
         """Phase error above which a single element counts as wrong."""
-        return self.limit_rad + self.hosts.limit_rad
+        return self.limit_rad + self.rounding_rad
 
     # --- search ----------------------------------------------------------------------------------
 
     def slopes_about(self, used: Bools) -> FloatArray:
         """Return (N, 4) how the phase errors change with the share; the mean of the *used* is 0."""
         slopes = np.zeros((len(self.phases_rad), 4))
-        for place in np.flatnonzero(self.hosts.scale):
+        for place in np.flatnonzero(self.scale):
             way = _SLOPE * np.eye(4)[place]
-            less, more = (
-                self.hosts.drive(self.hosts.scale * (self.share + sign * way)) for sign in (-1, 1)
-            )
+            less, more = (self.drive(self.scale * (self.share + sign * way)) for sign in (-1, 1))
             slopes[:, place] = np.angle(less * more.conj()) / (2.0 * _SLOPE)
         centred: FloatArray = slopes - np.average(slopes[used], axis=0, weights=self.levels[used])
         return centred
@@ -201,7 +200,7 @@ class ToleratedHost:
         A share of the tolerance weighs as much as the same share of the error by rounding.
         """
         host, used = self, self.active
-        prior = self.hosts.limit_rad * np.eye(4)
+        prior = self.rounding_rad * np.eye(4)
         for _ in range(_STEPS):
             errors, slopes, levels = host.errors_about(used), host.slopes_about(used), host.levels
             rows = np.vstack([slopes[used] * levels[used, None], prior])
@@ -245,14 +244,13 @@ class ToleratedHost:
 
     def anywhere(self, model: AcousticModel) -> ToleratedHost:
         """Return the nearest host within any tolerance that can be stated."""
-        hosts = dataclasses.replace(self.hosts, scale=scale_of_tolerance(_ANYWHERE, model))
-        return self.nearest(hosts, self.phases_rad, self.active)
+        return dataclasses.replace(self, scale=scale_of_tolerance(_ANYWHERE, model)).searched()
 
     def is_beyond(self, scale: FloatArray) -> bool:
         """Return True if it is off by more than a tolerance and what rounding may add to that."""
         slopes = self.slopes_about(self.active)[self.active]
         doubt = _SECOND_ORDER * np.abs(np.linalg.pinv(slopes)).sum(axis=1) * self.limit_rad
-        least = np.maximum(np.abs(self.share) - doubt, 0.0) * self.hosts.scale
+        least = np.maximum(np.abs(self.share) - doubt, 0.0) * self.scale
         return bool(np.linalg.norm(least[:3]) > scale[0] or least[3] > scale[3])
 
     # --- what it does not explain ----------------------------------------------------------------
@@ -282,7 +280,7 @@ class ToleratedHost:
         Small changes of the air can turn an element far where a solver made the drive.
         """
         rest = self.active & ~off
-        host = self.nearest(self.hosts, self.phases_rad, rest)
+        host = dataclasses.replace(self, active=rest).searched()
         slopes, errors_rad = host.slopes_about(rest), wrapped_phases(host.errors_about(rest)[off])
         leverage = np.abs(slopes[off] @ np.linalg.pinv(slopes[rest])).sum(axis=1)
         explained_rad = self._off_rad + _SECOND_ORDER * leverage * self.limit_rad

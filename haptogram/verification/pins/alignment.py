@@ -6,7 +6,6 @@ offset and rate of the two clocks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,32 +22,10 @@ _FEWEST: Final = 8  # frames that tell the rate
 _WINDOW: Final = 0.5  # part of a frame that holds the changes of one latch
 
 
-@dataclass(frozen=True, slots=True)
-class PinAlignment:
-    """Frame at *u* periods of the run is due at ``offset + rate * u`` periods of the capture.
+def align_pins_to_run(record: PinRecord, run: PinRunDrives) -> tuple[float, float]:
+    """Return the offset and rate at which most drives of the run begin in time.
 
-    Attributes
-    ----------
-    offset, rate : float
-        Of the two clocks.
-    """
-
-    offset: float
-    rate: float = 1.0
-
-    def starts(self, run: PinRunDrives) -> FloatArray:
-        """Return (F,) the times at which frames are due in the capture."""
-        times: FloatArray = self.offset + self.rate * run.starts
-        return times
-
-    def ends(self, run: PinRunDrives) -> FloatArray:
-        """Return (F,) the times at which frames are over in the capture."""
-        times: FloatArray = self.offset + self.rate * run.ends
-        return times
-
-
-def align_pins_to_run(record: PinRecord, run: PinRunDrives) -> PinAlignment:
-    """Return the place at which most drives of the run begin in time.
+    A frame at *u* periods of the run is due at ``offset + rate * u`` periods of the capture.
 
     One crystal makes the clocks of the frames and of the carrier; or two do, and then the
     analyser's own clock is the better first guess.
@@ -57,15 +34,16 @@ def align_pins_to_run(record: PinRecord, run: PinRunDrives) -> PinAlignment:
     firsts, pairs = matched_drives(held, run.weights)
     pairs = pairs[pairs[:, 0] > 0]  # when the first drive began is not known
     if not len(pairs):
-        return PinAlignment(0.0)
+        return 0.0, 1.0
     due = run.starts[firsts[pairs[:, 1]]]
     begins = np.array([held.latches[place - 1].begin for place in pairs[:, 0]])
     lines = [_line_through(due, begins, rate) for rate in (1.0, 1.0 + record.drift_ppm * 1e-6)]
-    return max(lines, key=lambda line: line[0])[1]
+    _, offset, rate = max(lines, key=lambda line: line[0])
+    return offset, rate
 
 
-def _line_through(due: FloatArray, begins: FloatArray, rate: float) -> tuple[int, PinAlignment]:
-    """Return the best line at about this *rate*, and the number of frames on it."""
+def _line_through(due: FloatArray, begins: FloatArray, rate: float) -> tuple[int, float, float]:
+    """Return the number of frames on the best line at about this *rate*, its offset and rate."""
     away = begins - rate * due
     ordered = np.sort(away)
     counts = np.searchsorted(ordered, ordered + _NEAR_PERIODS, side="right") - np.arange(len(away))
@@ -75,4 +53,4 @@ def _line_through(due: FloatArray, begins: FloatArray, rate: float) -> tuple[int
     if near.sum() >= _FEWEST:
         slope, shift = np.polyfit(due[near], away[near] - offset, 1)
         rate, offset = rate + float(slope), offset + float(shift)
-    return int(counts[best]), PinAlignment(offset, rate)
+    return int(counts[best]), offset, rate

@@ -146,10 +146,15 @@ def verify_captures(
     if not records:
         raise ConfigurationError("no capture to judge by")
     frames = sorted(intended, key=lambda frame: frame.t_apply_us or 0)
-    told = _JudgedFrames(len(frames), len(records), progress)
+    before = len(records) * len(frames)  # judged before the field
+
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(done, before + len(frames))
+
     judged_pins = []
     for number, record in enumerate(records):
-        told.tell(number * len(frames))
+        tell(number * len(frames))
         judged_pins.append(verify_captured_pins(record, frames, model=model))
     pins = tuple(judged_pins)
     passes = list(_passes_over_pins(frames).values())
@@ -166,9 +171,9 @@ def verify_captures(
             unseen="the frame is not in the captures with all elements",
             tolerance=tolerance,
             uncertainty=uncertainty,
-            progress=told.field,
+            progress=lambda done, _: tell(before + done),
         )
-    told.field(len(frames), len(frames))
+    tell(before + len(frames))
     wrong = [line for one in pins for line in one.reasons if one.verdict is Verdict.FAIL]
     missing = [line for one in pins for line in one.reasons if one.verdict is Verdict.INCONCLUSIVE]
     judged = np.any([one.judged for one in pins], axis=0)
@@ -197,24 +202,6 @@ def verify_captures(
         observations,
         tuple(frames),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _JudgedFrames:
-    """The progress of a verdict by *captures* of so many *frames*, and one of the field."""
-
-    frames: int
-    captures: int
-    progress: Progress | None
-
-    def tell(self, done: int) -> None:
-        """Tell how many frames were judged, of all captures and of the field."""
-        if self.progress is not None:
-            self.progress(done, (self.captures + 1) * self.frames)
-
-    def field(self, done: int, total: int) -> None:
-        """Tell how many frames of the field were judged, of a *total*."""
-        self.tell(self.captures * total + done)
 
 
 def _pins_too_rarely_seen(

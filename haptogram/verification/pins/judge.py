@@ -36,13 +36,11 @@ from .held.frame_times import frames_at_held_drives
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase
 from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
-from .shared_phase import shared_turns_of_pins
 from .shown_frames import (
     FIT_SHARE,
     LATE_PERIODS,
     TORN_PERIODS,
     FramesShownByPins,
-    PinCaptureLimits,
     frames_shown_by_pins,
 )
 from .silence import EndOfSound, end_of_sound_on_pins
@@ -63,7 +61,6 @@ _FEWEST_FITTING: Final = 3
 _FEWEST_DRIVES: Final = 3  # least different drives with the same error: no chance
 _FEWEST_AGREEING: Final = 2  # drives, beyond those that agree by chance
 _LEAST_PERIODS_OF_CARRIER: Final = 40.0  # periods that show its frequency where samples are missing
-_SAMPLES_OF_8_BITS: Final = 512.0  # samples of a period: one is half a step
 
 
 def verify_captured_pins(
@@ -237,7 +234,13 @@ class _PinJudge:
             )
             return False
         if self._near_match_share(judged) >= FIT_SHARE or self._pins_that_fit(judged) is not None:
-            return True
+            if not self._fits_better_elsewhere(judged):
+                return True
+            self.missing.append(
+                "the capture does not show for certain when the run begins: its frames hardly "
+                "differ, and at another place more of them are right; capture more pins"
+            )
+            return False
         wrong = np.flatnonzero(~right[judged].all(axis=0)).tolist()
         kinds = [fault.kind for fault in faults_of_pins(drives, wrong, judged).values()]
         telling = {PinFaultKind.OTHER_ELEMENT, PinFaultKind.SIGN}
@@ -296,6 +299,17 @@ class _PinJudge:
                 codes = codes * np.conj(run.weights[known[near], own])
             agreeing += _count_distinct_drives(codes, 2.0 * limit) - 1
         return agreeing >= _FEWEST_AGREEING
+
+    def _fits_better_elsewhere(self, judged: Bools) -> bool:
+        """Return True if more drives are right a frame off, or from the first pulse on."""
+        weights, share = self.run.weights, float(self.shown.right[judged].mean())
+        if share == 1.0 or (weights == weights[0]).all():
+            return False
+        begin, gap = float(self.shown.starts[0]), self.run.gap
+        first = min(float(pin.rises[0]) for pin in self.record.pins.values() if len(pin.rises))
+        places = (begin - gap, begin + gap, math.floor(first))
+        others = [frames_shown_by_pins(self.record, self.run, place) for place in places]
+        return any(one.seen.any() and one.right[one.seen].mean() > share for one in others)
 
     def _near_match_share(self, judged: Bools) -> float:
         """Return the share of drives unique to this run that match within two steps."""
@@ -444,7 +458,9 @@ class _PinJudge:
         """Return the phase common to all pins, relative to the carrier clock; None without one."""
         if self.record.reference_element is not None:
             return None
-        return shared_turns_of_pins(self.shown)
+        shown = self.shown
+        sounding = np.abs(np.where(shown.right, shown.drives.weights, 0.0)) > 0.0
+        return np.where(sounding.any(axis=1), shown.drives.turns_rad, np.nan)
 
     def _check_turns(self, judged: Bools) -> None:
         """Find frames in which the phases of all pins are shifted against the carrier clock.
@@ -466,9 +482,9 @@ class _PinJudge:
             )
 
     @cached_property
-    def _limits(self) -> PinCaptureLimits:
+    def _limits(self) -> PinLimits:
         """Return the tolerances of the capture."""
-        return PinCaptureLimits.of(self.record)
+        return PinLimits.of(self.record)
 
     def _check_carrier(self) -> None:
         drift = self.record.drift_ppm
@@ -512,6 +528,8 @@ class _PinJudge:
         errors, sizes = drives.every_error()
         sounding = right & np.isfinite(errors)
         limits = self._limits
+        if right.any():
+            limits = dataclasses.replace(limits, phase_rad=float(drives.limit_rad[right].max()))
         return PinVerdict(
             name=record.name,
             verdict=verdict,
@@ -521,13 +539,7 @@ class _PinJudge:
             elements=self.run.elements,
             array_count=self.model.array.count,
             counts=counts,
-            limits=PinLimits(
-                record.sample_rate_hz,
-                record.samples,
-                limits.resolution_rad,
-                float(drives.limit_rad[right].max()) if right.any() else limits.phase_rad,
-                limits.amplitude,
-            ),
+            limits=limits,
             phase_error_rad=float(np.abs(errors[sounding]).max()) if sounding.any() else None,
             amplitude_error=float(sizes[right].max()) if right.any() else None,
             mute_periods=end.spread_periods,
@@ -555,9 +567,5 @@ class _PinJudge:
                 f"phases are relative to element {record.reference_element}: a phase that all "
                 "captured pins have does not show; capture the clock of the carrier to see it"
             )
-        needed_hz = record.carrier_hz * _SAMPLES_OF_8_BITS
-        if record.sample_rate_hz < needed_hz * 0.999:
-            yield (
-                f"{record.sample_rate_hz / 1e6:g} Msamples/s cannot show an error of one step of 8 "
-                f"bits; {needed_hz / 1e6:g} Msamples/s can"
-            )
+        if record.coarse_note:
+            yield record.coarse_note

@@ -10,8 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.frame import Evidence
-from haptogram.records.pins import CarrierPeriods
+from haptogram.records.pins import CarrierPeriods, PinRecord
 
 from ..frame.verdict import Judged, Verdict
 from .elements.levels import LevelsInTime
@@ -31,6 +32,7 @@ PIN_CHECKS: Final = {
     "carrier": "the carrier is the one that is meant",
 }
 _NAMED: Final = 8
+_ROUNDING_RAD: Final = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,18 @@ class PinLimits:
     resolution_rad: float
     phase_rad: float
     amplitude: float
+
+    @classmethod
+    def of(cls, record: PinRecord) -> PinLimits:
+        """Return the largest errors that the samples of a capture may hide."""
+        resolution = math.tau / record.samples
+        return cls(
+            record.sample_rate_hz,
+            record.samples,
+            resolution,
+            resolution + record.skew_rad + _ROUNDING_RAD,
+            0.5 / FULL_AMPLITUDE + math.pi / record.samples,
+        )
 
 
 @dataclass(frozen=True, slots=True)

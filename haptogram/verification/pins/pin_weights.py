@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,34 +14,19 @@ from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
 
 #: Periods after a latch until no pulse of the old drive is left, and before the next one.
 SETTLED: Final = 2.0
-_BEFORE_NEXT: Final = 1.0
 _LEAST_WINDOW: Final = 1.0
 _SAMPLED: Final = 0.1  # periods by which samples and jitter may move pulses at both ends of it
 _MOST_ERRORS: Final = 4.0  # standard errors of a mean that jitter may make
 _FEWEST: Final = 3  # pins among which a majority tells which one is wrong
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class PinWeights:
-    """The drives of E pins in F frames.
-
-    Attributes
-    ----------
-    weights : (F, E) numpy.ndarray of complex
-        A e^{+j phi} on the capture's own phase; 0: no pulse; NaN: the frame is not in the capture,
-        or too short.
-    jitter_rad : (F, E) numpy.ndarray
-        Standard error of the phase, from how its pulses scatter.
-    """
-
-    weights: ComplexArray
-    jitter_rad: FloatArray
-
-
 def pin_weights(
     record: PinRecord, run: PinRunDrives, lows: FloatArray, highs: FloatArray
-) -> PinWeights:
-    """Return the mean drive of each pin from *lows* to *highs* (F, E), in periods."""
+) -> tuple[ComplexArray, FloatArray]:
+    """Return the mean drive of each pin from *lows* to *highs* (F, E), in periods, and its jitter.
+
+    The jitter is the largest error of the phase that the scatter of the pulses explains.
+    """
     shape = run.count, len(run.elements)
     weights, jitter = np.full(shape, np.nan + 0j, np.complex128), np.zeros(shape)
     begin, end = lows, highs
@@ -64,16 +48,7 @@ def pin_weights(
         same = np.clip(np.abs(total) / np.maximum(size, 1e-12), 1e-6, 1.0)
         spread = np.sqrt(-2.0 * np.log(same))
         jitter[:, place] = _MOST_ERRORS * spread / np.sqrt(np.maximum(ends - begins, 1))
-    return PinWeights(weights, jitter)
-
-
-def pin_weights_of_frame(
-    record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
-) -> PinWeights:
-    """Return the drives between *starts* and *ends* (F,), without the latches at both."""
-    shape = run.count, len(run.elements)
-    lows = np.broadcast_to((starts + SETTLED)[:, None], shape)
-    return pin_weights(record, run, lows, np.broadcast_to((ends - _BEFORE_NEXT)[:, None], shape))
+    return weights, jitter
 
 
 def common_turns_of_pins(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +11,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
-from .shown_frames import FramesShownByPins
-
-if TYPE_CHECKING:
-    from .pin_verdict import PinVerdict
+from .pin_verdict import PinVerdict
 
 
 def why_pin_phases_are_apart(
@@ -76,15 +72,6 @@ def why_pin_phases_are_apart(
             joined.append(found)
             waiting.remove(found)
     return "; ".join(_pin_phase_lines(pins, len(frames), apart, worst_rad))
-
-
-def shared_turns_of_pins(shown: FramesShownByPins) -> FloatArray:
-    """Return the (F,) phase that the pins share, on the clock of the capture, in radians.
-
-    NaN: no pin that sounds shows the frame.
-    """
-    sounding = np.abs(np.where(shown.right, shown.drives.weights, 0.0)) > 0.0
-    return np.where(sounding.any(axis=1), shown.drives.turns_rad, np.nan)
 
 
 def _share_pin_element(

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
-from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.records.pins import PinRecord
 
-from .alignment import PinAlignment, align_pins_to_run
+from .alignment import align_pins_to_run
 from .elements.faults import PinDrives
 from .latch_steps import PinSteps, pin_steps, sound_before_run
-from .pin_weights import SETTLED, common_turns_of_pins, pin_weights, pin_weights_of_frame
+from .pin_verdict import PinLimits
+from .pin_weights import SETTLED, common_turns_of_pins, pin_weights
 from .run_drives import Bools, PinRunDrives
 
 #: Share of the captured drives that are right in a capture of this run.
@@ -31,38 +31,8 @@ _SILENT: Final = 2.5  # periods without a pulse
 _LAST_PERIODS: Final = 7.0  # end of a frame, in which a latch shows nothing that can be judged
 _LATCH_PERIODS: Final = 1.5  # time in which all pins latch: a period, and a pulse that was cut
 _EARLY_PINS: Final = 0.25  # share of the pins that may latch before a frame counts as latched
-_ROUNDING_RAD: Final = 1e-4
 _MOST_JITTER_RAD: Final = math.pi / 256.0  # largest jitter of a mean: half a step of 8 bits
 _LATCH_SLACK: Final = 2.0  # periods by which a latch may seem to be early
-
-
-@dataclass(frozen=True, slots=True)
-class PinCaptureLimits:
-    """The largest errors that the samples of a capture may hide.
-
-    Attributes
-    ----------
-    resolution_rad : float
-        Phase of one sample: two edges are known to one sample together.
-    phase_rad : float
-        Phase error that passes, without jitter.
-    amplitude : float
-        Error of an amplitude that passes: half a step, and a sample of width.
-    """
-
-    resolution_rad: float
-    phase_rad: float
-    amplitude: float
-
-    @classmethod
-    def of(cls, record: PinRecord) -> PinCaptureLimits:
-        """Return the limits of a capture."""
-        resolution = math.tau / record.samples
-        return cls(
-            resolution,
-            resolution + record.skew_rad + _ROUNDING_RAD,
-            _HALF / FULL_AMPLITUDE + math.pi / record.samples,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +102,12 @@ def frames_shown_by_pins(
     record: PinRecord, run: PinRunDrives, offset: float | None = None
 ) -> FramesShownByPins:
     """Return the frames of a run that a capture shows; *offset* is when it begins, if known."""
-    found = align_pins_to_run(record, run) if offset is None else PinAlignment(offset)
-    pins = _AlignedPins(record, run, found.starts(run), found.ends(run))
+    begin, rate = align_pins_to_run(record, run) if offset is None else (offset, 1.0)
+    pins = _AlignedPins(record, run, begin + rate * run.starts, begin + rate * run.ends)
     prior = sound_before_run(record, run, float(pins.starts[0]))
-    lost, before = _frames_lost_on_pins(record, pins.drives(each=False), prior)
-    steps = pins.steps(before)
+    as_due = pins.drives(each=False)
+    lost, before = _frames_lost_on_pins(record, as_due, prior)
+    steps = pins.steps(as_due, before)
     lost |= _pins_without_latch(record, pins.starts, pins.ends) & ~steps.is_inside.any(axis=1)
     drives, late = pins.drives(steps, before), _pin_lateness(steps, lost)
     return FramesShownByPins(pins.starts, pins.ends, drives, steps, lost, late)
@@ -152,14 +123,14 @@ class _AlignedPins:
     ends: FloatArray
 
     @cached_property
-    def _limits(self) -> PinCaptureLimits:
+    def _limits(self) -> PinLimits:
         """Return the tolerances of the capture."""
-        return PinCaptureLimits.of(self.record)
+        return PinLimits.of(self.record)
 
-    def steps(self, before: NDArray[np.int64]) -> PinSteps:
+    def steps(self, as_due: PinDrives, before: NDArray[np.int64]) -> PinSteps:
         """Return the steps of all pins; *before* is the frame that was shown before each."""
         record, run, starts, ends = self.record, self.run, self.starts, self.ends
-        weights = pin_weights_of_frame(record, run, starts, ends).weights
+        weights = as_due.weights * np.exp(1j * as_due.turns_rad)[:, None]
         turns = common_turns_of_pins(record, run, weights, self._limits.phase_rad)
         steps = pin_steps(record, run, starts, ends, before, turns)
         latest = np.where(steps.is_inside, steps.after, 0.0).max(axis=1)[:-1]
@@ -192,12 +163,12 @@ class _AlignedPins:
             highs = np.minimum(highs, run.held[:, 1:])
         begins = np.array([record.pins[element].begin for element in run.elements])
         lows = np.where(lows < begins, np.nan, lows)  # a level that is not known shows nothing
-        means = pin_weights(record, run, lows, highs)
-        turns = common_turns_of_pins(record, run, means.weights, limits.phase_rad, each=each)
-        jitter = np.minimum(means.jitter_rad, max(limits.phase_rad, _MOST_JITTER_RAD))
+        weights, jitter_rad = pin_weights(record, run, lows, highs)
+        turns = common_turns_of_pins(record, run, weights, limits.phase_rad, each=each)
+        jitter = np.minimum(jitter_rad, max(limits.phase_rad, _MOST_JITTER_RAD))
         return PinDrives(
             run,
-            means.weights * np.exp(-1j * turns)[:, None],
+            weights * np.exp(-1j * turns)[:, None],
             np.arange(-1, run.count - 1) if before is None else before,
             limits.phase_rad + jitter + run.allowed_rad[:, None],
             # The width of a pulse scatters as its centre does.
@@ -239,31 +210,18 @@ def _frames_lost_on_pins(
             seen, old, new = weights[frame], run.weights[shown], run.weights[frame]
             if shown < 0:
                 old = prior * np.exp(-1j * drives.turns_rad[frame])
-            if not _pin_shows_frame(drives, frame, seen, new)[sound].all():
+            if not drives.shows(seen, new, frame)[sound].all():
                 turned = _on_reference_phase(record, run, seen, old)
                 lost[frame] = _pin_keeps_frame(drives, frame, turned, old)[sound].all()
                 last = frame - 1  # which may have come too late to be seen itself
                 if not lost[frame] and 0 <= shown < last:
                     turned = _on_reference_phase(record, run, seen, run.weights[last])
-                    lost[frame] = _pin_shows_frame(drives, frame, turned, run.weights[last])[
-                        sound
-                    ].all()
+                    lost[frame] = drives.shows(turned, run.weights[last], frame)[sound].all()
                     if lost[frame]:
                         before[frame] = shown = last
         if not lost[frame]:
             shown = frame
     return lost, before
-
-
-def _pin_shows_frame(
-    drives: PinDrives, frame: int, seen: ComplexArray, meant: ComplexArray
-) -> Bools:
-    """Return a mask (E,) of the pins whose measured drive matches that expected for a frame."""
-    size = np.abs(np.abs(seen) - np.abs(meant)) <= drives.limit_amplitude
-    faint = np.abs(meant) <= drives.limit_amplitude
-    near = np.abs(np.angle(seen * np.conj(meant))) <= drives.limit_rad[frame]
-    shown: Bools = size & (faint | near)
-    return shown
 
 
 def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: ComplexArray) -> Bools:
@@ -272,7 +230,7 @@ def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: Com
     step = run.weights[frame] - old
     size = float((np.abs(step) ** 2).sum())
     share = float((np.conj(step) * (seen - old)).real.sum()) / size if size > 0.0 else 1.0
-    kept = _pin_shows_frame(drives, frame, seen, old)
+    kept = drives.shows(seen, old, frame)
     window = max(float(run.ends[frame] - run.starts[frame]) - SETTLED - 1.0, 1.0)
     if not kept.all() and 0.0 < share < _LAST_PERIODS / window:
         rest = np.abs(seen - old - share * step)

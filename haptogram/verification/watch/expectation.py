@@ -17,20 +17,16 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import FloatArray, as_point_array
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.estimates import as_vector
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
-from haptogram.acoustics.reconstruct.patterns.found import (
-    OneFocus,
-    Pattern,
-    SeveralFoci,
-    pattern_vector,
-)
+from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern, SeveralFoci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey
 
 from ..frame import criteria
 from ..frame.status import frame_status_of
 from ..frame.target import FrameTarget
-from ..frame.tolerated import ToleratedHost, ToleratedHosts
+from ..frame.tolerated import ToleratedHost
 from ..frame.verdict import FrameStatus, FrameVerdict, Vector
 from ..tolerance import Tolerance, Uncertainty
 from .latch import SeenLatch
@@ -97,7 +93,7 @@ class Expectation:
             key=FrameKey(0, 0, 0, latch.number),
             status=FrameStatus.NOT_VERIFIED,
             evidence=latch.evidence,
-            target_m=pattern_vector(foci[0]),
+            target_m=as_vector(foci[0]),
             t_latch_us=latch.t_us,
             latches=1,
         )
@@ -113,8 +109,8 @@ class Expectation:
                 seen, status=FrameStatus.WRONG_DRIVE, faults=("nothing was radiated",)
             )
         target = self._target(seen.target_m, amplitudes.tobytes(), latch.steps)
-        hosts = ToleratedHosts.of(target, Uncertainty(), target.drive_of_host)
-        host = ToleratedHost.nearest(hosts, np.angle(weights), target.active)
+        phases_rad, drive = np.angle(weights), target.drive_of_host
+        host = ToleratedHost.nearest(target, Uncertainty(), drive, phases_rad, target.active)
         verdicts, measures = criteria.judge_frame_drive(target, host, weights)
         faults: tuple[str, ...] = ()
         if isinstance(pattern, OneFocus):
@@ -174,15 +170,12 @@ class Expectation:
         if len(set(nearest.tolist())) != len(foci):
             return dataclasses.replace(seen, status=FrameStatus.OFF_TARGET, criteria={"S2": False})
         off_m = places - foci[nearest]
-        ok = all(
-            criteria.within_frame_limit(off, bound, self.tolerance.miss_mm)
-            for off, bound in zip(off_m, bounds, strict=True)
-        )
+        ok = criteria.are_foci_within(off_m, bounds, self.tolerance.miss_mm)
         worst = int(np.linalg.norm(off_m, axis=1).argmax())
         return dataclasses.replace(
             seen,
             status=FrameStatus.ON_TARGET if ok else FrameStatus.OFF_TARGET,
             criteria={"S2": ok},
-            measured_m=pattern_vector(places[worst]),
+            measured_m=as_vector(places[worst]),
             lateral_error_mm=_MM * float(np.linalg.norm(off_m[worst])),
         )

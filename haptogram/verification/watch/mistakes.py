@@ -75,9 +75,14 @@ class ClientMistakes:
         client_axes: FloatArray,
         aims: Sequence[Aim],
     ) -> None:
-        self._case = _MistakeCase(model, client_axes, aims)
+        self._model, self._axes = model, client_axes
         self._none, *self._others = rearrangements
-        self._aims = aims
+        self._targets = np.array([aim.target_m for aim in aims])
+        self._phases = np.array([aim.phases_rad for aim in aims])
+        self._steps = np.array([aim.step_rad for aim in aims])
+        lost = np.full(3, np.nan)
+        self._found = np.array([lost if aim.found_m is None else aim.found_m for aim in aims])
+        self._distinct = len({tuple(np.round(aim.target_m, 6).tolist()) for aim in aims})
 
     def diagnosis(self) -> Diagnosis | None:
         """Return the mistake that is proven; None: none explains the phases, or several do."""
@@ -104,7 +109,7 @@ class ClientMistakes:
             if fitting and not all(str(Defect.AXES) in text for text in fitting):
                 tell = (
                     f"{LEAST_TARGETS} targets or more tell"
-                    if self._case.distinct < LEAST_TARGETS
+                    if self._distinct < LEAST_TARGETS
                     else "targets further apart, at other heights and off the axes, tell"
                 )
                 which = "whether it is" if len(fitting) == 1 else "which it is"
@@ -113,58 +118,33 @@ class ClientMistakes:
 
     def _is_beyond(self, best: float, rival: float) -> bool:
         """Return True if a rival explanation is far worse."""
-        unlikely = math.sqrt(self._case.unknowns * max(0.0, rival**2 - best**2))
+        unlikely = math.sqrt(UNKNOWNS * len(self._targets) * max(0.0, rival**2 - best**2))
         is_clear = best <= _IS_NOISE and unlikely >= _BETTER
         return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)
 
     def _is_enough(self, parts: tuple[Part, ...]) -> bool:
         """Return True if enough distinct targets were seen to prove a mistake."""
-        is_focus = sum(aim.found_m is not None for aim in self._aims) > len(self._aims) / 2
+        is_focus = np.isfinite(self._found).all(axis=1).mean() > 0.5
         is_simple = not is_focus and len(parts) == 1
-        return is_simple or self._case.distinct >= LEAST_TARGETS
+        return is_simple or self._distinct >= LEAST_TARGETS
 
     def _levels(self) -> Iterator[list[tuple[float, tuple[Part, ...]]]]:
         """Yield the scores of single mistakes, then those of two at once, the best ones first."""
-        case, none = self._case, self._none
-        if case.score(none)[0] <= _EXPLAINS:
+        score, none = self._score, self._none
+        if score(none)[0] <= _EXPLAINS:
             return
-        single = [case.score(other) for other in self._others]
-        yield _sorted([*single, case.score(none, speed=True), case.score(none, shift=True)])
-        double = [case.score(none, speed=True, shift=True)]
+        single = [score(other) for other in self._others]
+        yield _sorted([*single, score(none, speed=True), score(none, shift=True)])
+        double = [score(none, speed=True, shift=True)]
         for other in self._others:
-            double += [case.score(other, speed=True), case.score(other, shift=True)]
+            double += [score(other, speed=True), score(other, shift=True)]
             if other.parts[0][0] is Defect.ORDER:
                 sign = next(o for o in self._others if o.sign < 0)
                 parts = (*sign.parts, *other.parts)
-                double.append(case.score(replace(other, sign=-1, parts=parts)))
+                double.append(score(replace(other, sign=-1, parts=parts)))
         yield _sorted(double)
 
-
-def _sorted(
-    scored: list[tuple[float, tuple[Part, ...]]],
-) -> list[tuple[float, tuple[Part, ...]]]:
-    return sorted(scored, key=lambda item: item[0])
-
-
-def _key(parts: tuple[Part, ...]) -> tuple[tuple[Defect, str], ...]:
-    """Return the defects and their kinds as a key, without figures."""
-    return tuple((d, "" if d in (Defect.AXES, Defect.SPEED) else text) for d, text in parts)
-
-
-class _MistakeCase:
-    """The frames of one run, and how well hypotheses explain their phases."""
-
-    def __init__(self, model: AcousticModel, client_axes: FloatArray, aims: Sequence[Aim]) -> None:
-        self._model, self._axes = model, client_axes
-        self._targets = np.array([aim.target_m for aim in aims])
-        self._phases = np.array([aim.phases_rad for aim in aims])
-        self._steps = np.array([aim.step_rad for aim in aims])
-        lost = np.full(3, np.nan)
-        self._found = np.array([lost if aim.found_m is None else aim.found_m for aim in aims])
-        self.unknowns = UNKNOWNS * len(aims)
-        self.distinct = len({tuple(np.round(aim.target_m, 6).tolist()) for aim in aims})
-
-    def score(
+    def _score(
         self, what: Rearrangement, *, speed: bool = False, shift: bool = False
     ) -> tuple[float, tuple[Part, ...]]:
         """Return by how many standard deviations a hypothesis is off, and its names.
@@ -198,3 +178,14 @@ class _MistakeCase:
     def _shift_text(self, shift_m: FloatArray) -> str:
         values = (round(_MM * value, 1) + 0.0 for value in shift_m @ self._axes)
         return f"shifted by ({', '.join(f'{value:.1f}' for value in values)}) mm"
+
+
+def _sorted(
+    scored: list[tuple[float, tuple[Part, ...]]],
+) -> list[tuple[float, tuple[Part, ...]]]:
+    return sorted(scored, key=lambda item: item[0])
+
+
+def _key(parts: tuple[Part, ...]) -> tuple[tuple[Defect, str], ...]:
+    """Return the defects and their kinds as a key, without figures."""
+    return tuple((d, "" if d in (Defect.AXES, Defect.SPEED) else text) for d, text in parts)

@@ -70,18 +70,20 @@ def client_rearrangements(
     client_axes : rows
         Our axes in those of the client.
     """
-    count = model.array.count
-    axes, same = np.array(client_axes), np.arange(count)
+    count, axes = model.array.count, np.array(client_axes)
+    # Elements by board; one row if they are no number of whole boards.
+    boards = np.arange(count).reshape(-1, count if count % board_channels else board_channels)
+    same = boards.ravel()
     found = [Rearrangement((), same)]
     turns = _CoordinateTurns(model, axes)
     found += [Rearrangement((part,), same, move=move) for part, move in turns]
     found.append(Rearrangement(((Defect.SIGN, "of all elements"),), same, sign=-1))
     found += [
         Rearrangement(((Defect.CHANNELS, text),), index)
-        for text, index in _other_channels(model, board_channels, axes)
+        for text, index in _other_channels(model, boards, axes)
         if not np.array_equal(index, same) and not turns.are_order(index)
     ]
-    return found + list(_board_phase_offsets(count, board_channels))
+    return found + list(_board_phase_offsets(boards))
 
 
 class _CoordinateTurns:
@@ -153,24 +155,21 @@ def _axes_text(order: Sequence[int]) -> str:
 
 
 def _other_channels(
-    model: AcousticModel, board_channels: int, axes: FloatArray
+    model: AcousticModel, boards: NDArray[np.intp], axes: FloatArray
 ) -> Iterator[tuple[str, NDArray[np.intp]]]:
     """Yield mistaken channel maps by name: which channel holds the phase of each element."""
-    count = model.array.count
-    same = np.arange(count)
+    same = boards.ravel()
     for roll in range(1, _MOST_ROLL + 1):
         for way in (roll, -roll):
             yield f"the channels of all elements are off by {way:+d}", np.roll(same, -way)
-    boards = count // board_channels if count % board_channels == 0 else 1
-    if boards <= _MAX_BOARDS:
-        blocks = same.reshape(boards, -1)
-        for first, second in itertools.combinations(range(boards), 2):
-            order = np.arange(boards)
+    if len(boards) <= _MAX_BOARDS:
+        for first, second in itertools.combinations(range(len(boards)), 2):
+            order = np.arange(len(boards))
             order[[first, second]] = second, first
             text = f"order of the boards: {first + 1} and {second + 1} are exchanged"
-            yield text, blocks[order].ravel()
+            yield text, boards[order].ravel()
     known: set[bytes] = set()
-    for by_rows in _element_maps(model, board_channels, boards, axes):
+    for by_rows in _element_maps(model, boards, axes):
         inverse = np.argsort(by_rows)
         for text, index in (
             ("the map from elements to channels is applied twice", by_rows),
@@ -183,35 +182,22 @@ def _other_channels(
 
 
 def _element_maps(
-    model: AcousticModel, board_channels: int, boards: int, axes: FloatArray
+    model: AcousticModel, boards: NDArray[np.intp], axes: FloatArray
 ) -> Iterator[NDArray[np.intp]]:
     """Yield the channel of each element, counted row by row or column by column on each board."""
     places = model.array.positions_m @ axes
     first, second = (axis for axis in range(3) if axis != int(np.argmax(axes[2])))
-    size = board_channels if boards > 1 else model.array.count
     rounded = np.round(places / _ROW_M)
     for signs in itertools.product((1, -1), repeat=2):
         for inner, outer in ((first, second), (second, first)):
-            order = [
-                start
-                + np.lexsort(
-                    (
-                        signs[0] * rounded[start : start + size, inner],
-                        signs[1] * rounded[start : start + size, outer],
-                    )
-                )
-                for start in range(0, model.array.count, size)
-            ]
-            yield np.concatenate(order)
+            keys = signs[0] * rounded[boards, inner], signs[1] * rounded[boards, outer]
+            yield np.take_along_axis(boards, np.lexsort(keys), axis=1).ravel()
 
 
-def _board_phase_offsets(count: int, board_channels: int) -> Iterator[Rearrangement]:
+def _board_phase_offsets(boards: NDArray[np.intp]) -> Iterator[Rearrangement]:
     """Yield a phase offset of half a turn for each board of a chain."""
-    boards = count // board_channels if count % board_channels == 0 else 1
-    if not 1 < boards <= _MAX_BOARDS:
-        return
-    same = np.arange(count)
-    for board in range(1, boards):
-        text = f"half a turn between the boards: board {board + 1} against the others"
-        added = np.where(same // board_channels == board, math.pi, 0.0)
+    same = boards.ravel()
+    for number, board in enumerate(boards[1:], 2) if len(boards) <= _MAX_BOARDS else ():
+        text = f"half a turn between the boards: board {number} against the others"
+        added = np.where(np.isin(same, board), math.pi, 0.0)
         yield Rearrangement(((Defect.BOARD_PHASE, text),), same, added_rad=added)

@@ -14,11 +14,12 @@ from typing import Final
 import numpy as np
 
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
-from haptogram.acoustics.field.reference import propagators
+from haptogram.acoustics.field.reference import arrival_at_point
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.estimates import Vector
 from haptogram.acoustics.reconstruct.patterns.fit import PatternPhases, fit_pattern_point
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Placed
+from haptogram.acoustics.solvers.focus_fit import fit_focus
 
 from ..groups import groups_of_elements
 from .defect import Defect, Diagnosis
@@ -73,7 +74,7 @@ class CommonLosses:
             self._right += 1
             return
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
-        _, active, residual = self._fitted(weights, pattern.position_m, free_speed=True)
+        active, residual = self._phase_errors(weights, pattern.position_m)
         self._sum[active] += np.exp(1j * (residual - np.median(residual)))
         self._last = weights, latch.steps, pattern.position_m
 
@@ -125,14 +126,12 @@ class CommonLosses:
 
     def _focus(self, weights: ComplexArray, near_m: Vector) -> tuple[FloatArray, float]:
         """Return the place of the focus of *weights*, and its pressure."""
-        place, _, _ = self._fitted(weights, near_m, free_speed=False)
-        arrivals = weights * propagators(self._model, place[None])[0]
-        return place, abs(complex(arrivals.sum())) / math.sqrt(2.0)
+        sounding = np.abs(weights) > _SOUNDING
+        place = fit_focus(self._model, np.angle(weights), near_m, active=sounding).position_m
+        return place, arrival_at_point(self._model, weights, place)[0]
 
-    def _fitted(
-        self, weights: ComplexArray, near_m: Vector, *, free_speed: bool
-    ) -> tuple[FloatArray, BoolArray, FloatArray]:
-        """Return a fitted focus, the active elements and their phase errors."""
+    def _phase_errors(self, weights: ComplexArray, near_m: Vector) -> tuple[BoolArray, FloatArray]:
+        """Return the active elements, and their phase errors beside a focus in any air."""
         array, radiated = self._model.array, self._model.radiated(weights)
         active = np.abs(radiated) > _SOUNDING
         phases = PatternPhases(
@@ -141,5 +140,4 @@ class CommonLosses:
             self._model.wavenumber,
         )
         start = array.local_m(np.array(near_m))
-        fit = fit_pattern_point(phases, start, free_speed=free_speed)
-        return array.world_m(fit.position_m), active, fit.residual_rad
+        return active, fit_pattern_point(phases, start, free_speed=True).residual_rad

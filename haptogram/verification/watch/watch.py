@@ -16,7 +16,6 @@ from haptogram.acoustics.model.boards.layout import Z_UP, Rows
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Pattern, Unnamed
-from haptogram.records.remark import About
 from haptogram.settings.arguments import check_whole
 
 from ..frame.verdict import WRONG, FrameStatus, FrameVerdict
@@ -54,6 +53,11 @@ class Watch:
         The foci that are expected. A latch that radiates nothing, or all in phase, is not one of
         the frames that are expected: clients begin and end so.
 
+    Attributes
+    ----------
+    frames : FrameDefects
+        What codecs count, and what the board says of its client and of its end.
+
     Examples
     --------
     >>> watch = Watch(model, expectation=Expectation(model, [(0.0, 0.0, 0.15)]))
@@ -79,6 +83,7 @@ class Watch:
         self._expectation = expectation
         self._order = None if expectation is None else ExpectedOrder(expectation)
         self._finder = DefectFinder(model.array.positions_m, count)
+        self.frames = self._finder.frames
         self._classifiers: dict[int, PatternClassifier] = {}
         self._seen: OrderedDict[tuple[int, bytes], Pattern] = OrderedDict()
         self._kinds: Counter[str] = Counter()
@@ -103,27 +108,6 @@ class Watch:
             verdict = self._judged(latch, pattern)
         return WatchedLatch(latch, pattern, verdict, defects, took_ms)
 
-    def remark(self, about: About, text: str) -> None:
-        """Take down what the board says of its client."""
-        self._finder.frames.remark(about, text)
-
-    def wire_compared(self, *, is_own: bool) -> None:
-        """Learn that the bytes of the client look like no other wire, and whether like its own."""
-        self._finder.frames.wire_compared(is_own=is_own)
-
-    @property
-    def waits_for_wire(self) -> bool:
-        """True if frames of the client are torn, and the board has not reported their wire yet."""
-        return self._finder.frames.waits_for_wire
-
-    def cut_short(self) -> None:
-        """Learn that the board will tell nothing more."""
-        self._finder.frames.cut_short()
-
-    def client_left(self) -> None:
-        """Learn that the client has left: the next one is judged by itself."""
-        self._finder.frames.client_left()
-
     def result(self, missing: str | None = None) -> WatchResult:
         """Return the numbers so far; *missing* says why latches may be missing."""
         times, found = self._times_ms, self._client_mistakes()
@@ -142,9 +126,9 @@ class Watch:
             statuses=dict(self._statuses),
             diagnoses=(*self._finder.diagnoses(), *mistakes),
             hints=() if mistakes else tuple(self._hints(found)),
-            torn=tuple(self._finder.frames.torn),
-            missing=missing or self._finder.frames.undecided,
-            remarks=tuple(self._finder.frames.remarks),
+            torn=tuple(self.frames.torn),
+            missing=missing or self.frames.undecided,
+            remarks=tuple(self.frames.remarks),
             search_ms=(statistics.median(times), max(times)) if times else (0.0, 0.0),
             expected=self._expectation is not None,
         )

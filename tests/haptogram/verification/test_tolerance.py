@@ -26,7 +26,7 @@ from haptogram.verification import (
     uncertainty_of,
     verify_run,
 )
-from haptogram.verification.frame.tolerated import ToleratedHost, ToleratedHosts
+from haptogram.verification.frame.tolerated import ToleratedHost
 from latched_drives import field_of, intend, registers, seen, working_volume
 
 pytestmark = pytest.mark.sampled(3)
@@ -117,13 +117,12 @@ def test_an_element_that_nearly_the_same_air_turns_by_much_is_not_at_fault(
         return np.exp(1j * (slopes * off[3] / scale[3] + turned * (np.arange(56) == 3)))
 
     scale, active = np.array([0.0, 0.0, 0.0, 0.005]), np.full(56, True)
-    hosts = ToleratedHosts(drive, scale, math.pi / 256, 0.0, False)
     phases = registers(np.angle(drive(scale * (share + away * width)))).phase_codes * math.tau / 256
     model = AcousticModel.default(7, 8)
-    host = ToleratedHost.nearest(hosts, phases, active)
+    host = ToleratedHost(drive, scale, math.pi / 256, 0.0, phases, active).searched()
     assert host.explains or host.fault(model, proven=True) is None
     phases[17] += math.pi
-    host = ToleratedHost.nearest(hosts, phases, active)
+    host = ToleratedHost(drive, scale, math.pi / 256, 0.0, phases, active).searched()
     assert host.fault(model, proven=True) in (None, "element 17 (2, 1) inverted")
 
 

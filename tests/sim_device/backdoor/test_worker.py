@@ -77,6 +77,8 @@ def test_fields_that_come_later_are_the_same_and_observations_are_the_records(mo
     lazy.complete()
     assert [list(record.items()) for record in later] == [list(r.items()) for r in kept]
     assert told == observations_of_backdoor(kept)
+    ramps = [record["reconstruction"] for record in kept if record.get("ramping")]
+    assert ramps == [{"kind": "no_focus", "reason": "ramping"}]
     for recorder in (inline, lazy):
         recorder.finish()
     assert later == kept

@@ -77,17 +77,12 @@ def ultraino_flat8() -> TransducerArray:
     )
 
 
-def autd_unit() -> TransducerArray:
-    """Return one AUTD3 unit: 249 elements in the order of its firmware, row by row.
-
-    An 18 x 14 grid of 10.16 mm less three places (github.com/shinolab/autd3-rs); the origin is
-    the middle of the grid instead of its first element.
-    """
-    return TransducerArray.from_positions(_autd_positions())
-
-
 def autd_units(columns: int, rows: int) -> TransducerArray:
-    """Return several units edge to edge (192 x 151.4 mm each), centred on the origin."""
+    """Return AUTD3 units edge to edge (192 x 151.4 mm each), centred on the origin.
+
+    A unit is an 18 x 14 grid of 10.16 mm less three places (github.com/shinolab/autd3-rs), in the
+    order of its firmware: row by row.
+    """
     unit = _autd_positions()
     places = itertools.product(
         (np.arange(rows) - (rows - 1) / 2) * AUTD_SIZE_M[1],

@@ -23,7 +23,7 @@ import numpy as np
 from haptogram.acoustics.arrays import MAX_TRANSDUCERS, FloatArray
 from haptogram.acoustics.model.boards.layout import Y_UP
 from haptogram.acoustics.model.geometry import TransducerArray
-from haptogram.errors import ConfigurationError, reading_file
+from haptogram.errors import ConfigurationError, errors_in, reading_file
 
 MAX_BYTES: Final = 16 << 20  # uncompressed; 256 transducers take less than one
 MAX_DEPTH: Final = 64
@@ -71,7 +71,7 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
         number that is not whole.
     """
     data = _ultraino_bytes_of(path)
-    try:
+    with errors_in(path):
         root = _UltrainoReader().read(data)
         found = _ultraino_transducers(root)
         numbers = [_ultraino_number(transducer, number) for transducer in found]
@@ -88,10 +88,6 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
             tuple(numbers[n] for n in order),
             np.array(corrections),
         )
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    except xml.parsers.expat.ExpatError as error:
-        raise ConfigurationError(f"{path}: line {error.lineno} is not XML, or not whole") from error
 
 
 @dataclass(eq=False)
@@ -135,7 +131,10 @@ class _UltrainoReader:
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
         parser.CharacterDataHandler = self._characters
-        parser.Parse(data, True)
+        try:
+            parser.Parse(data, True)
+        except xml.parsers.expat.ExpatError as error:
+            raise ConfigurationError(f"line {error.lineno} is not XML, or not whole") from error
         return self._first
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
-from haptogram.acoustics.field.reference import points_with_field, propagators
+from haptogram.acoustics.field.reference import arrival_at_point, points_with_field
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.estimates import Vector
+from haptogram.acoustics.reconstruct.estimates import as_vector
 from haptogram.acoustics.reconstruct.patterns.chance import (
     is_beyond_chance,
     log_chance_of_explanation,
@@ -28,12 +28,7 @@ from haptogram.acoustics.reconstruct.patterns.explain import (
     explain_turning_pattern,
     explain_twin_trap,
 )
-from haptogram.acoustics.reconstruct.patterns.fit import (
-    PatternPhases,
-    fit_pattern_point,
-    pattern_place_uncertainty,
-    pattern_residual_rms,
-)
+from haptogram.acoustics.reconstruct.patterns.fit import PatternPhases, pattern_residual_rms
 from haptogram.acoustics.reconstruct.patterns.found import (
     Off,
     OneFocus,
@@ -42,7 +37,6 @@ from haptogram.acoustics.reconstruct.patterns.found import (
     Uniform,
     Unnamed,
     Vortex,
-    pattern_vector,
 )
 from haptogram.acoustics.reconstruct.patterns.search import (
     PatternSearch,
@@ -50,7 +44,7 @@ from haptogram.acoustics.reconstruct.patterns.search import (
     array_sides_of_pattern,
 )
 from haptogram.acoustics.reconstruct.patterns.several import find_foci_pattern
-from haptogram.acoustics.solvers.focus_fit import wrapped_phases
+from haptogram.acoustics.solvers.focus_fit import fit_focus, wrapped_phases
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
 
@@ -94,7 +88,8 @@ class PatternClassifier:
 
     def __init__(self, model: AcousticModel, steps: int) -> None:
         check_whole("steps", steps, 2, 65_536)
-        self._model = model
+        self._radiated_by = model.radiated
+        self._model = replace(model, calibration=None)  # of what is radiated
         self._step_rad = 2.0 * math.pi / min(steps, _FINEST_STEPS)
         self._local = model.array.local_m(model.array.positions_m)
         self._sides = array_sides_of_pattern(model.array)
@@ -154,7 +149,7 @@ class PatternClassifier:
             raise ConfigurationError(
                 f"weights have shape {drive.shape}, must be ({self._model.array.count},)"
             )
-        radiated = self._model.radiated(np.where(np.isfinite(drive), drive, 0.0))
+        radiated = self._radiated_by(np.where(np.isfinite(drive), drive, 0.0))
         return radiated
 
     def _placed(
@@ -172,7 +167,7 @@ class PatternClassifier:
             explained = self._found(phases, active, drive, places)
         if explained is not None:
             explained = self._best_standing_fit(explained, phases, active)
-            return self._as_pattern(explained, drive, active, phases)
+            return self._as_pattern(explained, drive, active)
         search = self._search_for(active)
         return find_foci_pattern(self._model, drive, active, search.loudest, self._step_rad)
 
@@ -185,11 +180,12 @@ class PatternClassifier:
     ) -> Explanation | None:
         """Return a single-focus pattern, with or without a half turn between the sides."""
         search, halves = self._search_for(active), self._half_turn(active)
-        turned = drive.copy()
+        arrivals = np.where(np.abs(drive) > _SILENT, np.exp(1j * np.angle(drive)), 0.0)
+        turned = arrivals.copy()
         if halves is not None:
             turned[active] *= np.exp(1j * halves)
         for find in (self._focused_at, self._searched_among):
-            found = find(phases, places, search, drive)
+            found = find(phases, places, search, arrivals)
             if found is None and halves is not None:
                 found = _as_trap(find(phases.turned(halves), places, search, turned), halves)
             if found is not None:
@@ -262,11 +258,9 @@ class PatternClassifier:
         phases: PatternPhases,
         places: list[FloatArray],
         search: PatternSearch,
-        drive: ComplexArray,
+        arrivals: ComplexArray,
     ) -> Explanation | None:
         """Return a focus of nearly all elements at a candidate position."""
-        sounding = np.abs(drive) > _SILENT
-        arrivals = np.where(sounding, np.exp(1j * np.angle(drive)), 0.0)
         for place in [*places, *search.foci_of_bowl(arrivals)]:
             local = self._model.array.local_m(place[None])[0]
             found = explain_turning_pattern(phases, local, self._limit_rad, near=True)
@@ -277,15 +271,13 @@ class PatternClassifier:
         return None
 
     def _searched_among(
-        self, phases: PatternPhases, _: list[FloatArray], search: PatternSearch, drive: ComplexArray
+        self, phases: PatternPhases, _: list[FloatArray], search: PatternSearch, heard: ComplexArray
     ) -> Explanation | None:
         """Return the fit with the fewest outliers among the most likely starts."""
-        active = np.abs(drive) > _SILENT
-        arrivals = np.where(active, np.exp(1j * np.angle(drive)), 0.0)
         best: Explanation | None = None
         for below in (False, True):
-            for start in search.starts(arrivals, below=below)[:_MOST_FITS]:
-                found = self._from_start(phases, start, search, active)
+            for start in search.starts(heard, below=below)[:_MOST_FITS]:
+                found = self._from_start(phases, start, search, heard != 0.0)
                 if found is not None and (best is None or found.used.sum() > best.used.sum()):
                     best = found
                 if best is not None and best.used.mean() >= _SUFFICES:
@@ -327,31 +319,28 @@ class PatternClassifier:
         return min(focus, found, key=lambda one: log_chance_of_explanation(one, self._step_rad))
 
     def _is_usable(self, found: Explanation) -> bool:
-        return self._has_field(found.fit.position_m)
+        return self._has_field(self._model.array.world_m(found.fit.position_m))
 
-    def _has_field(self, local_m: FloatArray) -> bool:
-        """Return True if the field model is valid at a position."""
-        place = self._model.array.world_m(local_m)
+    def _has_field(self, place: FloatArray) -> bool:
+        """Return True if the field model is valid at a place."""
         return bool(points_with_field(self._model, place[None])[0])
 
-    def _as_pattern(
-        self, found: Explanation, drive: ComplexArray, active: BoolArray, phases: PatternPhases
-    ) -> Pattern:
+    def _as_pattern(self, found: Explanation, drive: ComplexArray, active: BoolArray) -> Pattern:
         """Return an explanation as a pattern, its place fitted for the model's speed of sound."""
-        focused = phases.turned(-found.added_rad).part(found.used)
-        local = fit_pattern_point(focused, found.fit.position_m).position_m
-        if not self._has_field(local):
-            local = found.fit.position_m
         self._last = found
-        std, bound = pattern_place_uncertainty(focused, local, self._step_rad)
-        turn = np.zeros(len(drive))
-        turn[active] = found.added_rad
-        place = self._model.array.world_m(local)
-        pressure, coherence = self._arrival(drive * np.exp(-1j * turn), place)
+        turn, used = np.zeros(len(drive)), np.zeros(len(drive), np.bool_)
+        turn[active], used[active] = found.added_rad, found.used
+        focused = drive * np.exp(-1j * turn)
+        start = self._model.array.world_m(found.fit.position_m)
+        fit = fit_focus(self._model, np.angle(focused), start, step_rad=self._step_rad, active=used)
+        # Close to the array it may end behind it, or in its plane, in the air of the model.
+        is_place = fit.observable.all() and self._has_field(fit.position_m)
+        place = fit.position_m if is_place else start
+        pressure, coherence = arrival_at_point(self._model, focused, place)
         common: dict[str, Any] = {
-            "position_m": pattern_vector(place),
-            "std_m": self._in_world(std),
-            "bound_m": self._in_world(bound),
+            "position_m": as_vector(place),
+            "std_m": as_vector(fit.std_m),
+            "bound_m": as_vector(fit.bound_m),
             "residual_rms_rad": _rms_of(found),
             "coherence": coherence,
             "pressure_rms_pa": pressure,
@@ -360,33 +349,16 @@ class PatternClassifier:
             "outlier_rad": tuple(float(off) for off in found.fit.residual_rad[~found.used]),
         }
         if found.normal is not None:
-            return TwinTrap(**common, normal=pattern_vector(found.normal @ self._model.array.axes))
+            return TwinTrap(**common, normal=as_vector(found.normal @ self._model.array.axes))
         if found.charge:
             axis = self._model.array.world_m(np.append(found.fit.axis_m, 0.0))
-            return Vortex(**common, charge=found.charge, axis_m=pattern_vector(axis))
+            return Vortex(**common, charge=found.charge, axis_m=as_vector(axis))
         return OneFocus(**common)
-
-    def _in_world(self, spread: FloatArray) -> Vector:
-        """Rotate standard deviations from the array's axes to the world's."""
-        if np.isfinite(spread).all():
-            return pattern_vector(np.abs(spread @ np.abs(self._model.array.axes)))
-        lost = (np.abs(self._model.array.axes[~np.isfinite(spread)]) > 1e-6).any(axis=0)
-        seen = np.where(np.isfinite(spread), spread, 0.0) @ np.abs(self._model.array.axes)
-        return pattern_vector(np.where(lost, np.inf, seen))
-
-    def _arrival(self, drive: ComplexArray, place: FloatArray) -> tuple[float, float]:
-        """Return the RMS pressure and the coherence at a point."""
-        response = self._model.response
-        waves = propagators(self._model, place[None])[0]
-        waves = waves if response is None else waves / np.where(response == 0.0, 1.0, response)
-        arrivals = drive * waves
-        total, most = abs(complex(arrivals.sum())), float(np.abs(arrivals).sum())
-        return total / math.sqrt(2.0), (total / most if most > 0.0 else 0.0)
 
     def _unnamed(self, drive: ComplexArray, active: BoolArray) -> Unnamed:
         """Return an unnamed pattern with the point of greatest pressure."""
         loudest = self._search_for(active).loudest(drive, 1)[0]
-        return Unnamed(pattern_vector(loudest), self._arrival(drive, loudest)[1])
+        return Unnamed(as_vector(loudest), arrival_at_point(self._model, drive, loudest)[1])
 
 
 def _rms_of(found: Explanation) -> float:

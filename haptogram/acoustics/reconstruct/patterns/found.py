@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import ClassVar, TypeAlias
 
-from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.estimates import Vector, plain_estimate
 
 
@@ -153,9 +152,3 @@ def pattern_dict(pattern: Pattern) -> dict[str, object]:
     """Return a pattern for JSON; infinite values become None."""
     values = {field.name: plain_estimate(getattr(pattern, field.name)) for field in fields(pattern)}
     return {"kind": pattern.kind, **values}
-
-
-def pattern_vector(values: FloatArray) -> Vector:
-    """Return a (3,) array as plain numbers."""
-    x, y, z = values.tolist()
-    return x, y, z

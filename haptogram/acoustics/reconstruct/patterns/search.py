@@ -8,7 +8,6 @@ azimuth.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -19,7 +18,7 @@ from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import points_in_front
 from haptogram.acoustics.model.geometry import TransducerArray
 from haptogram.acoustics.model.model import AcousticModel
-from haptogram.acoustics.reconstruct.cells import cell_phasors, search_volume
+from haptogram.acoustics.reconstruct.cells import cell_phasors, leading_cells, search_volume
 
 MAX_CHARGE: Final = 4
 CHARGES: Final = tuple(range(-MAX_CHARGE, MAX_CHARGE + 1))
@@ -77,7 +76,6 @@ class PatternSearch:
     def __init__(self, model: AcousticModel, side: BoolArray) -> None:
         array = model.array
         self.side = side
-        self._wavelength_m = model.wavelength_m
         self._axes, self._centre = array.axes, array.centre_m
         own = TransducerArray.from_positions(array.positions_m[side], array.normals[side])
         one_side = AcousticModel(own, model.medium, model.transducer)
@@ -95,6 +93,7 @@ class PatternSearch:
         self.middle_m = middle
         self._reach = np.linalg.norm(self._cells - own.centre_m, axis=1)
         self._bowl_cells = _cells_of_bowl(model)
+        self._bowl_apart_m = np.full(_BOWL_CELLS, model.wavelength_m / 2.0)
         self._bowl_phasors = cell_phasors(model, self._bowl_cells, array.positions_m)
 
     def starts(self, arrivals: ComplexArray, *, below: bool) -> list[Start]:
@@ -138,11 +137,8 @@ class PatternSearch:
         if not len(self._bowl_cells):
             return []
         sums = np.abs(self._bowl_phasors @ arrivals.astype(np.complex64))
-        found: list[FloatArray] = []
-        for cell in self._bowl_cells[np.argsort(-sums)[:_BOWL_CELLS]]:
-            if all(np.linalg.norm(cell - other) > self._wavelength_m / 2.0 for other in found):
-                found.append(cell)
-        return found[:_BOWL_STARTS]
+        best = self._bowl_cells[np.argsort(-sums)[:_BOWL_CELLS]]
+        return [*best[leading_cells(best, self._bowl_apart_m, _BOWL_STARTS)]]
 
     def loudest(self, weights: ComplexArray, count: int) -> list[FloatArray]:
         """Return points where most arrives, the strongest of each region first."""
@@ -177,20 +173,13 @@ class PatternSearch:
             turns[part] = _pattern_phasor(self._local[None, :, :2] - self._feet[part, None, :])
         return turns
 
-    def _leaders(self, score: FloatArray, count: int = _STARTS) -> Iterator[int]:
-        """Yield the best cell of each region."""
+    def _leaders(self, score: FloatArray, count: int = _STARTS) -> list[int]:
+        """Return the best cell of each region."""
         looked_at = min(_LOOKED_AT * count // _STARTS, len(score))
         best = np.argpartition(-score, looked_at - 1)[:looked_at]
         best = best[np.argsort(-score[best])]
-        leaders: list[int] = []
-        for cell in best:
-            apart = _APART * self._reach[cell]
-            gaps = np.linalg.norm(self._cells[leaders] - self._cells[cell], axis=1)
-            if not leaders or gaps.min() > apart:
-                leaders.append(int(cell))
-                yield int(cell)
-                if len(leaders) == count:
-                    return
+        leaders = leading_cells(self._cells[best], _APART * self._reach[best], count)
+        return [int(cell) for cell in best[leaders]]
 
 
 def array_sides_of_pattern(array: TransducerArray) -> list[BoolArray]:

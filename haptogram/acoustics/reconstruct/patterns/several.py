@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from collections.abc import Callable
+from typing import Final, TypeAlias
 
 import numpy as np
 
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import points_with_field, propagators
 from haptogram.acoustics.model.model import AcousticModel
+from haptogram.acoustics.reconstruct.estimates import as_vector
 from haptogram.acoustics.reconstruct.patterns.chance import are_beyond_chance
 from haptogram.acoustics.reconstruct.patterns.foci_fit import (
     FociFit,
@@ -16,7 +18,7 @@ from haptogram.acoustics.reconstruct.patterns.foci_fit import (
     fit_foci,
     waves_of_foci_pattern,
 )
-from haptogram.acoustics.reconstruct.patterns.found import SeveralFoci, pattern_vector
+from haptogram.acoustics.reconstruct.patterns.found import SeveralFoci
 from haptogram.acoustics.solvers.focus import focus_phases
 
 MOST_FOCI: Final = 8
@@ -32,11 +34,8 @@ _EXPLAINED: Final = 0.6  # least share of energy: phases of any foci leave 0.22,
 _A_FOCUS_EXPLAINS: Final = 0.08  # least share of energy of the first few foci: chance gives 0.05
 
 
-class Loudest(Protocol):
-    """Returns the points where most of a drive arrives, the strongest of each region first."""
-
-    def __call__(self, weights: ComplexArray, count: int) -> list[FloatArray]:
-        """Return at most *count* points for (N,) weights."""
+#: Returns at most so many points where most of (N,) weights arrives, the strongest first.
+Loudest: TypeAlias = Callable[[ComplexArray, int], list[FloatArray]]
 
 
 def find_foci_pattern(
@@ -159,8 +158,8 @@ def _foci_as_pattern(
     if shares[-1] < _LEAST_SHARE:
         return None
     return SeveralFoci(
-        tuple(pattern_vector(places[n]) for n in order),
-        tuple(pattern_vector(fit.bound_m[n]) for n in order),
+        tuple(as_vector(places[n]) for n in order),
+        tuple(as_vector(fit.bound_m[n]) for n in order),
         tuple(float(share) for share in shares),
         fit.residual_rad,
     )

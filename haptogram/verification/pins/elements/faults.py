@@ -7,7 +7,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ _FRAMES_TRIED: Final = 16
 _LIKELY: Final = 0.5  # share of these in which an element is worth more
 _ROWS: Final = 256  # frames that are compared at a time
 _NAMED: Final = 8
+_EVERY: Final = slice(None)
 #: Outputs of chains of shift registers.
 CHAINS: Final = (8, 16, 32)
 _EXCHANGED: Final = 0.6  # share of pins that show an order of elements, not a wire
@@ -62,29 +63,32 @@ class PinDrives:
         product = self.weights[:, place] * np.conj(meant)
         return np.where(np.abs(product) > 0.0, np.angle(product), np.nan)
 
+    def shows(
+        self, seen: ComplexArray, meant: ComplexArray, rows: Any, columns: Any = _EVERY
+    ) -> Bools:
+        """Return which drives *seen* are those *meant*, within the limits of frames and pins.
+
+        The phase of a drive too faint to be told from silence does not count.
+        """
+        sizes, product = np.abs(meant), seen * np.conj(meant)
+        length = np.abs(product)
+        # The angle of the product is within the limit: compared by its cosine.
+        near = (
+            product.real >= np.cos(np.minimum(self.limit_rad[rows][..., columns], np.pi)) * length
+        )
+        near = (near & (length > 0.0)) | (sizes <= self.limit_amplitude)
+        shown: Bools = near & (np.abs(np.abs(seen) - sizes) <= self.limit_amplitude)
+        return shown
+
     def right(self, meant: ComplexArray, place: int) -> Bools:
         """Return the (F,) frames in which one pin does what *meant* says."""
-        seen = self.weights[:, place]
-        size = np.abs(np.abs(seen) - np.abs(meant)) <= self.limit_amplitude
-        errors = np.abs(self.errors_rad(meant, place))
-        faint = np.abs(meant) <= self.limit_amplitude
-        with np.errstate(invalid="ignore"):
-            fine: Bools = size & (faint | (errors <= self.limit_rad[:, place]))
-        return fine
+        return self.shows(self.weights[:, place], meant, _EVERY, place)
 
     def all_right(self) -> Bools:
         """Return the (F, E) drives that are those that were meant."""
         meant = self.run.weights
-        right = np.empty(meant.shape, np.bool_)
-        for begin in range(0, len(meant), _ROWS):
-            rows = slice(begin, begin + _ROWS)
-            wanted, seen = meant[rows], self.weights[rows]
-            sizes, product = np.abs(wanted), seen * np.conj(wanted)
-            length = np.abs(product)
-            near = product.real >= np.cos(np.minimum(self.limit_rad[rows], np.pi)) * length
-            near = (near & (length > 0.0)) | (sizes <= self.limit_amplitude)
-            right[rows] = near & (np.abs(np.abs(seen) - sizes) <= self.limit_amplitude)
-        return right
+        parts = [slice(begin, begin + _ROWS) for begin in range(0, len(meant), _ROWS)]
+        return np.concatenate([self.shows(self.weights[p], meant[p], p) for p in parts])
 
     def every_error(self) -> tuple[FloatArray, FloatArray]:
         """Return the (F, E) errors of phase, in radians, and of amplitude; NaN: none to tell."""
@@ -235,25 +239,15 @@ def _exchanged_elements(
     every = run.weights_of(range(run.phases.shape[1]), few)
     found = {}
     for place in places:
-        likely = np.flatnonzero(_near_pin(drives, place, few, every).mean(axis=0) >= _LIKELY)
-        near = _near_pin(drives, place, some, run.weights_of(likely.tolist(), some))
+        column = drives.weights[:, [place]]
+        share = drives.shows(column[few], every, few, [place]).mean(axis=0)
+        likely = np.flatnonzero(share >= _LIKELY)
+        others = run.weights_of(likely.tolist(), some)
+        near = drives.shows(column[some], others, some, [place])
         fitting = likely[near.mean(axis=0) >= _MOST]
         if len(fitting) == 1 and fitting[0] != run.elements[place]:
             found[place] = int(fitting[0])
     return found
-
-
-def _near_pin(
-    drives: PinDrives, place: int, frames: NDArray[np.intp], meant: ComplexArray
-) -> Bools:
-    """Return (F, N) whether a pin's measured drive is nearer than a limit to each candidate."""
-    seen = drives.weights[frames, place][:, None]
-    product = seen * np.conj(meant)
-    # The angle of the product is within the limit: compared by its cosine.
-    least = np.cos(np.minimum(drives.limit_rad[frames, place], np.pi))[:, None]
-    near: Bools = product.real >= least * np.abs(product)
-    near &= np.abs(np.abs(seen) - np.abs(meant)) <= drives.limit_amplitude
-    return near
 
 
 def _share_true(found: Bools) -> float:

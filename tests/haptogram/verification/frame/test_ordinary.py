@@ -57,7 +57,8 @@ def run_of(model, targets, bits=8, **changes):
     for number, target in enumerate(targets):
         intended = intend(model, target, bits, number)
         drive = intended.drive
-        found = finder.reconstruct(drive, phase_bits=bits)
+        step_rad = finder.step_rad(drive.phase_bits, bits)
+        (found,) = finder.reconstruct_all([DriveToFind(drive, step_rad)])
         extra = {"drive": drive, "drive_crc": drive.digest(), "reconstruction": found}
         pairs.append((intended, seen(intended, **(extra | changes))))
     return pairs
@@ -259,7 +260,7 @@ def drives_of(model, targets):
 
 
 def asked(finder, drives):
-    return [DriveToFind(drive, finder.step_rad(drive)) for drive in drives]
+    return [DriveToFind(drive, finder.step_rad(drive.phase_bits)) for drive in drives]
 
 
 def without_compiled(model):

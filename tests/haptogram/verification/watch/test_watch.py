@@ -399,9 +399,9 @@ def heard(*events):
     run = watched(array, [])
     for number, event in enumerate(events):
         if event is None:
-            run.client_left()
+            run.frames.client_left()
         elif isinstance(event, About):
-            run.remark(event, f"said {number}")
+            run.frames.remark(event, f"said {number}")
         else:
             run.take(dataclasses.replace(whole, number=number, counted=event))
     return run.result()

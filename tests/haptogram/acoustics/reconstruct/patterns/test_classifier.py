@@ -10,7 +10,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import pattern_drives as drives
-from haptogram.acoustics import AcousticModel, Calibration, CircularPiston, Medium, Transducer
+from haptogram.acoustics import (
+    AcousticModel,
+    Calibration,
+    CircularPiston,
+    Medium,
+    Transducer,
+    superpose_foci,
+)
 from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.acoustics.reconstruct.patterns import classifier, explain
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
@@ -144,6 +151,18 @@ def test_a_calibration_is_taken_out():
     found = finder.classify(np.exp(1j * phases))
     assert found.kind == "one focus"
     assert found.coherence == pytest.approx(1.0, abs=1e-3)
+
+
+def test_several_foci_of_a_calibrated_array_are_found():
+    rng, model = np.random.default_rng(1), AcousticModel.default()
+    gains, lags = rng.uniform(0.7, 1.3, 256), rng.uniform(-1.0, 1.0, 256)
+    calibrated = model.calibrated(Calibration(gains, lags, model.array.positions_m))
+    places = np.array([[0.03, 0.0, 0.15], [-0.03, 0.01, 0.14]])
+    weights = superpose_foci(calibrated, places, [1.0, 1.0], [0.0, 0.5])
+    found = PatternClassifier(calibrated, 256).classify(np.exp(1j * np.angle(weights)))
+    assert found.kind == "several foci"
+    for place in places:
+        assert np.linalg.norm(np.array(found.positions_m) - place, axis=1).min() < 2e-3
 
 
 @pytest.mark.parametrize(
