@@ -201,7 +201,7 @@ class BoardSettings:
         """Carrier period: drives are latched on its multiples."""
         return 1_000_000 // self.carrier_hz
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of transducers, N."""
         return self.model.array.count

@@ -11,7 +11,7 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
-from typing import Final, cast
+from typing import Any, Final
 
 from .. import messages as m
 from ..cobs import PURE_PYTHON, Cobs
@@ -179,7 +179,7 @@ class BoardConnection:
         self.counters[reason] = (self.counters[reason] + number) & 0xFFFFFFFF
 
     def _judge(self, body: bytes, t_rx_us: int) -> BoardEvent:
-        self.count("frames")
+        self.counters["frames"] = (self.counters["frames"] + 1) & 0xFFFFFFFF
         header = m.Header.of_body(body)
         in_session = self.session != 0 and header.session == self.session
         frame = ReceivedFrame(header, body[HEADER_BYTES:], zlib.crc32(body), t_rx_us, in_session)
@@ -205,14 +205,14 @@ class BoardConnection:
             return self._drop(frame, "stale_session")
         if index is None:
             return self._drop(frame, "duplicate")
-        if unknown_received_flags(header):
+        if header.flags and unknown_received_flags(header):
             return self._drop(frame, "unsupported")
         try:
-            message = m.MESSAGES[header.type].deserialize(frame.payload)
+            message: Any = m.MESSAGES[header.type].deserialize(frame.payload)
         except RemoteProtocolError as error:
             return self._drop(frame, error.reason)
         return StreamReceived(
-            cast(m.Phases | m.Drives | m.Points, message),  # the only types below 0x40
+            message,  # Phases, Drives or Points: the only types below 0x40
             index,
             None if header.flags & IMMEDIATE else header.time_us,
             header.session,

@@ -53,11 +53,12 @@ class ConnectionInbox:
         """Return the next body, or its error, and its arrival time; None if no frame is left."""
         while not self._frames and self._chunks:
             chunk, t_us = self._chunks.popleft()
-            head, rest = chunk[:_SLICE], chunk[_SLICE:]
-            if rest:
-                self._chunks.appendleft((rest, t_us))
-            self._waiting -= len(head)
-            self._frames.extend((found, t_us) for found in self._decoder.feed(head))
+            if len(chunk) > _SLICE:
+                self._chunks.appendleft((chunk[_SLICE:], t_us))
+                chunk = chunk[:_SLICE]
+            self._waiting -= len(chunk)
+            for found in self._decoder.feed(chunk):
+                self._frames.append((found, t_us))
         return self._frames.popleft() if self._frames else None
 
     def reset(self) -> None:
