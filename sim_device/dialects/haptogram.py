@@ -127,11 +127,22 @@ class VirtualHaptogramDialect(VirtualDialect):
         self._is_next_known = False
         self._link.receive_data(data, t_us)
         while (event := self._link.next_event()) is not connection.NEED_DATA:
-            if self._watch is not None:
-                self._watch(event)
-            self._dispatch(event)
-            self.collect()
+            self._act_on(event)
         self._is_next_known = False
+
+    def receive_stream(
+        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_us: int
+    ) -> None:
+        """Take a stream frame without its bytes, the last of which came at *t_us*."""
+        self.advance_to(t_us)
+        self._act_on(self._link.stream_event(header, message, t_us))
+        self._is_next_known = False
+
+    def _act_on(self, event: connection.BoardEvent) -> None:
+        if self._watch is not None:
+            self._watch(event)
+        self._dispatch(event)
+        self.collect()
 
     def take_output(self, limit: int | None = None) -> bytes:
         """Return whole frames for the line, at most *limit* bytes if given."""

@@ -11,6 +11,7 @@ import functools
 from typing import Final, Self, TypeAlias
 
 from haptogram.settings.faults.plan import FaultPlan
+from haptogram_protocol import messages as m
 from haptogram_protocol.connection import BoardEvent, StreamReceived
 from haptogram_protocol.connection.events import FrameDropped
 
@@ -93,6 +94,12 @@ class VirtualSoakBoard:
         """Take bytes whose last one is there at *t_ns*; the line up is free at *up_free_ns*."""
         self._dialect.line_free_us = self.device_us(max(up_free_ns, t_ns))
         self._dialect.receive(data, self._now_us(t_ns))
+
+    def receive_stream(
+        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_ns: int
+    ) -> None:
+        """Take a stream frame that came whole at *t_ns*, without its bytes."""
+        self._dialect.receive_stream(header, message, self._now_us(t_ns))
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*."""

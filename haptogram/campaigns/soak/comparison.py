@@ -52,6 +52,9 @@ class BoardUnderSoak(Protocol):
     def model(self) -> Self: ...  # noqa: D102
     def device_us(self, t_ns: int) -> int: ...  # noqa: D102
     def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None: ...  # noqa: D102
+    def receive_stream(  # noqa: D102
+        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_ns: int
+    ) -> None: ...
     def advance_to(self, t_ns: int) -> None: ...  # noqa: D102
     def take_output(self) -> bytes: ...  # noqa: D102
     def take_verdicts(self) -> list[int | str]: ...  # noqa: D102
@@ -126,7 +129,10 @@ class SoakComparison:
         if sent is None:
             self._model.advance_to(t_ns)
             return False
-        self._model.receive(sent.wire, t_ns, up_free_ns)
+        if sent.meant is None:
+            self._model.receive(sent.wire, t_ns, up_free_ns)
+        else:
+            self._model.receive_stream(*sent.meant, t_ns)
         due = self._model.take_verdicts()[-1]
         if verdict != due:
             name = "copy taken" if isinstance(verdict, int) else "undamaged frame dropped"

@@ -90,6 +90,8 @@ class Sent:
         To which it belongs.
     due_us : int
         t_apply of a stream frame, device time.
+    meant : tuple of Header and message, or None
+        The stream frame that these bytes say; None: it is no stream frame.
     hit, cause : SoakHit or None
         The fault that hit it, and the one that made it late.
     """
@@ -97,6 +99,7 @@ class Sent:
     wire: bytes
     session: int
     due_us: int = 0
+    meant: tuple[m.Header, m.Phases | m.Drives] | None = None
     hit: SoakHit | None = None
     cause: SoakHit | None = None
 

@@ -131,6 +131,7 @@ class SoakRig:
         self._interval_ns, self._first_interval = setup.interval_s * NS_PER_S, tally.interval
         self._drives = _soak_drives(board.transducers)
         self._last_request = b""
+        self._meant: tuple[m.Header, m.Phases | m.Drives]  # the stream frame that goes out now
 
     # --- the host ------------------------------------------------------------------------------
 
@@ -161,7 +162,10 @@ class SoakRig:
         self.pinger.keep()
         self.tally.count("frames", column="frames")
         drive = self._drives[self.tally.totals["frames"] % _DRIVES]
-        self.link.write_frame(self.link.connection.stream_frame(drive, t_apply_us=due_us)[1])
+        index, wire = self.link.connection.stream_frame(drive, t_apply_us=due_us)
+        session, t_wire_us = self.link.connection.session, due_us & 0xFFFFFFFF
+        self._meant = m.Header(drive.TYPE, 0, index & 0xFFFF, t_wire_us, session), drive
+        self.link.write_frame(wire)
 
     def idle_until(self, t_ns: int) -> None:
         """Let time pass while nothing is streamed, and listen whether the board is silent."""
@@ -209,7 +213,9 @@ class SoakRig:
     def write_some(self, data: bytes) -> int:
         """Put a frame on the line."""
         sent = Sent(data, self.link.connection.session, self._due_us)
-        if not sent.is_numbered:
+        if sent.is_numbered:
+            sent.meant = self._meant
+        else:
             self._note_request(data)
         self.down.send(sent, self._now_ns)
         return len(data)

@@ -195,7 +195,15 @@ class BoardConnection:
 
     # --- Stream (HG-5) -------------------------------------------------------------------------
 
-    def _judge_stream(self, frame: ReceivedFrame) -> BoardEvent:
+    def stream_event(
+        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_rx_us: int
+    ) -> BoardEvent:
+        """Return the event of a stream frame that came whole, of whose bytes nobody tells."""
+        self.counters["frames"] = (self.counters["frames"] + 1) & 0xFFFFFFFF
+        in_session = self.session != 0 and header.session == self.session
+        return self._judge_stream(ReceivedFrame(header, b"", 0, t_rx_us, in_session), message)
+
+    def _judge_stream(self, frame: ReceivedFrame, message: Any = None) -> BoardEvent:
         header = frame.header
         # HG-5.6: whatever else is wrong with the frame, its number has been used.
         index = self._take_index(header.seq) if frame.in_session else None
@@ -208,7 +216,7 @@ class BoardConnection:
         if header.flags and unknown_received_flags(header):
             return self._drop(frame, "unsupported")
         try:
-            message: Any = m.MESSAGES[header.type].deserialize(frame.payload)
+            message = message or m.MESSAGES[header.type].deserialize(frame.payload)
         except RemoteProtocolError as error:
             return self._drop(frame, error.reason)
         return StreamReceived(
