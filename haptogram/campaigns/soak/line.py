@@ -156,7 +156,10 @@ class SoakLine:
         self._cause: SoakHit | None = None
 
     def begin_session(self) -> None:
-        """Forget the numbers of the session before."""
+        """Forget the numbers of the session before: nobody misses its frames any more."""
+        for sent in self._numbered:
+            if sent.hit is not None:
+                self._tally.find(sent.hit, "given up")
         self._numbered.clear()
 
     def send(self, sent: Sent, t_ns: int, *, spared: bool = False) -> None:

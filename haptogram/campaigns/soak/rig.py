@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 from typing import Final
 
@@ -12,6 +13,8 @@ from haptogram_protocol import HostConnection
 from haptogram_protocol import messages as m
 from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import events
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import decode_frame
 
 from .comparison import BoardUnderSoak, Hopeless, SoakComparison
 from .excerpts import SoakExcerpts
@@ -238,10 +241,20 @@ class SoakRig:
 
     def _take_from_board(self) -> None:
         for wire in self.comparison.take_frames():
-            sent = Sent(wire, self._board.session)
+            sent = Sent(wire, self._session_of(wire))
             # Events of the session before have no number that could show their loss.
             is_old = sent.session != self.link.connection.session
             self.up.send(sent, self._now_ns, spared=is_old)
+
+    def _session_of(self, wire: bytes) -> int:
+        """Return the session of a frame of the board: an event just before a HELLO is of the old.
+
+        What is no frame, or no event, counts to the session that is open.
+        """
+        if wire[2] in m.EVENT_RANGE:
+            with contextlib.suppress(RemoteProtocolError):
+                return m.Header.of_body(decode_frame(wire[1:-1])).session
+        return self._board.session
 
 
 def _soak_drives(count: int) -> list[m.Phases | m.Drives]:
