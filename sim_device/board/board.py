@@ -175,12 +175,15 @@ class Board:
     def play_to(self, t_us: int) -> None:
         """Latch the frames of a playback that are due up to *t_us*, until anything else is due.
 
-        The last one is left, as it ends the playback.
+        The last one is left, as it ends the playback, and one that is due at the same time.
         """
         playback = self._playback
         while playback is not None and not playback.ends_next:
             due_us, action = self._next_due() or (t_us + 1, self._latch_playback)
             if due_us > t_us or action != self._latch_playback:
+                return
+            timer = self.output.next_timer()
+            if timer is not None and timer[0] == due_us:
                 return
             self.output.now_us = due_us
             self._latch_playback()
