@@ -179,7 +179,7 @@ class BoardConnection:
         self.counters[reason] = (self.counters[reason] + number) & 0xFFFFFFFF
 
     def _judge(self, body: bytes, t_rx_us: int) -> BoardEvent:
-        self.counters["frames"] = (self.counters["frames"] + 1) & 0xFFFFFFFF
+        self.count("frames")
         header = m.Header.of_body(body)
         in_session = self.session != 0 and header.session == self.session
         frame = ReceivedFrame(header, body[HEADER_BYTES:], zlib.crc32(body), t_rx_us, in_session)
@@ -199,7 +199,7 @@ class BoardConnection:
         self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_rx_us: int
     ) -> BoardEvent:
         """Return the event of a stream frame that came whole, of whose bytes nobody tells."""
-        self.counters["frames"] = (self.counters["frames"] + 1) & 0xFFFFFFFF
+        self.count("frames")
         in_session = self.session != 0 and header.session == self.session
         return self._judge_stream(ReceivedFrame(header, b"", 0, t_rx_us, in_session), message)
 
