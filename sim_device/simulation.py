@@ -29,7 +29,7 @@ LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as
 _LINE_CHUNK: Final = MAX_ENCODED_BYTES + 2  # handed to the line at a time: the longest frame
 _LINES: Final = {"down": "to_board", "up": "to_host"}
 MAX_CREDIT_NS: Final = 100_000_000  # most line time that a stalled process may catch up
-_UNSEEN_US: Final = 1_000_000  # longest playback whose latches are kept in memory together
+_TOGETHER_US: Final = 1_000_000  # longest playback whose latches reach the recorders together
 
 
 class SimulationRecorder(Protocol):
@@ -106,8 +106,8 @@ class Simulation:
         self.settings = settings
         self.dialect: VirtualDialect = parts.assemble(settings)
         self._recorders = recorders
-        is_unseen = not recorders and self._injector is None
-        self._is_unseen = is_unseen and isinstance(self.dialect, VirtualHaptogramDialect)
+        is_healthy = self._injector is None
+        self._plays_on = is_healthy and isinstance(self.dialect, VirtualHaptogramDialect)
         self._line = settings.line if paced else LineSettings()
         self._down, self._up = uart_to_board(self._line), uart_to_host(self._line)
         if self.dialect.ahead is not None:
@@ -271,7 +271,7 @@ class Simulation:
         self._run_ahead(t_ns)
         while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
             self._step(next_ns)
-            self._play_unseen(t_ns)
+            self._play_on(t_ns)
             self._run_ahead(t_ns)
         self.now_ns = t_ns
 
@@ -285,7 +285,7 @@ class Simulation:
                 return
             self._step(next_ns)
             if not self._unread:
-                self._play_unseen(t_ns)
+                self._play_on(t_ns)
 
     def _run_ahead(self, t_ns: int) -> None:
         """Let a simulated board process run ahead to *t_ns*, unless bytes arrive before."""
@@ -295,17 +295,17 @@ class Simulation:
             self.dialect.ahead.run_ahead(self._clock.device_us(until_ns))
             self._is_next_known = False
 
-    def _play_unseen(self, t_ns: int) -> None:
-        """Let a board play up to *t_ns*, if neither line nor recorder has to do with its latches.
+    def _play_on(self, t_ns: int) -> None:
+        """Let a board play up to *t_ns*, if the line has nothing to do with its latches.
 
         A second at a time: a playback may be hours long, and its latches are kept until then.
         """
         dialect = self.dialect
-        if not self._is_unseen or self._down.in_transit or self._up.in_transit or self._can_feed:
+        if not self._plays_on or self._down.in_transit or self._up.in_transit or self._can_feed:
             return
         assert isinstance(dialect, VirtualHaptogramDialect)
         if dialect.board.is_playing:
-            dialect.play_to(min(self._clock.device_us(t_ns), dialect.now_us + _UNSEEN_US))
+            dialect.play_to(min(self._clock.device_us(t_ns), dialect.now_us + _TOGETHER_US))
             self.now_ns = max(self.now_ns, self._clock.reached_ns(dialect.now_us))
             self._is_next_known = False
             self._record()

@@ -199,7 +199,8 @@ def signed_difference(a: int, b: int, bits: int) -> int:
 
 def unwrap(value: int, near: int, bits: int) -> int:
     """Return the number closest to *near* that is *value* modulo ``2**bits``.  HG-3.6."""
-    return near + signed_difference(value, near, bits)
+    half = 1 << (bits - 1)  # as signed_difference has it: a frame asks for it
+    return near + ((value - near + half) & ((1 << bits) - 1)) - half
 
 
 # --- Session, output state and time: chapters 4 and 6 ---------------------------------------------

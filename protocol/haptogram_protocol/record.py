@@ -171,6 +171,8 @@ class Record:
         LocalProtocolError
             If a value does not fit its field.
         """
+        if not self.ITEMS:
+            return self._pack_tail() if self.TAIL else b""
         try:
             raw = self.to_raw() if self.CONVERTED else type(self).VALUES(self)
             fixed = self.LAYOUT.pack(*raw)
@@ -215,7 +217,7 @@ class Record:
                 f"{cls.__name__} of {len(data)} bytes; its layout has {size}{rule}",
                 reason="bad_length",
             )
-        values: tuple[Any, ...] = cls.LAYOUT.unpack_from(data)
+        values: tuple[Any, ...] = cls.LAYOUT.unpack_from(data) if size else ()
         if cls.CONVERTED:
             values = (*cls.from_raw(values, 0),)
         return cls(*values, *((_unpack_wire_tail(form, data, size),) if form else ()))

@@ -40,6 +40,8 @@ class MuteReason(DocumentedEnum):
 class OutputInput(enum.Enum):
     """Input of the state machine of the output.  HG-6.2."""
 
+    __hash__ = object.__hash__  # that of an enumeration is written in Python
+
     NEW_SESSION = enum.auto()
     ARM = enum.auto()
     MUTE = enum.auto()
@@ -99,6 +101,7 @@ class LinkState(enum.Enum):
         A request was refused for its session or not answered; only HELLO leads out.
     """
 
+    __hash__ = object.__hash__
     CLOSED = enum.auto()
     GREETING = enum.auto()
     OPEN = enum.auto()
@@ -107,6 +110,8 @@ class LinkState(enum.Enum):
 
 class LinkInput(enum.Enum):
     """Input of the state machine of the link."""
+
+    __hash__ = object.__hash__
 
     HELLO_SENT = enum.auto()
     HELLO_ANSWERED = enum.auto()

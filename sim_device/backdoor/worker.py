@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import io
 import logging
 import operator
@@ -43,6 +44,7 @@ STOP_TIMEOUT_S: Final = 8.0  # wait for a worker that has not begun: it may be c
 DRAIN_TIMEOUT_S: Final = 120.0
 SKIP_FIELDS_AFTER_S: Final = 20.0  # time after which the last records have no field
 
+_KEPT_DRIVES: Final = 4096  # that the worker need not make again: of a sequence
 BATCH: Final = 64  # records that are handed over at a time, unless time is up before
 
 _PROCESS: Final = f"{__package__}.worker_process"
@@ -296,9 +298,14 @@ def _worker_reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...
     return lambda item: (kind, values(item))
 
 
+@functools.lru_cache(maxsize=_KEPT_DRIVES)
+def _drive_at_worker(phases: bytes, amplitudes: bytes, phase_bits: int) -> Drive:
+    return Drive.from_bytes(phases, amplitudes, phase_bits)
+
+
 def _drive_for_worker(drive: Drive) -> tuple[Any, ...]:
     codes = drive.phase_bytes, drive.amplitude_codes.tobytes()
-    return Drive.from_bytes, (*codes, drive.phase_bits)
+    return _drive_at_worker, (*codes, drive.phase_bits)
 
 
 _REDUCERS: Final[dict[type[Any], Callable[[Any], tuple[Any, ...]]]] = {

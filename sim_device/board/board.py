@@ -96,8 +96,13 @@ class Board:
         due = self._next_due()
         return None if due is None else max(due[0], self.output.now_us)
 
-    def advance_to(self, t_us: int) -> None:
+    def advance_to(self, t_us: int) -> int | None:
         """Let everything happen that is due up to *t_us*, that moment included.
+
+        Returns
+        -------
+        int or None
+            When something happens next by itself, as :meth:`next_event_us` would say.
 
         Raises
         ------
@@ -109,16 +114,20 @@ class Board:
             self.output.now_us = max(self.output.now_us, due[0])
             due[1]()
         self.output.now_us = t_us
+        return None if due is None else due[0]
 
     def play_to(self, t_us: int) -> None:
         """Latch the frames of a playback that are due up to *t_us*, until anything else is due.
 
-        The last one is left, as it ends the playback.
+        The last one is left, as it ends the playback, and one that is due at the same time.
         """
         playback = self._playback
         while playback is not None and not playback.ends_next:
             due_us, action = self._next_due() or (t_us + 1, self._latch_playback)
             if due_us > t_us or action != self._latch_playback:
+                return
+            timer = self.output.next_timer()
+            if timer is not None and timer[0] == due_us:
                 return
             self.output.now_us = due_us
             self._latch_playback()
@@ -204,10 +213,10 @@ class Board:
 
     def _ready_us(self, content: Content) -> int:
         """Return the earliest latch time of a frame that arrives now (HG-5.8)."""
-        points = 0 if isinstance(content, Drive) else len(content)
-        begins_us = max(self.output.now_us, self._computed_us)
-        computed_us = begins_us + points * self.settings.point_time_us
-        return computed_us + self.settings.latch_lead_us
+        begins_us, settings = max(self.output.now_us, self._computed_us), self.settings
+        if isinstance(content, Drive):
+            return begins_us + settings.latch_lead_us
+        return begins_us + len(content) * settings.point_time_us + settings.latch_lead_us
 
     def _entry(self, frame: StreamFrame) -> QueueEntry:
         drive, bits = self._focuser.registers(frame.content)
@@ -228,7 +237,7 @@ class Board:
         entry = self._queue.pop()
         self.last_stream_index = entry.index
         self.output.counters.late += entry.late
-        key = m.LatchKey(sequence=0, loop=0, index=entry.index & 0xFFFFFFFF)
+        key = m.LatchKey(0, 0, entry.index & 0xFFFFFFFF)
         self.output.latch(
             key,
             entry.drive,

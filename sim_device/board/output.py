@@ -149,7 +149,8 @@ class BoardOutput:
         """Restart the host timeout: a valid frame of the session came."""
         if self.state is OutputState.ARMED:
             self._timers.renew_lease(self.now_us, self.config, self.unattended_ms)
-            self._end_ramp_if_restored()
+            if self._ramping:
+                self._end_ramp_if_restored()
 
     def _enter(self, event: OutputInput, reason: MuteReason, *, requested: bool = True) -> None:
         """Change the output state; refuse an invalid transition."""
@@ -189,7 +190,7 @@ class BoardOutput:
         self._new_notices.append(RampBegan(self.now_us, reason, ramp.ends_us))
 
     def _end_ramp_if_restored(self) -> None:
-        if self._ramping and self._timers.ramp is None:
+        if self._timers.ramp is None:
             self._ramping = False
             self._new_notices.append(RampEnded(self.now_us, restored=True))
 
@@ -220,7 +221,8 @@ class BoardOutput:
         self._enter(OutputInput.LATCH, MuteReason.NONE)
         self._sounding = True
         self._timers.latched(self.now_us, self.config)
-        self._end_ramp_if_restored()
+        if self._ramping:
+            self._end_ramp_if_restored()
         latch = Latch(
             key=key,
             session=self.session,

@@ -67,7 +67,8 @@ class BoardFocuser:
     def registers(self, content: Content) -> tuple[Drive, int]:
         """Return the register codes of *content*, and the resolution it was commanded in."""
         if isinstance(content, Drive):
-            return to_registers(content), content.phase_bits
+            bits = content.phase_bits
+            return content if bits == REGISTER_BITS else to_registers(content), bits
         points = tuple(content)
         drive = self._known.get(points)
         if drive is None:

@@ -126,7 +126,7 @@ class BoardSettings:
     max_sequence_frames: int = 65_536
     max_upload_bytes: int = 32 << 20
     max_stored_bytes: int = 64 << 20
-    max_playback_rate_hz: int = 10_000
+    max_playback_rate_hz: int = 40_000
     max_unattended_ms: int = 600_000
     upload_window: int = 4
     max_chunk: int = 2048
@@ -201,7 +201,7 @@ class BoardSettings:
         """Carrier period: drives are latched on its multiples."""
         return 1_000_000 // self.carrier_hz
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of transducers, N."""
         return self.model.array.count

@@ -79,7 +79,7 @@ class BoardTimers:
         """Restart the lease; playback has its own, *unattended_ms*."""
         alone_ms = config.host_timeout_ms if unattended_ms is None else unattended_ms
         reason = MuteReason.HOST_SILENT if unattended_ms is None else MuteReason.UNATTENDED
-        self._lease = BoardTimer(reason, now_us + alone_ms * 1000)
+        self._lease.reason, self._lease.deadline_us = reason, now_us + alone_ms * 1000
         self._end_ramp_if_renewed(now_us)
 
     def latched(self, now_us: int, config: Config) -> None:
@@ -110,7 +110,7 @@ class BoardTimers:
 
     def _end_ramp_if_renewed(self, now_us: int) -> None:
         """End the ramp if no timer has run out any more."""
-        if now_us < self.first().deadline_us:
+        if self.ramp is not None and now_us < self.first().deadline_us:
             self.ramp = None
 
     def _ramp_us(self, config: Config) -> int:

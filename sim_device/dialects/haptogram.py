@@ -16,7 +16,6 @@ from haptogram_protocol.framing import DELIMITER, end_of_frame
 
 from ..board import answers
 from ..board.board import Board
-from ..board.clock import earliest_board_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange, StreamDropped
 from ..board.refusal import RefusalError
 from ..board.registers import Content, drive_of_registers
@@ -90,19 +89,27 @@ class VirtualHaptogramDialect(VirtualDialect):
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
         if not self._is_next_known:
-            self._next_us = earliest_board_time(self.board.next_event_us(), self._next_status_us)
-            self._is_next_known = True
+            self._note_next(self.board.next_event_us())
         return self._next_us
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, and say so on the line."""
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
-            self._is_next_known = False
-            self.board.advance_to(next_us)
+            board_us = self.board.advance_to(next_us)
             self.collect()
             if next_us == self._next_status_us:
                 self._send_status(next_us)
+            self._note_next(board_us)
         self.board.idle_to(t_us)
+
+    def _note_next(self, board_us: int | None) -> None:
+        """Keep when something happens next by itself; *board_us*: at the board."""
+        status_us = self._next_status_us
+        if board_us is None or status_us is None:
+            self._next_us = status_us if board_us is None else board_us
+        else:
+            self._next_us = board_us if board_us <= status_us else status_us
+        self._is_next_known = True
 
     def play_to(self, t_us: int) -> None:
         """Latch the frames of a playback up to *t_us*, of which the line hears nothing."""
@@ -120,11 +127,22 @@ class VirtualHaptogramDialect(VirtualDialect):
         self._is_next_known = False
         self._link.receive_data(data, t_us)
         while (event := self._link.next_event()) is not connection.NEED_DATA:
-            if self._watch is not None:
-                self._watch(event)
-            self._dispatch(event)
-            self.collect()
+            self._act_on(event)
         self._is_next_known = False
+
+    def receive_stream(
+        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_us: int
+    ) -> None:
+        """Take a stream frame without its bytes, the last of which came at *t_us*."""
+        self.advance_to(t_us)
+        self._act_on(self._link.stream_event(header, message, t_us))
+        self._is_next_known = False
+
+    def _act_on(self, event: connection.BoardEvent) -> None:
+        if self._watch is not None:
+            self._watch(event)
+        self._dispatch(event)
+        self.collect()
 
     def take_output(self, limit: int | None = None) -> bytes:
         """Return whole frames for the line, at most *limit* bytes if given."""
@@ -249,10 +267,11 @@ class VirtualHaptogramDialect(VirtualDialect):
 
     def collect(self) -> None:
         """Take from the board what it did since the last call, and tell the host."""
-        for latch in self.board.output.take_latches():
+        output = self.board.output
+        for latch in output.take_latches():
             self._latches.append(latch)
             self._trace(latch)
-        for notice in self.board.output.take_notices():
+        for notice in output.take_notices():
             self._notices.append(notice)
             if (event := _notice_event(notice)) is not None:
                 self._link.send_event(event, now_us=notice.t_us)

@@ -7,15 +7,17 @@ the caller's.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Final, Self, TypeAlias
 
-from haptogram.records.latch import LatchRecord
 from haptogram.settings.faults.plan import FaultPlan
+from haptogram_protocol import messages as m
 from haptogram_protocol.connection import BoardEvent, StreamReceived
 from haptogram_protocol.connection.events import FrameDropped
 
 from ..assembly import HEALTHY, BoardAssembly
 from ..board.clock import BoardClock
+from ..board.events import Latch
 from ..board.settings import BOOT_US, BoardSettings, board_settings
 from ..faults.clock import faulty_clock
 from ..mutants import mutant_parts
@@ -41,6 +43,8 @@ class VirtualSoakBoard:
 
     def __init__(self, settings: BoardSettings, clock: BoardClock, parts: BoardAssembly) -> None:
         self._settings, self._clock = settings, clock
+        #: The unwrapped device time at a number of nanoseconds, which is asked for repeatedly.
+        self.device_us = functools.lru_cache(maxsize=4)(clock.device_us)
         self._verdicts: list[Verdict] = []
         self._dialect = parts.assemble(settings, self._note)
         self.transducers = settings.count
@@ -86,21 +90,23 @@ class VirtualSoakBoard:
         board = self._dialect.board
         return board.output.radiated(board.output.now_us).is_muted
 
-    def device_us(self, t_ns: int) -> int:
-        """Return the unwrapped device time at *t_ns*."""
-        return self._clock.device_us(t_ns)
-
     def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None:
         """Take bytes whose last one is there at *t_ns*; the line up is free at *up_free_ns*."""
-        self._dialect.line_free_us = self._clock.device_us(max(up_free_ns, t_ns))
+        self._dialect.line_free_us = self.device_us(max(up_free_ns, t_ns))
         self._dialect.receive(data, self._now_us(t_ns))
+
+    def receive_stream(
+        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_ns: int
+    ) -> None:
+        """Take a stream frame that came whole at *t_ns*, without its bytes."""
+        self._dialect.receive_stream(header, message, self._now_us(t_ns))
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*."""
         self._dialect.advance_to(self._now_us(t_ns))
 
     def _now_us(self, t_ns: int) -> int:
-        return max(self._clock.device_us(t_ns), self._dialect.board.output.now_us)
+        return max(self.device_us(t_ns), self._dialect.board.output.now_us)
 
     def take_output(self) -> bytes:
         """Return whole frames for the line."""
@@ -112,9 +118,9 @@ class VirtualSoakBoard:
         taken, self._verdicts = self._verdicts, []
         return taken
 
-    def take_latches(self) -> list[LatchRecord]:
+    def take_latches(self) -> list[Latch]:
         """Return the latches since the last call."""
-        return [latch.record() for latch in self._dialect.take_latches()]
+        return self._dialect.take_latches()
 
     def _note(self, event: BoardEvent) -> None:
         """Record the board's verdict on a frame."""

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Protocol, Self
 
+from haptogram.acoustics.model.drive import Drive
 from haptogram.errors import HaptogramError
 from haptogram.records.latch import LatchRecord
 from haptogram.settings.faults.plan import FaultPlan
@@ -22,6 +23,18 @@ from .tally import DAMAGE, UNEXPLAINED, SoakTally
 
 class Hopeless(HaptogramError):
     """The board is so wrong that the account cannot go on."""
+
+
+class SoakLatch(Protocol):
+    """A latch as the board keeps it; see :class:`~haptogram.records.latch.LatchRecord`."""
+
+    key: m.LatchKey
+    session: int
+    t_latch_us: int
+    late: bool
+    drive: Drive
+
+    def record(self) -> LatchRecord: ...  # noqa: D102
 
 
 class BoardUnderSoak(Protocol):
@@ -39,10 +52,13 @@ class BoardUnderSoak(Protocol):
     def model(self) -> Self: ...  # noqa: D102
     def device_us(self, t_ns: int) -> int: ...  # noqa: D102
     def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None: ...  # noqa: D102
+    def receive_stream(  # noqa: D102
+        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_ns: int
+    ) -> None: ...
     def advance_to(self, t_ns: int) -> None: ...  # noqa: D102
     def take_output(self) -> bytes: ...  # noqa: D102
     def take_verdicts(self) -> list[int | str]: ...  # noqa: D102
-    def take_latches(self) -> Sequence[LatchRecord]: ...  # noqa: D102
+    def take_latches(self) -> Sequence[SoakLatch]: ...  # noqa: D102
 
 
 class MakeBoard(Protocol):
@@ -76,8 +92,8 @@ class SoakComparison:
     ) -> None:
         self._board, self._line, self._tally, self._excerpts = board, line, tally, excerpts
         self._model = board.model()
-        self._seen: deque[LatchRecord] = deque()
-        self._due: deque[LatchRecord] = deque()
+        self._seen: deque[SoakLatch] = deque()
+        self._due: deque[SoakLatch] = deque()
         self._silent = (True, True)  # the board, and the model
         self._last: Sent | None = None
 
@@ -87,16 +103,20 @@ class SoakComparison:
             self._excerpts.add(t_ns, True, data)
         self._board.receive(data, t_ns, up_free_ns)
         ends = [self._judge(one, t_ns, up_free_ns) for one in self._board.take_verdicts()]
+        if not ends:
+            self._model.advance_to(t_ns)
         self._compare_latches(t_ns)
         if any(ends):
             self.compare(t_ns + self._board.carrier_us * 1000, requested=True)  # HG-6.6/1
-        self._model.advance_to(t_ns)
 
     def take_frames(self) -> list[bytes]:
         """Return the frames that the board sends: those of the model, but for their content."""
+        sent, modelled = self._board.take_output(), self._model.take_output()
+        if not sent and not modelled:
+            return []
         frames, due = (
-            [b"\x00" + encoded + b"\x00" for encoded in one.take_output().split(b"\x00") if encoded]
-            for one in (self._board, self._model)
+            [b"\x00" + encoded + b"\x00" for encoded in output.split(b"\x00") if encoded]
+            for output in (sent, modelled)
         )
         if [frame[2] for frame in frames] != [frame[2] for frame in due]:
             text = f"the board sends {len(frames)} frames; {len(due)} of other types were due"
@@ -107,8 +127,12 @@ class SoakComparison:
         """Compare a verdict with the model's; return whether the frame ends the output."""
         sent = self._line.next_sent(verdict)
         if sent is None:
+            self._model.advance_to(t_ns)
             return False
-        self._model.receive(sent.wire, t_ns, up_free_ns)
+        if sent.meant is None:
+            self._model.receive(sent.wire, t_ns, up_free_ns)
+        else:
+            self._model.receive_stream(*sent.meant, t_ns)
         due = self._model.take_verdicts()[-1]
         if verdict != due:
             name = "copy taken" if isinstance(verdict, int) else "undamaged frame dropped"
@@ -143,9 +167,9 @@ class SoakComparison:
         self._model.advance_to(t_ns)
         self._compare_latches(t_ns)
         for latch in self._seen:
-            self._tally.violate("wrong frame latched", f"frame {latch.index}; none was due")
+            self._tally.violate("wrong frame latched", f"frame {latch.key.index}; none was due")
         for latch in self._due:
-            self._tally.violate("not latched", f"frame {latch.index}")
+            self._tally.violate("not latched", f"frame {latch.key.index}")
         self._seen.clear()
         self._due.clear()
         self._compare_silence(t_ns, requested=requested)
@@ -155,12 +179,12 @@ class SoakComparison:
         latches = self._board.take_latches()
         if self._excerpts is not None:
             for latch in latches:
-                self._excerpts.add(t_ns, None, latch)
+                self._excerpts.add(t_ns, None, latch.record())
         self._seen += latches
         self._due += self._model.take_latches()
         while self._seen and self._due:
             latch, due = self._seen.popleft(), self._due.popleft()
-            index, wanted = latch.index, due.index
+            index, wanted = latch.key.index, due.key.index
             if (latch.session, index) == (due.session, wanted):
                 self._compare_latch(latch, due)
             elif wanted < index:
@@ -171,14 +195,14 @@ class SoakComparison:
                 self._tally.violate("wrong frame latched", text)
                 self._due.appendleft(due)
 
-    def _compare_latch(self, latch: LatchRecord, due: LatchRecord) -> None:
-        index = due.index
+    def _compare_latch(self, latch: SoakLatch, due: SoakLatch) -> None:
+        index = due.key.index
         self._tally.totals["latched"] += 1
         self._tally.count("late", latch.late, column="late")
         if (latch.t_latch_us, latch.late) != (due.t_latch_us, due.late):
             moved_us = latch.t_latch_us - due.t_latch_us
             self._tally.violate("latched at a wrong time", f"frame {index}, by {moved_us} µs")
-        if latch.latched != due.latched:
+        if latch.drive is not due.drive and latch.drive != due.drive:
             self._tally.violate("torn latch", f"frame {index} is not the drive that was sent")
 
     def _compare_silence(self, t_ns: int, *, requested: bool) -> None:

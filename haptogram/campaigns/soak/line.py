@@ -90,6 +90,8 @@ class Sent:
         To which it belongs.
     due_us : int
         t_apply of a stream frame, device time.
+    meant : tuple of Header and message, or None
+        The stream frame that these bytes say; None: it is no stream frame.
     hit, cause : SoakHit or None
         The fault that hit it, and the one that made it late.
     """
@@ -97,6 +99,7 @@ class Sent:
     wire: bytes
     session: int
     due_us: int = 0
+    meant: tuple[m.Header, m.Phases | m.Drives] | None = None
     hit: SoakHit | None = None
     cause: SoakHit | None = None
 
@@ -153,7 +156,10 @@ class SoakLine:
         self._cause: SoakHit | None = None
 
     def begin_session(self) -> None:
-        """Forget the numbers of the session before."""
+        """Forget the numbers of the session before: nobody misses its frames any more."""
+        for sent in self._numbered:
+            if sent.hit is not None:
+                self._tally.find(sent.hit, "given up")
         self._numbered.clear()
 
     def send(self, sent: Sent, t_ns: int, *, spared: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 from typing import Final
 
@@ -12,6 +13,8 @@ from haptogram_protocol import HostConnection
 from haptogram_protocol import messages as m
 from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import events
+from haptogram_protocol.errors import RemoteProtocolError
+from haptogram_protocol.framing import decode_frame
 
 from .comparison import BoardUnderSoak, Hopeless, SoakComparison
 from .excerpts import SoakExcerpts
@@ -131,6 +134,7 @@ class SoakRig:
         self._interval_ns, self._first_interval = setup.interval_s * NS_PER_S, tally.interval
         self._drives = _soak_drives(board.transducers)
         self._last_request = b""
+        self._meant: tuple[m.Header, m.Phases | m.Drives]  # the stream frame that goes out now
 
     # --- the host ------------------------------------------------------------------------------
 
@@ -161,7 +165,10 @@ class SoakRig:
         self.pinger.keep()
         self.tally.count("frames", column="frames")
         drive = self._drives[self.tally.totals["frames"] % _DRIVES]
-        self.link.write_frame(self.link.connection.stream_frame(drive, t_apply_us=due_us)[1])
+        index, wire = self.link.connection.stream_frame(drive, t_apply_us=due_us)
+        session, t_wire_us = self.link.connection.session, due_us & 0xFFFFFFFF
+        self._meant = m.Header(drive.TYPE, 0, index & 0xFFFF, t_wire_us, session), drive
+        self.link.write_frame(wire)
 
     def idle_until(self, t_ns: int) -> None:
         """Let time pass while nothing is streamed, and listen whether the board is silent."""
@@ -209,7 +216,9 @@ class SoakRig:
     def write_some(self, data: bytes) -> int:
         """Put a frame on the line."""
         sent = Sent(data, self.link.connection.session, self._due_us)
-        if not sent.is_numbered:
+        if sent.is_numbered:
+            sent.meant = self._meant
+        else:
             self._note_request(data)
         self.down.send(sent, self._now_ns)
         return len(data)
@@ -232,10 +241,20 @@ class SoakRig:
 
     def _take_from_board(self) -> None:
         for wire in self.comparison.take_frames():
-            sent = Sent(wire, self._board.session)
+            sent = Sent(wire, self._session_of(wire))
             # Events of the session before have no number that could show their loss.
             is_old = sent.session != self.link.connection.session
             self.up.send(sent, self._now_ns, spared=is_old)
+
+    def _session_of(self, wire: bytes) -> int:
+        """Return the session of a frame of the board: an event just before a HELLO is of the old.
+
+        What is no frame, or no event, counts to the session that is open.
+        """
+        if wire[2] in m.EVENT_RANGE:
+            with contextlib.suppress(RemoteProtocolError):
+                return m.Header.of_body(decode_frame(wire[1:-1])).session
+        return self._board.session
 
 
 def _soak_drives(count: int) -> list[m.Phases | m.Drives]:

@@ -198,17 +198,27 @@ class _SoakSegment:
         self._resume(since_ns)
 
     def _outage(self) -> None:
-        """Disconnect both directions while streaming continues."""
-        rig = self._rig
+        """Disconnect both directions while streaming continues.
+
+        It may outlast the five tries of a request: then only another session helps.
+        """
+        rig, hits = self._rig, self._tally.request_hits
         self._due_us = 0
         rig.down.cut = rig.up.cut = True
         since_ns = rig.now_ns()
         end_ns = since_ns + self._some_time_ns()
-        while rig.now_ns() < end_ns:
-            self._stream(1)
-            rig.listen()
-        rig.down.cut = rig.up.cut = False
-        self._resume(since_ns)
+        try:
+            while rig.now_ns() < end_ns:
+                self._stream(1)
+                rig.listen()
+            rig.down.cut = rig.up.cut = False
+            self._resume(since_ns)
+        except NoAnswerError:
+            if not hits:  # the last try was not lost
+                raise
+            self._tally.find(hits.pop(0), "given up")
+            rig.down.cut = rig.up.cut = False
+            self._connect()
 
     def _some_time_ns(self) -> int:
         return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * NS_PER_MS

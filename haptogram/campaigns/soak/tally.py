@@ -152,7 +152,10 @@ class SoakTally:
     @property
     def _row(self) -> dict[str, int]:
         """Return the counters of the current time interval."""
-        return self.course.setdefault(int(self.interval), dict.fromkeys(_COUNTED, 0))
+        number = int(self.interval)
+        if number not in self.course:
+            self.course[number] = dict.fromkeys(_COUNTED, 0)
+        return self.course[number]
 
     def found(self) -> dict[str, dict[str, int]]:
         """Return the faults that were found, by kind."""

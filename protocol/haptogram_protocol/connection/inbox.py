@@ -68,11 +68,12 @@ class ConnectionInbox:
         """Return the next body, or its error, and its arrival time; None if no frame is left."""
         while not self._received and self._chunks:
             chunk, t_us = self._chunks.popleft()
-            head, rest = chunk[:_SLICE], chunk[_SLICE:]
-            if rest:
-                self._chunks.appendleft((rest, t_us))
-            self._waiting -= len(head)
-            self._received.extend((found, t_us) for found in self._decoder.feed(head))
+            if len(chunk) > _SLICE:
+                self._chunks.appendleft((chunk[_SLICE:], t_us))
+                chunk = chunk[:_SLICE]
+            self._waiting -= len(chunk)
+            for found in self._decoder.feed(chunk):
+                self._received.append((found, t_us))
         return self._received.popleft() if self._received else None
 
     def _forget_received(self) -> None:

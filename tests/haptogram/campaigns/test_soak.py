@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import random
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -16,7 +17,8 @@ from haptogram.campaigns.soak.campaign import (
     SoakCampaign,
     SoakMemory,
 )
-from haptogram.campaigns.soak.line import KINDS
+from haptogram.campaigns.soak.line import BAUD, KINDS
+from haptogram.campaigns.soak.rig import SoakRig
 from haptogram.campaigns.soak.segment import run_soak_segment
 from haptogram.campaigns.soak.setup import SoakSetup
 from haptogram.campaigns.soak.tally import DAMAGE, VIOLATIONS, SoakTally
@@ -29,6 +31,8 @@ from haptogram.report.formats.html import write_document_page
 from haptogram.report.formats.junit import write_document_junit
 from haptogram.report.soak.document import soak_document
 from haptogram.settings.faults.kinds import FAULT_KINDS
+from haptogram.settings.faults.plan import FaultPlan
+from haptogram_protocol.messages import Config, SetConfig, SetConfigReply
 from mutants import MUTANTS
 
 SHORT = SoakSetup(hours=1.2 / 3600, fault_rate=0.05, seed=7, segment_minutes=0.4 / 60)
@@ -130,6 +134,36 @@ def test_the_course_shows_when_something_was_wrong() -> None:
 def test_intervals_are_fine_enough_for_a_picture_and_no_finer() -> None:
     assert SoakSetup(hours=0.01).interval_s == 1.0
     assert SoakSetup(hours=1.0).interval_s == 9.0
+
+
+# --- what only a long soak meets ---------------------------------------------------------------
+
+
+def test_an_event_that_leaves_just_before_a_new_session_is_one_of_the_old_session() -> None:
+    board = board_without_a_line(None)(seed=0, baud=BAUD, plan=FaultPlan(), running_us=0)
+    tally, met = SoakTally(), 0
+    rig = SoakRig(board, setup(1.0, 0, 0.0), random.Random(0), tally, None)
+    for number in range(40):  # the HELLO comes some time before or after a STATUS is due
+        rig.new_session()
+        met += rig.link.connection.counters["stale_session"]
+        rig.link.request(SetConfig(Config(status_period_ms=50)), SetConfigReply)
+        rig.link.run_until(rig.now_ns() + 50_000_000 - 10_000 * number)
+    assert met > 0
+    assert tally.violations == {}
+
+
+def test_a_request_that_an_outage_outlasts_is_given_up_and_another_session_follows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    place = f"{run_soak_segment.__module__}._SoakSegment._some_time_ns"
+    monkeypatch.setattr(place, lambda _: 3_000_000_000)
+    tally = run_soak_segment(board_without_a_line(None), setup(6.0, 3, 0.0), 0)
+    assert (tally.totals["outages"], tally.totals["sessions"]) == (1, 2)
+    found = tally.found()["down.outage"]
+    assert found.keys() == {"asked again", "given up"}
+    assert found["asked again"] == 4
+    assert found["given up"] > 1000  # the frames of the session as well
+    assert tally.violations == {}
 
 
 # --- boards that are wrong ---------------------------------------------------------------------

@@ -573,7 +573,7 @@ def test_streams_that_follow_each_other_at_once_leave_no_silence(driver, port):
     [
         ({"loops": 0}, "loops is 0"),
         ({"rate_hz": 300}, "3333 µs are 300.03"),
-        ({"rate_hz": 20_000}, "the board plays up to 10000"),
+        ({"rate_hz": 50_000}, "the board plays up to 40000"),
         ({"rate_hz": -1}, "rate_hz is -1"),
         ({"mode": "drives"}, "hold phases or points, not drives"),
         ({"unattended_ms": 100}, "unattended_ms is 100"),

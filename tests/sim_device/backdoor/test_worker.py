@@ -181,8 +181,11 @@ def test_what_was_seen_lately_is_remembered_within_bounds(monkeypatch):
 
 def test_settings_and_latches_survive_the_way_to_the_worker():
     latches = [a_latch(index) for index in range(3)]
+    latches.append(dataclasses.replace(latches[0], number=3))
     packed = bytearray(b"".join(map(packed_worker_batch, (latches[:2], latches[2:]))))
-    assert list(unpacked_worker_batches(packed)) == [latches[:2], latches[2:]]
+    first, second = unpacked_worker_batches(packed)
+    assert [first, second] == [latches[:2], latches[2:]]
+    assert second[-1].drive is first[0].drive  # made once, though it came twice
     assert not packed
     settings = pickle.loads(pickle.dumps(SETTINGS))
     assert settings.model.array.digest() == MODEL.array.digest()

@@ -31,7 +31,7 @@ from haptogram_protocol.messages import (
     build_body,
 )
 from haptogram_protocol.state import OutputState
-from sim_device.board.events import PowerDown, StateChange
+from sim_device.board.events import Counted, PowerDown, StateChange
 from sim_device.board.settings import board_settings
 from sim_device.simulation import Simulation
 
@@ -67,13 +67,15 @@ class Takes:
     """A recorder that keeps everything."""
 
     def __init__(self):
-        self.latches, self.notices = [], []
+        self.latches, self.notices, self.all = [], [], []
 
     def latch(self, latch):
         self.latches.append(latch)
+        self.all.append(latch)
 
     def notice(self, notice):
         self.notices.append(notice)
+        self.all.append(notice)
 
 
 def armed(simulation):
@@ -210,9 +212,10 @@ def test_a_board_that_was_idle_is_powered_down_at_the_time_it_is_and_not_at_its_
     assert [n.t_us for n in recorder.notices if isinstance(n, PowerDown)] == [idle_us]
 
 
-def heard(config, play, rest_ms, *recorders):
+def heard(config, play, rest_ms, recorder, plan):
     """Store three frames and play them; return what the host heard, when, and the counters."""
-    simulation = Simulation(board_settings(array="4x4", baud=3_000_000), *recorders)
+    board = board_settings(array="4x4", baud=3_000_000)
+    simulation = Simulation(board, recorder, faults=FaultPlan.parse(plan))
     armed(simulation)
     data = bytes(range(48))
     requests = [
@@ -240,18 +243,30 @@ def heard(config, play, rest_ms, *recorders):
 @pytest.mark.parametrize("status_ms", [0, 11])
 @pytest.mark.parametrize("hold_ms", [1, 200])
 @pytest.mark.parametrize(
-    ("period_us", "loops", "alone_ms"), [(100, 0, 1000), (100, 0, 25), (1999, 9, 1000)]
+    ("period_us", "loops", "alone_ms"),
+    [(25, 0, 1000), (100, 0, 1000), (100, 0, 25), (1999, 9, 1000)],
 )
-def test_a_playback_is_heard_alike_whether_its_latches_are_recorded_or_not(
+def test_a_playback_is_heard_and_recorded_alike_whether_its_latches_come_together_or_not(
     trace, status_ms, hold_ms, period_us, loops, alone_ms
 ):
     config = Config(
         hold_ms=hold_ms, ramp_ms=1, status_period_ms=status_ms, trace_mode=trace, trace_divider=30
     )
-    play, recorder = Play(7, period_us, loops, alone_ms), Takes()
-    seen, unseen = (heard(config, play, 80, *some) for some in ([recorder], []))
-    assert seen == unseen
-    assert seen[1]["latched"] == len(recorder.latches) > 0
+    play, one_by_one, together = Play(7, period_us, loops, alone_ms), Takes(), Takes()
+    idle_fault = ["clock.ppm ppm=0"]  # with any fault latches come one by one
+    assert heard(config, play, 80, one_by_one, idle_fault) == (
+        found := heard(config, play, 80, together, [])
+    )
+    assert [one for one in one_by_one.all if not isinstance(one, Counted)] == together.all
+    assert found[1]["latched"] == len(together.latches) > 0
+
+
+def test_a_board_plays_a_frame_in_every_carrier_period():
+    recorder = Takes()
+    heard(CONFIG, Play(7, CARRIER_US, 1000, 1000), 80, recorder, [])
+    times_us = [latch.t_latch_us for latch in recorder.latches]
+    assert len(times_us) == 3000
+    assert {after - before for before, after in pairwise(times_us)} == {CARRIER_US}
 
 
 CROWDED = {"rx_fifo": 64, "rx_poll_us": 1000}
