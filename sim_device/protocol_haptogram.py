@@ -317,9 +317,11 @@ class Serial(serial.SerialBase):
         """
         self._check_cable()
         data = bytes(b)
-        deadline_ns = self._deadline_ns(self._write_timeout)
         sent = self._put(data)
-        while sent < len(data) and self._write_timeout != 0:
+        if sent == len(data) or self._write_timeout == 0:
+            return sent
+        deadline_ns = self._deadline_ns(self._write_timeout)
+        while sent < len(data):
             if self._is_over(deadline_ns):
                 raise serial.SerialTimeoutException("Write timeout")
             self._pass_time(deadline_ns)

@@ -135,6 +135,10 @@ class Focus:
 
 def _as_focus_position(position_m: Any) -> tuple[float, float, float]:
     """Return *position_m* (3,) as three floats, or raise."""
+    if type(position_m) in (list, tuple) and len(position_m) == 3:
+        x, y, z = position_m
+        if type(x) is type(y) is type(z) is float and math.isfinite(x + y + z):
+            return x, y, z
     try:
         if isinstance(position_m, str | bytes | Mapping | Set) or len(position_m) != 3:
             raise TypeError

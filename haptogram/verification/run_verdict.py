@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import operator
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +31,7 @@ _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 _NAMED_FRAMES: Final = 8  # the JSON names all
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RunVerdict(Judged):
     """The verdict on a run; it is true if the run passed, and only then.
 
@@ -130,7 +131,7 @@ class RunVerdict(Judged):
         known = [miss for miss in misses if miss is not None]
         return max(known) if known and len(known) == len(misses) else None
 
-    @property
+    @functools.cached_property
     def place_uncertainty(self) -> VerdictUncertainty | None:
         """Uncertainty of the place of the least known focus; None: no frame tells."""
         found = [f.uncertainty_mm for f in self.frames if f.uncertainty_mm is not None]
@@ -142,6 +143,10 @@ class RunVerdict(Judged):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result for JSON: no host, date or duration, so that it repeats."""
+        return dict(self._result)
+
+    @functools.cached_property
+    def _result(self) -> dict[str, Any]:
         coherence, pressure = self.values("coherence"), self.values("pressure_rms_pa")
         force_mn = 1e3 * self.values("force_n")
         evidence = sorted({str(f.evidence) for f in self.frames if f.evidence is not None})

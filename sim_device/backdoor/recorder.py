@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Hashable, Sequence
+from itertools import islice
 from typing import Any, Final, TypeVar
 
 from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
@@ -104,8 +105,8 @@ def _remembered(
 
 def _forget_oldest(known: dict[Hashable, Any]) -> None:
     """Keep within the bounds of the memory."""
-    while len(known) > MEMORY_DRIVES:
-        del known[next(iter(known))]
+    for key in list(islice(known, max(0, len(known) - MEMORY_DRIVES))):
+        del known[key]
 
 
 def _drive_of_latch_record(latch: events.AnyLatch) -> tuple[Hashable, ...]:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_focus_target, focus_phases
-from haptogram.acoustics.arrays import read_only_array
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, quantise_phase
 from haptogram.acoustics.solvers.focus import check_focus_targets
 from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
@@ -105,13 +104,13 @@ class FrameBuilder:
         self._check_mode(mode)
         _check_frame_solver(solver, mode)
         places: dict[tuple[Focus, ...], int] = {}
-        for number, group in enumerate(foci):
-            places.setdefault(group, number)
+        firsts = [places.setdefault(group, number) for number, group in enumerate(foci)]
         are_in_reach = _are_frames_in_reach(self._model, list(places))
         for group, number in places.items():
             self._check(number, group, mode, solver, is_in_reach=are_in_reach)
-        made = dict(zip(places, self._make(list(places), mode, solver), strict=True))
-        return [made[group] for group in foci]
+        made = self._make(list(places), mode, solver)
+        frames = dict(zip(places.values(), made, strict=True))
+        return [frames[first] for first in firsts]
 
     def _make(self, foci: list[tuple[Focus, ...]], mode: Mode, solver: Method) -> list[Frame]:
         """Build one frame per group of foci."""
@@ -161,12 +160,11 @@ class FrameBuilder:
 
     def _phases(self, foci: list[tuple[Focus, ...]], solver: Method) -> list[Frame]:
         codes = quantise_phase(frame_phases_rad(self._model, foci, solver), REGISTER_BITS)
-        full = np.full(codes.shape[1], FULL_AMPLITUDE, np.uint8)
-        read_only_array(full)  # so that all drives share it
+        full = bytes([FULL_AMPLITUDE]) * codes.shape[1]
         return [
             Frame(
                 group,
-                Drive(np.frombuffer(data, np.uint8), full),
+                Drive.from_bytes(data, full),
                 messages.Phases(data),
                 self._geometry_hash,
                 solver,
