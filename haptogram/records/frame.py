@@ -45,7 +45,7 @@ class Evidence(enum.StrEnum):
     SIMULATED = "simulated"  # drive pins of firmware that runs in a simulator
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@dataclass(slots=True, order=True, unsafe_hash=True)  # as Intended
 class FrameKey:
     """The key of one drive, by which the records of host and board are joined.
 

@@ -276,7 +276,10 @@ def _record_getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]
     """Return a function that gets all attributes *names* of a record."""
     if len(names) > 1:
         return operator.attrgetter(*names)
-    return lambda record: tuple(getattr(record, name) for name in names)
+    if not names:
+        return lambda _: ()
+    (name,) = names
+    return lambda record: (getattr(record, name),)
 
 
 def _set_record_init(made: Any) -> None:

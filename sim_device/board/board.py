@@ -276,21 +276,21 @@ class Board:
         ready_us = self._ready_us(frame.content)
         t_apply_us = ready_us if frame.t_apply_us is None else frame.t_apply_us
         return QueueEntry(
-            index=frame.index,
-            t_apply_us=t_apply_us,
-            t_ready_us=ready_us,
-            t_latch_us=self.output.boundary_us(max(t_apply_us, ready_us)),
-            late=t_apply_us < ready_us,
-            t_received_us=self.output.now_us,
-            drive=drive,
-            commanded_bits=bits,
+            frame.index,
+            t_apply_us,
+            ready_us,
+            self.output.boundary_us(max(t_apply_us, ready_us)),
+            t_apply_us < ready_us,
+            self.output.now_us,
+            drive,
+            bits,
         )
 
     def _latch_stream(self) -> None:
         entry = self._queue.pop()
         self.last_stream_index = entry.index
         self.output.counters.late += entry.late
-        key = LatchKey(sequence=0, loop=0, index=entry.index & 0xFFFFFFFF)
+        key = LatchKey(0, 0, entry.index & 0xFFFFFFFF)
         self.output.latch(
             key,
             entry.drive,

@@ -78,8 +78,9 @@ class BoardTimers:
     def renew_lease(self, now_us: int, config: Config, unattended_ms: int | None) -> None:
         """Restart the lease; playback has its own, *unattended_ms*."""
         alone_ms = config.host_timeout_ms if unattended_ms is None else unattended_ms
-        reason = MuteReason.HOST_SILENT if unattended_ms is None else MuteReason.UNATTENDED
-        self._lease = BoardTimer(reason, now_us + alone_ms * 1000)
+        lease = self._lease
+        lease.reason = MuteReason.HOST_SILENT if unattended_ms is None else MuteReason.UNATTENDED
+        lease.deadline_us = now_us + alone_ms * 1000
         self._end_ramp_if_renewed(now_us)
 
     def latched(self, now_us: int, config: Config) -> None:

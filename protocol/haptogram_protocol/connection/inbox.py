@@ -57,7 +57,8 @@ class ConnectionInbox:
             if rest:
                 self._chunks.appendleft((rest, t_us))
             self._waiting -= len(head)
-            self._frames.extend((found, t_us) for found in self._decoder.feed(head))
+            for found in self._decoder.feed(head):
+                self._frames.append((found, t_us))
         return self._frames.popleft() if self._frames else None
 
     def reset(self) -> None:
