@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -153,7 +152,6 @@ class TickStamps(NamedTuple):
 
 #: Fields of a tick in :class:`TickLog`.
 STAMPS: Final = TickStamps._fields
-_TICK: Final = struct.Struct(f"={len(STAMPS)}q")
 
 
 class TickLog:
@@ -185,18 +183,17 @@ class TickLog:
     """
 
     def __init__(self, ticks: int) -> None:
-        self._memory = bytearray(ticks * _TICK.size)
+        self._rows = np.zeros((ticks, len(STAMPS)), dtype=np.int64)
         self.count = 0
 
     def record(self, stamps: TickStamps) -> None:
         """Take the stamps of the next tick."""
-        _TICK.pack_into(self._memory, self.count * _TICK.size, *stamps)
+        self._rows[self.count] = stamps
         self.count += 1
 
     def stamp_ns(self, name: str) -> NDArray[np.int64]:
         """Return the (n,) host times of one stamp of :data:`STAMPS`, nanoseconds."""
-        rows = np.frombuffer(self._memory, np.int64).reshape(-1, len(STAMPS))
-        return rows[: self.count, STAMPS.index(name)]
+        return self._rows[: self.count, STAMPS.index(name)]
 
     def lateness_us(self) -> NDArray[np.float64]:
         """Return the lateness of the loop at each of the (n,) ticks, in microseconds."""
