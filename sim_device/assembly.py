@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from haptogram.settings.option import Settings
 from haptogram_protocol.cobs import fastest_cobs
@@ -15,10 +15,11 @@ from haptogram_protocol.rules import unsupported_types
 from .board.board import Board, BoardParts
 from .board.clock import BoardClock
 from .board.settings import BoardSettings
-from .dialects.emulation import Emulation
 from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
-from .dialects.simulated.unit import SimulatedBoard, SimulatedUnit
 from .dialects.virtual_dialect import VirtualDialect
+
+if TYPE_CHECKING:
+    from .dialects.emulation import Emulation
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +65,8 @@ class SimulatedAssembly:
 
     def assemble(self, settings: BoardSettings) -> VirtualDialect:
         """Return the board at the end of its line, powered up."""
+        from .dialects.simulated.unit import SimulatedBoard, SimulatedUnit
+
         return SimulatedBoard(SimulatedUnit(self.command, settings), settings.boot_us)
 
 

@@ -7,7 +7,7 @@ to event, so a run on the wall clock and one in virtual time are the same code.
 from __future__ import annotations
 
 import dataclasses
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from haptogram.records.remark import About
 from haptogram.settings.faults.plan import FaultPlan
@@ -21,8 +21,10 @@ from .board.settings import BoardSettings
 from .dialects.haptogram import VirtualHaptogramDialect
 from .dialects.virtual_dialect import VirtualDialect
 from .faults.clock import faulty_clock
-from .faults.injector import FaultInjector
 from .line.uart import Uart, uart_to_board, uart_to_host
+
+if TYPE_CHECKING:
+    from .faults.injector import FaultInjector
 
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
@@ -100,6 +102,8 @@ class Simulation:
         self._clock = parts.clock(settings.boot_us)
         self._injector: FaultInjector | None = None
         if faults is not None and faults.faults:
+            from .faults.injector import FaultInjector
+
             self._clock = faulty_clock(faults, self._clock)
             self._injector = FaultInjector(faults, settings, self._clock)
             self._injector.has_left(0)

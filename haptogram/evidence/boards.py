@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias
 
 from haptogram.acoustics import AcousticModel
 from haptogram.driver.driver import Driver
@@ -20,13 +20,15 @@ from haptogram.evidence.dialects.latches import (
     dialect_run_observations,
     has_dialect_latched_all,
 )
-from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import Intended, Observation
 from haptogram.records.kept import KeptRecords
 from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import Feature, HelloReply, StateChanged, TraceDrive, TraceMode
 from haptogram_protocol.state import OutputState
+
+if TYPE_CHECKING:
+    from haptogram.evidence.virtual_board import VirtualBoard
 
 _TRACE_SHARE: Final = 0.5  # share of the line from the board for traces with drives
 _AFTER_LAST_NS: Final = 5_000_000

@@ -325,7 +325,15 @@ def worst_frame_of(frames: Sequence[FrameVerdict]) -> FrameVerdict:
 def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
     if not len(values):
         return dict.fromkeys(names.split())
-    return {name: float(np.percentile(values, _PERCENTILES[name])) for name in names.split()}
+    return {name: _percentile(np.sort(values), _PERCENTILES[name]) for name in names.split()}
+
+
+def _percentile(ordered: np.ndarray, percent: float) -> float:
+    """Return that of :func:`numpy.percentile`, which would import numpy.ma: 10 ms."""
+    place = (len(ordered) - 1) * (percent / 100.0)
+    low, high = ordered[int(place)], ordered[min(int(place) + 1, len(ordered) - 1)]
+    share = place - int(place)
+    return float(low + (high - low) * share if share < 0.5 else high - (high - low) * (1.0 - share))
 
 
 def _run_verdict_spread(values: np.ndarray) -> dict[str, float | None]:

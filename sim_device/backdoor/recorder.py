@@ -6,11 +6,9 @@ import functools
 import math
 from collections.abc import Callable, Hashable, Sequence
 from itertools import islice
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
-from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
-from haptogram.acoustics.reconstruct.patterns.found import Pattern
 from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.records.latch import LatchRecord
@@ -18,6 +16,10 @@ from haptogram.records.latch import LatchRecord
 from ..board import events
 from ..board.settings import BoardSettings
 from . import records
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
+    from haptogram.acoustics.reconstruct.patterns.found import Pattern
 
 _Estimate = TypeVar("_Estimate")
 
@@ -75,6 +77,8 @@ class BackdoorEstimator:
         return _remembered(self._patterns, latch, self._classified)
 
     def _classified(self, latch: events.PulseLatch) -> Pattern:
+        from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
+
         steps = self._coarsest(latch)
         if steps not in self._classifiers:
             self._classifiers[steps] = PatternClassifier(self._model, steps)
