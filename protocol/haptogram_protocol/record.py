@@ -192,7 +192,7 @@ class Record:
         raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
 
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
-        """Return what makes the record again, for :mod:`pickle` and :mod:`copy`."""
+        """Return the type and the values, by which a record is pickled and copied."""
         return type(self), type(self).ALL_VALUES(self)
 
     def pack(self) -> bytes:

@@ -221,8 +221,6 @@ class BoardOutput:
         self._sounding = True
         self._timers.latched(self.now_us, self.config)
         self._end_ramp_if_restored()
-        radiated = self.sounded(self._radiate(drive, self.now_us))
-        ramping = self._timers.ramp is not None
         # The order of the fields, here and where else every frame makes one: quicker than by name.
         latch = Latch(
             key,
@@ -232,8 +230,8 @@ class BoardOutput:
             late,
             drive,
             bits,
-            radiated,
-            ramping,
+            self.sounded(self._radiate(drive, self.now_us)),
+            self._timers.ramp is not None,
             t_received_us,
         )
         self.latched = latch
