@@ -8,13 +8,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.acoustics.model.boards.table import LAYOUTS
-from haptogram.acoustics.model.boards.ultraino_file import SUFFIXES, read_ultraino_array
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import DEFAULT_ARRAY, BoardConfig
 from haptogram.settings.faults.kinds import REPORTS
@@ -26,8 +25,10 @@ from .board.settings import BoardSettings
 from .dialects.emulation import Emulation
 from .dialects.simulated.unit import SimulatedBoard
 from .faults.clock import faulty_clock
-from .faults.injector import FaultInjector
 from .mutants import mutant_parts
+
+if TYPE_CHECKING:
+    from .dialects.emulation import Emulation
 
 # Another board has no frames with a CRC, no reports, and no clock that it shows.
 _OF_HAPTOGRAM: Final = (*REPORTS, "clock.offset", "clock.wrap", "clock.step")
@@ -85,6 +86,8 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
 def _with_checked_faults(blueprint: Blueprint) -> Blueprint:
     """Return *blueprint*, or refuse a fault that its array or its clock cannot have."""
     if blueprint.faults.faults:
+        from .faults.injector import FaultInjector
+
         healthy = blueprint.parts.clock(blueprint.settings.boot_us)
         FaultInjector(blueprint.faults, blueprint.settings, faulty_clock(blueprint.faults, healthy))
     return blueprint
@@ -140,6 +143,8 @@ class _Emitters:
 
 def _blueprint_emitters(config: BoardConfig, emulation: Emulation, options: Settings) -> _Emitters:
     """Return the transducers that *config* names, or those of the dialect."""
+    from haptogram.acoustics.model.boards.ultraino_file import SUFFIXES
+
     text = config.array
     if text == DEFAULT_ARRAY:
         array = emulation.layout(options).array()
@@ -156,6 +161,8 @@ def _blueprint_emitters(config: BoardConfig, emulation: Emulation, options: Sett
 
 def _blueprint_from_ultraino(path: Path, emulation: Emulation) -> _Emitters:
     """Return the emitters of an array file; the program's corrections undo how they are mounted."""
+    from haptogram.acoustics.model.boards.ultraino_file import read_ultraino_array
+
     found = read_ultraino_array(path, emulation.numbered_by)
     mounted = None
     if found.corrections_rad.any():

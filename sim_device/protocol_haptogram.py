@@ -16,7 +16,7 @@ from __future__ import annotations
 import time
 import weakref
 from collections.abc import Callable, MutableMapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import serial
 
@@ -27,11 +27,13 @@ from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url
 
 from .backdoor.recorder import InlineReconstructionWorker
 from .backdoor.records import Record, backdoor_record_line
-from .backdoor.sinks import FileSink, SocketSink, open_backdoor_sink
-from .backdoor.worker import ReconstructionWorker
 from .blueprint import Blueprint, blueprint_of
 from .board.settings import BoardSettings
 from .simulation import Simulation, SimulationRecorder
+
+if TYPE_CHECKING:
+    from .backdoor.sinks import FileSink, SocketSink
+    from .backdoor.worker import ReconstructionWorker
 
 #: Ports whose board others reach as well, as long as it runs.
 _SHARED: Final[MutableMapping[str, Serial]] = weakref.WeakValueDictionary()
@@ -174,11 +176,15 @@ class Serial(serial.SerialBase):
             return []
         wanted = reconstruct is not False
         if backdoor is not None and not self._is_virtual:
+            from .backdoor.worker import ReconstructionWorker
+
             self._worker = ReconstructionWorker(settings, backdoor, reconstruct=wanted)
             return [self._worker]
         write: Callable[[Record], object] = self._records.append
         told: list[Observation] | None = self._observations
         if backdoor is not None:
+            from .backdoor.sinks import open_backdoor_sink
+
             self._sink = sink = open_backdoor_sink(backdoor)
             told = None
             write = lambda record: sink.write(backdoor_record_line(record))  # noqa: E731  one line, used once
@@ -317,9 +323,11 @@ class Serial(serial.SerialBase):
         """
         self._check_cable()
         data = bytes(b)
-        deadline_ns = self._deadline_ns(self._write_timeout)
         sent = self._put(data)
-        while sent < len(data) and self._write_timeout != 0:
+        if sent == len(data) or self._write_timeout == 0:
+            return sent
+        deadline_ns = self._deadline_ns(self._write_timeout)
+        while sent < len(data):
             if self._is_over(deadline_ns):
                 raise serial.SerialTimeoutException("Write timeout")
             self._pass_time(deadline_ns)

@@ -7,7 +7,7 @@ to event, so a run on the wall clock and one in virtual time are the same code.
 from __future__ import annotations
 
 import dataclasses
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from haptogram.records.remark import About
 from haptogram.settings.faults.plan import FaultPlan
@@ -21,14 +21,17 @@ from .board.settings import BoardSettings
 from .dialects.haptogram import VirtualHaptogramDialect
 from .dialects.virtual_dialect import VirtualDialect
 from .faults.clock import faulty_clock
-from .faults.injector import FaultInjector
 from .line.uart import Uart, uart_to_board, uart_to_host
+
+if TYPE_CHECKING:
+    from .faults.injector import FaultInjector
 
 HOST_BUFFER: Final = 65_536  # bytes that a host may leave unread before the board holds back
 LINE_BUFFER: Final = 16_384  # bytes that a host may write ahead of the line: as a pty takes
 _LINE_CHUNK: Final = MAX_ENCODED_BYTES + 2  # handed to the line at a time: the longest frame
 _LINES: Final = {"down": "to_board", "up": "to_host"}
 MAX_CREDIT_NS: Final = 100_000_000  # most line time that a stalled process may catch up
+_NEVER_NS: Final = 1 << 80
 _TOGETHER_US: Final = 1_000_000  # longest playback whose latches reach the recorders together
 
 
@@ -99,6 +102,8 @@ class Simulation:
         self._clock = parts.clock(settings.boot_us)
         self._injector: FaultInjector | None = None
         if faults is not None and faults.faults:
+            from .faults.injector import FaultInjector
+
             self._clock = faulty_clock(faults, self._clock)
             self._injector = FaultInjector(faults, settings, self._clock)
             self._injector.has_left(0)
@@ -115,8 +120,9 @@ class Simulation:
         self._unread = bytearray()
         self._unread_lost = 0
         self.now_ns = 0
-        self._next_ns: int | None = None  # next event, as long as nothing changes it
-        self._is_next_known = False
+        self._idle_until_ns = 0  # nothing happens before by itself; 0: not known
+        # An injector changes with time, and a board that runs ahead when it is asked.
+        self._changes_unasked = self._injector is not None or self.dialect.ahead is not None
         self._record()  # some boards radiate from power-up on
 
     def device_us(self, t_ns: int) -> int:
@@ -161,7 +167,7 @@ class Simulation:
     def host_read(self, limit: int | None = None) -> bytes:
         """Return bytes that have come from the board, at most *limit*."""
         if len(self._unread) >= HOST_BUFFER:  # the board may go on
-            self._is_next_known = False
+            self._idle_until_ns = 0
         taken = bytes(self._unread[:limit])
         del self._unread[: len(taken)]
         self._feed_line()
@@ -169,7 +175,7 @@ class Simulation:
 
     def unplug(self) -> None:
         """Lose what is on the line and what the host has not read: it has closed the port."""
-        self._is_next_known = False
+        self._idle_until_ns = 0
         self._down.cut()
         self._up.cut()
         if self._probe is not None:
@@ -183,7 +189,7 @@ class Simulation:
         if isinstance(self.dialect, VirtualHaptogramDialect):
             self._end_idle_time()
             self.dialect.raise_hardware_fault()
-            self._is_next_known = False
+            self._idle_until_ns = 0
             self._record()
             self._feed_line()
 
@@ -193,7 +199,7 @@ class Simulation:
         for recorder in self._recorders:
             recorder.notice(PowerDown(self.dialect.now_us))
         self.dialect.power_down()
-        self._is_next_known = False
+        self._idle_until_ns = 0
         self._record()
         self.report_counts()
 
@@ -237,13 +243,12 @@ class Simulation:
 
     def next_event_ns(self) -> int | None:
         """Return when something happens next by itself, or None."""
-        if not self._is_next_known:
-            self._next_ns = self._first_event_ns()
-            self._is_next_known = self._injector is None  # whose changes depend on the time
-        next_ns = self._next_ns
-        return self.now_ns if next_ns is not None and next_ns < self.now_ns else next_ns
+        next_ns = self._idle_until_ns or self._first_event_ns()
+        if not self._changes_unasked:
+            self._idle_until_ns = next_ns
+        return None if next_ns == _NEVER_NS else max(next_ns, self.now_ns)
 
-    def _first_event_ns(self) -> int | None:
+    def _first_event_ns(self) -> int:
         times_ns: list[int] = []
         if (board_us := self.dialect.next_event_us()) is not None:
             times_ns.append(self._clock.reached_ns(board_us))
@@ -256,7 +261,7 @@ class Simulation:
         if self._injector is not None:
             change_ns = self._injector.next_change_ns(self.now_ns)
             times_ns += [] if change_ns is None else [change_ns]
-        return min(times_ns, default=None)
+        return min(times_ns, default=_NEVER_NS)
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*.
@@ -268,11 +273,12 @@ class Simulation:
         """
         if t_ns < self.now_ns:
             raise ValueError(f"simulation is at {self.now_ns} ns, cannot go back to {t_ns} ns")
-        self._run_ahead(t_ns)
-        while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
-            self._step(next_ns)
-            self._play_on(t_ns)
+        if t_ns >= self._idle_until_ns:
             self._run_ahead(t_ns)
+            while (next_ns := self.next_event_ns()) is not None and next_ns <= t_ns:
+                self._step(next_ns)
+                self._play_on(t_ns)
+                self._run_ahead(t_ns)
         self.now_ns = t_ns
 
     def advance_to_output(self, t_ns: int) -> None:
@@ -293,7 +299,7 @@ class Simulation:
             up_ns = self._up.next_event_ns(_frame_end)
             until_ns = t_ns if up_ns is None else min(t_ns, up_ns)
             self.dialect.ahead.run_ahead(self._clock.device_us(until_ns))
-            self._is_next_known = False
+            self._idle_until_ns = 0
 
     def _play_on(self, t_ns: int) -> None:
         """Let a board play up to *t_ns*, if the line has nothing to do with its latches.
@@ -307,17 +313,17 @@ class Simulation:
         if dialect.board.is_playing:
             dialect.play_to(min(self._clock.device_us(t_ns), dialect.now_us + _TOGETHER_US))
             self.now_ns = max(self.now_ns, self._clock.reached_ns(dialect.now_us))
-            self._is_next_known = False
+            self._idle_until_ns = 0
             self._record()
 
     def _end_idle_time(self) -> None:
         """Advance the board from its last event to now."""
         self.dialect.advance_to(self._clock.device_us(self.now_ns))
-        self._is_next_known = False
+        self._idle_until_ns = 0
         self._record()
 
     def _step(self, t_ns: int) -> None:
-        self.now_ns, self._is_next_known = t_ns, False
+        self.now_ns, self._idle_until_ns = t_ns, 0
         if self._injector is not None and self._injector.has_left(t_ns):
             self.unplug()
         t_us = self._clock.device_us(t_ns)
@@ -350,7 +356,7 @@ class Simulation:
             self._put(line, direction, chunk.data, chunk.t_ns, credit_ns)
 
     def _put(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int) -> None:
-        self._is_next_known = False
+        self._idle_until_ns = 0
         begin_ns = max(t_ns - credit_ns, line.free_ns)
         line.send(data, t_ns - credit_ns)
         if self.dialect.announce is not None and line is self._down:

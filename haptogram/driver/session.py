@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import random
-import secrets
 from collections.abc import Callable, Iterable
 from typing import Any, Final, TypeAlias
 
@@ -204,7 +203,7 @@ def choose_session_nonce(nonce: int | None, seed: int | None) -> int:
         return check_whole("nonce", nonce, 1, 0xFFFF)
     if seed is not None:
         return random.Random(check_whole("seed", seed, 0, MOST_SEED)).randint(1, 0xFFFF)
-    return secrets.randbelow(0xFFFF) + 1
+    return random.SystemRandom().randint(1, 0xFFFF)
 
 
 class DriverSession:

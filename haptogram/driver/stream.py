@@ -275,12 +275,11 @@ class _StreamRun:
         """Wait until it is time to send the frame that is due at *due_us*."""
         self._pinger.keep()
         self._read_status()
-        while (now_ns := self._link.now_ns()) + _WATCH_NS < self._at_ns(due_us):
+        # From the newest estimate, so that the lead stays what it is while the clocks drift.
+        while (now_ns := self._link.now_ns()) + _WATCH_NS < (deadline_ns := self._at_ns(due_us)):
             self._link.run_until(now_ns + _WATCH_NS)
             self._pinger.keep()
-        # From the newest estimate, so that the lead stays what it is while the clocks drift.
-        self._deadline_ns = self._at_ns(due_us)
-        self._wake_ns = self._loop.wait(self._deadline_ns)
+        self._deadline_ns, self._wake_ns = deadline_ns, self._loop.wait(deadline_ns)
 
     def _at_ns(self, due_us: int) -> int:
         clock = self._pinger.clock
@@ -299,14 +298,14 @@ class _StreamRun:
         t_latest_us, t_sent_us
             Of :class:`~haptogram.records.frame.Intended`.
         """
-        link = self._link
-        latest_us = arrival_us - -(-self._safety.ns // 1000)
+        link, margin_ns = self._link, self._safety.ns
+        latest_us = arrival_us - -(-margin_ns // 1000)
         ready_ns = room_ns = link.now_ns()
         in_time = realtime.can_arrive_by_deadline(
             now_ns=ready_ns,
             line_free_ns=link.line.free_ns,
             transmission_ns=link.transmission_ns(wire),
-            due_ns=self._pinger.clock.to_host_ns(arrival_us) - self._safety.ns,
+            due_ns=self._pinger.clock.to_host_ns(arrival_us) - margin_ns,
         )
         if in_time:
             room_ns = link.write_frame(wire)
@@ -318,7 +317,7 @@ class _StreamRun:
         self.ticks.record(realtime.TickStamps(*stamps, done_ns, free_ns))
         if not in_time:
             return latest_us, None
-        return latest_us, self._pinger.clock.to_device_us(max(link.now_ns(), link.line.free_ns))
+        return latest_us, self._pinger.clock.to_device_us(max(done_ns, free_ns))
 
     def wait_for_queue(self, due_us: int) -> None:
         """Wait until the last frame is latched; no frame but a ping renews the lease meanwhile."""

@@ -256,10 +256,17 @@ def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
 
 def _wrap_shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:
     """Return the whole wraps between two counts, from the first frame that was due and latched."""
-    due_us = {frame.key: frame.t_apply_us for frame in intended if frame.t_apply_us is not None}
-    for key, t_us in latched:
-        if key in due_us:
-            return unwrap(t_us, due_us[key], 32) - t_us
+    frames = ((frame.key, frame.t_apply_us) for frame in intended)
+    due_us: dict[FrameKey, int] = {}
+    for latched_key, t_us in latched:
+        if latched_key not in due_us:  # most often the first latch is of the first frame
+            for key, t_apply_us in frames:
+                if t_apply_us is not None:
+                    due_us[key] = t_apply_us
+                if key == latched_key:
+                    break
+        if latched_key in due_us:
+            return unwrap(t_us, due_us[latched_key], 32) - t_us
     return 0
 
 

@@ -6,10 +6,9 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from haptogram.acoustics import AcousticModel
-from haptogram.driver.dialect_driver import DialectDriver
 from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import BITS_PER_BYTE, frame_bytes_on_line
 from haptogram.driver.line.port import Transport
@@ -21,12 +20,15 @@ from haptogram.evidence.dialects.latches import (
     dialect_run_observations,
     has_dialect_latched_all,
 )
-from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.records.frame import Observation
 from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import Progress
 from haptogram_protocol.messages import Feature, HelloReply, StateChanged, TraceDrive, TraceMode
 from haptogram_protocol.state import OutputState
+
+if TYPE_CHECKING:
+    from haptogram.driver.dialect_driver import DialectDriver
+    from haptogram.evidence.virtual_board import VirtualBoard
 
 _TRACE_SHARE: Final = 0.5  # share of the line from the board for traces with drives
 _AFTER_LAST_NS: Final = 5_000_000
@@ -38,7 +40,7 @@ _QUEUE_S: Final = 2.0  # wait for its queue
 _POLL_S: Final = 0.01
 
 _Records: TypeAlias = Sequence[Mapping[str, Any]]
-AnyDriver: TypeAlias = Driver | DialectDriver
+AnyDriver: TypeAlias = "Driver | DialectDriver"
 
 
 class BoardUnderTest:

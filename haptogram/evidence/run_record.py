@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Final, cast
 from haptogram import verification
 from haptogram.acoustics import AcousticModel, Calibration, TransducerArray
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.driver.dialect_driver import DialectDriver, DialectReport
 from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, DEFAULT_UNATTENDED_MS, Driver
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.line.port import open_transport
@@ -21,7 +20,6 @@ from haptogram.driver.stream import StreamReport
 from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import AnyDriver, BoardUnderTest
 from haptogram.evidence.dialects.latches import upload_loss_text
-from haptogram.evidence.recordings.tap import RecordingTransport
 from haptogram.machine.terminal import printable_on_terminal
 from haptogram.objects import run_frames
 from haptogram.objects.modulation import FocusFrames
@@ -35,6 +33,8 @@ from haptogram_protocol.messages import GROWING_COUNTERS, Counters, HelloReply, 
 
 if TYPE_CHECKING:
     from haptogram.acoustics.solvers.several import Method
+    from haptogram.driver.dialect_driver import DialectDriver, DialectReport
+    from haptogram.evidence.recordings.tap import RecordingTransport
     from haptogram.evidence.recordings.writer import RecordingWriter
 
 _UNDER_WAY_US: Final = 5_000  # time until the first frame after a silence is at the board
@@ -208,6 +208,8 @@ def recorded_port_of_run(
     board: BoardUnderTest, baudrate: int, writer: RecordingWriter
 ) -> RecordingTransport:
     """Return the open port of *board*, written down."""
+    from haptogram.evidence.recordings.tap import RecordingTransport
+
     port = board.port
     transport = open_transport(port, baudrate=baudrate) if isinstance(port, str) else port
     if board.is_in_process:
@@ -461,6 +463,8 @@ def measure_run_of_dialect(
         model = model.calibrated(boards.mounting)
     elements = _calibration_of_run(config)
     tap = None if writer is None else recorded_port_of_run(board, config.link.baud, writer)
+    from haptogram.driver.dialect_driver import DialectDriver
+
     driver = DialectDriver(
         tap or board.port,
         dialect=boards.dialect,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 import platform
 import sys
@@ -22,7 +21,7 @@ def machine_fingerprint() -> dict[str, Any]:
         "cpu": _machine_cpu_model(),
         "cpus": os.cpu_count(),
         "cpus_usable": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None,
-        "kernel": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "kernel": _machine_kernel(),
         "preemption": _machine_preemption(),
         "governor": _read_machine_file(_CPU0 / "cpufreq/scaling_governor"),
         "clock_source": _read_machine_file(
@@ -30,10 +29,17 @@ def machine_fingerprint() -> dict[str, Any]:
         ),
         "virtualisation": _machine_virtualisation(),
         "load_1_min": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
-        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "python": _machine_python(),
         "haptogram": haptogram.__version__,
         "packages": {name: package_version(name) for name in _PACKAGES},
     }
+
+
+def machine_text() -> str:
+    """Return processor, number of processors, kernel and Python in a line."""
+    count = os.cpu_count()
+    processors = f"{count} processor{'' if count == 1 else 's'}"
+    return ", ".join([_machine_cpu_model(), processors, _machine_kernel(), _machine_python()])
 
 
 def fingerprint_cpu_times() -> dict[str, int]:
@@ -56,7 +62,15 @@ def fingerprint_cpu_share(before: dict[str, int], after: dict[str, int]) -> dict
 def _machine_cpu_model() -> str:
     text = _read_machine_file(_PROC / "cpuinfo") or ""
     names = (line.split(":", 1)[1].strip() for line in text.splitlines() if "model name" in line)
-    return next(names, platform.processor() or platform.machine())
+    return next(names, "") or platform.processor() or platform.machine()
+
+
+def _machine_kernel() -> str:
+    return f"{platform.system()} {platform.release()} {platform.machine()}"
+
+
+def _machine_python() -> str:
+    return f"{platform.python_implementation()} {platform.python_version()}"
 
 
 def _machine_preemption() -> str | None:
@@ -84,6 +98,8 @@ def _read_machine_file(path: Path) -> str | None:
 
 def package_version(package: str) -> str | None:
     """Return the version of *package*; None: it is not installed."""
+    import importlib.metadata  # 15 ms
+
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import datetime
 import time
 from dataclasses import dataclass, field
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import haptogram
 from haptogram.errors import ConfigurationError
 
-from .fingerprint import machine_fingerprint
+from .fingerprint import machine_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +57,7 @@ class Provenance:
         date = (
             datetime.datetime.now(datetime.UTC) if stamp is None else read_provenance_stamp(stamp)
         )
-        machine = _provenance_machine_text(machine_fingerprint())
-        return cls(date, machine, command, is_stamped=stamp is not None)
+        return cls(date, machine_text(), command, is_stamped=stamp is not None)
 
     def of_virtual_time(self) -> Provenance:
         """Return the origin of a result that repeats byte for byte.
@@ -116,8 +115,3 @@ def read_provenance_stamp(text: str) -> datetime.datetime:
 
 #: The origin of a result if only the version is stated.
 UNSTATED: Final = Provenance()
-
-
-def _provenance_machine_text(found: dict[str, Any]) -> str:
-    processors = f"{found['cpus']} processor{'' if found['cpus'] == 1 else 's'}"
-    return ", ".join([found["cpu"], processors, found["kernel"], found["python"]])

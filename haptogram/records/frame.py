@@ -45,7 +45,7 @@ class Evidence(enum.StrEnum):
     SIMULATED = "simulated"  # drive pins of firmware that runs in a simulator
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@dataclass(slots=True, order=True, unsafe_hash=True)  # as Intended
 class FrameKey:
     """The key of one drive, by which the records of host and board are joined.
 
@@ -135,6 +135,10 @@ class Focus:
 
 def _as_focus_position(position_m: Any) -> tuple[float, float, float]:
     """Return *position_m* (3,) as three floats, or raise."""
+    if type(position_m) in (list, tuple) and len(position_m) == 3:
+        x, y, z = position_m
+        if type(x) is type(y) is type(z) is float and math.isfinite(x + y + z):
+            return x, y, z
     try:
         if isinstance(position_m, str | bytes | Mapping | Set) or len(position_m) != 3:
             raise TypeError

@@ -125,7 +125,8 @@ def verify_run(
     for observation in _without_earlier(intended, latched) if not_kept else latched:
         seen[observation.key].append(observation)
     for latches in seen.values():
-        latches.sort(key=lambda latch: latch.t_latch_us)
+        if len(latches) > 1:
+            latches.sort(key=lambda latch: latch.t_latch_us)
     judge = FrameJudge(
         model,
         carrier_us=max(1, round(1e6 / model.frequency_hz)),
@@ -141,16 +142,16 @@ def verify_run(
     verdicts = judge.judge_all(
         (f, some[0]) for f, some in zip(intended, every, strict=True) if some
     )
-    dues = due_frames_of_consequences(intended, every)
-    for number, (wanted, latches, due) in enumerate(zip(intended, every, dues, strict=True)):
+    dues = functools.cache(lambda: [*due_frames_of_consequences(intended, every)])
+    for number, (wanted, latches) in enumerate(zip(intended, every, strict=True)):
         if latches:
             verdict = next(verdicts)
             if _is_run_frame_unnamed(verdict, latches[0]):
                 verdict = _named_by_other_frame(verdict, latches[0], drives())
         else:
-            verdict = missed.judge(wanted, due)
+            verdict = missed.judge(wanted, dues()[number])
         if verdict.late or verdict.status in MISSED:
-            held = focus_still_held(hold(), due, quiet_us)
+            held = focus_still_held(hold(), dues()[number], quiet_us)
             effect = consequence_of_held_focus(model, wanted, held)
             verdict = dataclasses.replace(verdict, consequence=effect)
         seen_by_board = sum(latch.evidence is not Evidence.WIRE for latch in latches)
@@ -162,7 +163,7 @@ def verify_run(
             missed.latched(latches[0].t_latch_us)
         elif unseen is not None and verdict.status is not FrameStatus.LOST:
             # Who knows whether it was latched?
-            hold = functools.partial(HeldFocus, None, verdict.target_m, due.latest_us)
+            hold = functools.partial(HeldFocus, None, verdict.target_m, dues()[number].latest_us)
         if progress is not None:
             progress(number + 1, len(intended))
     run = _conclude_run_verdict(frames, sorted(seen), min_verified, cut, quiet_us, not_kept, losses)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import operator
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,7 +32,7 @@ _SPREAD: Final = ("mean", "std", "min", "max")
 _NAMED_FRAMES: Final = 8  # the JSON names all
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RunVerdict(Judged):
     """The verdict on a run; it is true if the run passed, and only then.
 
@@ -131,7 +132,7 @@ class RunVerdict(Judged):
         known = [miss for miss in misses if miss is not None]
         return max(known) if known and len(known) == len(misses) else None
 
-    @property
+    @functools.cached_property
     def place_uncertainty(self) -> VerdictUncertainty | None:
         """Uncertainty of the place of the least known focus; None: no frame tells."""
         found = [f.uncertainty_mm for f in self.frames if f.uncertainty_mm is not None]
@@ -143,6 +144,10 @@ class RunVerdict(Judged):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result for JSON: no host, date or duration, so that it repeats."""
+        return dict(self._result)
+
+    @functools.cached_property
+    def _result(self) -> dict[str, Any]:
         coherence, pressure = self.values("coherence"), self.values("pressure_rms_pa")
         force_mn = 1e3 * self.values("force_n")
         evidence = sorted({str(f.evidence) for f in self.frames if f.evidence is not None})
@@ -321,7 +326,15 @@ def worst_frame_of(frames: Sequence[FrameVerdict]) -> FrameVerdict:
 def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
     if not len(values):
         return dict.fromkeys(names.split())
-    return {name: float(np.percentile(values, _PERCENTILES[name])) for name in names.split()}
+    return {name: _percentile(np.sort(values), _PERCENTILES[name]) for name in names.split()}
+
+
+def _percentile(ordered: np.ndarray, percent: float) -> float:
+    """Return that of :func:`numpy.percentile`, which would import numpy.ma: 10 ms."""
+    place = (len(ordered) - 1) * (percent / 100.0)
+    low, high = ordered[int(place)], ordered[min(int(place) + 1, len(ordered) - 1)]
+    share = place - int(place)
+    return float(low + (high - low) * share if share < 0.5 else high - (high - low) * (1.0 - share))
 
 
 def _run_verdict_spread(values: np.ndarray) -> dict[str, float | None]:

@@ -10,6 +10,7 @@ other error. The rules about when a message may be sent live in :mod:`.connectio
 from __future__ import annotations
 
 import enum
+import functools
 import re
 import struct
 from typing import ClassVar, Final, Self
@@ -388,8 +389,13 @@ def drive_codes(message: Message, transducers: int) -> tuple[bytes, bytes] | Non
             f"{len(message.data)} bytes of codes; {transducers} transducers take {count}",
             reason="bad_length",
         )
-    amplitudes = message.data[transducers:] or bytes([_FULL_AMPLITUDE]) * transducers
+    amplitudes = message.data[transducers:] or _full_amplitudes(transducers)
     return message.data[:transducers], amplitudes
+
+
+@functools.cache
+def _full_amplitudes(transducers: int) -> bytes:
+    return bytes([_FULL_AMPLITUDE]) * transducers
 
 
 # --- Configuration and geometry: chapter 7 --------------------------------------------------------

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-import functools
 import operator
 import struct
 from collections.abc import Callable, Sequence
@@ -149,8 +148,8 @@ class Record:
         Tail after the fixed part.
     ITEMS : int
         Number of values that :mod:`struct` packs for the fixed part.
-    VALUES : callable
-        Returns the values of the fixed fields of a record.
+    VALUES, ALL_VALUES : callable
+        Return the values of the fixed fields of a record, and of all of them.
     CONVERTED : tuple
         Place, name and form of the fields that are not plain numbers; most records have none.
     """
@@ -161,7 +160,40 @@ class Record:
     TAIL: ClassVar[WireTail | None]
     ITEMS: ClassVar[int]
     VALUES: ClassVar[Callable[[Record], tuple[Any, ...]]]
+    ALL_VALUES: ClassVar[Callable[[Record], tuple[Any, ...]]]
     CONVERTED: ClassVar[tuple[tuple[int, str, WireField], ...]]
+
+    # As frozen dataclasses have them, which write the code of these methods anew for each class: in
+    # all, half of the time in which this package is imported.
+
+    def __repr__(self) -> str:
+        """Return the record as the call that makes it."""
+        names = [field.name for field in dataclasses.fields(cast(Any, self))]
+        values = zip(names, type(self).ALL_VALUES(self), strict=True)
+        told = ", ".join(f"{name}={value!r}" for name, value in values)
+        return f"{type(self).__qualname__}({told})"
+
+    def __eq__(self, other: object) -> bool:
+        """Return True for a record of the same type and values."""
+        if other.__class__ is not self.__class__:
+            return NotImplemented
+        return type(self).ALL_VALUES(self) == type(self).ALL_VALUES(other)
+
+    def __hash__(self) -> int:
+        """Return the hash of the values."""
+        return hash(type(self).ALL_VALUES(self))
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse to change a record."""
+        raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
+
+    def __delattr__(self, name: str) -> None:
+        """Refuse to change a record."""
+        raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
+        """Return the type and the values, by which a record is pickled and copied."""
+        return type(self), type(self).ALL_VALUES(self)
 
     def pack(self) -> bytes:
         """Return the bytes of the record.
@@ -278,20 +310,23 @@ def _record_getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]
     """Return a function that gets all attributes *names* of a record."""
     if len(names) > 1:
         return operator.attrgetter(*names)
-    return lambda record: tuple(getattr(record, name) for name in names)
+    if not names:
+        return lambda _: ()
+    (name,) = names
+    return lambda record: (getattr(record, name),)
 
 
 def _set_record_init(made: Any) -> None:
-    """Give a frozen dataclass with slots an ``__init__`` that sets each slot directly.
-
-    That of :mod:`dataclasses` sets them by ``object.__setattr__``, in twice the time.
-    """
-    names = [field.name for field in dataclasses.fields(made)]
-    slots: dict[str, Any] = {f"_set_{name}": getattr(made, name).__set__ for name in names}
-    body = "; ".join(f"_set_{name}(self, {name})" for name in names) or "pass"
-    exec(f"def __init__(self, {', '.join(names)}): {body}", slots)
-    init: Any = functools.wraps(made.__init__)(slots["__init__"])
-    init.__defaults__ = made.__init__.__defaults__
+    """Give a dataclass with slots an ``__init__`` that sets each slot directly."""
+    fields = {field.name: field for field in dataclasses.fields(made)}
+    slots: dict[str, Any] = {f"_set_{name}": getattr(made, name).__set__ for name in fields}
+    body = "; ".join(f"_set_{name}(self, {name})" for name in fields) or "pass"
+    exec(f"def __init__(self, {', '.join(fields)}): {body}", slots)
+    init = slots["__init__"]
+    usual = (field.default for field in fields.values())
+    init.__defaults__ = tuple(one for one in usual if one is not dataclasses.MISSING)
+    init.__annotations__ = {name: field.type for name, field in fields.items()} | {"return": None}
+    init.__qualname__ = f"{made.__qualname__}.__init__"
     made.__init__ = init
 
 
@@ -301,8 +336,9 @@ _R = TypeVar("_R", bound=Record)
 @dataclass_transform(frozen_default=True, field_specifiers=(wire, nested, tail, repeated))
 def record(cls: type[_R]) -> type[_R]:
     """Make *cls* a frozen dataclass with ``LAYOUT``, ``WIRE`` and ``TAIL`` from its fields."""
-    made = dataclasses.dataclass(frozen=True, slots=True)(cls)
+    made: Any = dataclasses.dataclass(slots=True, init=False, repr=False, eq=False)(cls)
     _set_record_init(made)
+    made.ALL_VALUES = _record_getter(tuple(field.name for field in dataclasses.fields(made)))
     made.WIRE, made.TAIL = _wire_fields(made)
     made.LAYOUT = struct.Struct("<" + "".join(field.code for field in made.WIRE.values()))
     made.VALUES = _record_getter(tuple(made.WIRE))
@@ -312,4 +348,4 @@ def record(cls: type[_R]) -> type[_R]:
         for place, (name, field) in enumerate(made.WIRE.items())
         if not field.is_number
     )
-    return made
+    return cast(type[_R], made)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Hashable, Sequence
-from typing import Any, Final, TypeVar
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from haptogram.acoustics import AcousticModel, NoFocus, Reconstruction, Reconstructor
-from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
-from haptogram.acoustics.reconstruct.patterns.found import Pattern
+from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
 from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.records.latch import LatchRecord
@@ -17,6 +16,10 @@ from haptogram.records.latch import LatchRecord
 from ..board import events
 from ..board.settings import BoardSettings
 from . import records
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
+    from haptogram.acoustics.reconstruct.patterns.found import Pattern
 
 _Estimate = TypeVar("_Estimate")
 
@@ -72,6 +75,8 @@ class BackdoorEstimator:
         return _remembered(self._patterns, latch, self._classified)
 
     def _classified(self, latch: events.PulseLatch) -> Pattern:
+        from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
+
         steps = self._coarsest(latch)
         if steps not in self._classifiers:
             self._classifiers[steps] = PatternClassifier(self._model, steps)
@@ -102,8 +107,8 @@ def _remembered(
 
 def _forget_oldest(known: dict[Hashable, Any]) -> None:
     """Keep within the bounds of the memory."""
-    while len(known) > MEMORY_DRIVES:
-        del known[next(iter(known))]
+    for key in list(islice(known, max(0, len(known) - MEMORY_DRIVES))):
+        del known[key]
 
 
 def _drive_of_latch_record(latch: events.AnyLatch) -> tuple[Hashable, ...]:

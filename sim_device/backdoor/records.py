@@ -7,14 +7,16 @@ import dataclasses
 import enum
 import json
 from collections.abc import Mapping
-from typing import Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from haptogram.acoustics import Reconstruction
-from haptogram.acoustics.reconstruct.patterns.found import Pattern, pattern_dict
 from haptogram.records.model import calibration_record_fields, model_record_fields
 
 from ..board import events
 from ..board.settings import BoardSettings
+
+if TYPE_CHECKING:
+    from haptogram.acoustics.reconstruct.patterns.found import Pattern
 
 VERSION: Final = 1
 
@@ -100,6 +102,8 @@ def backdoor_pulse_record(
     samples of the amplitude (0 to 255) with their rate, which repeat from this latch on.
     ``phase_steps`` says to half of which step the board has computed its phases, or is null.
     """
+    from haptogram.acoustics.reconstruct.patterns.found import pattern_dict
+
     pulses, modulation = latch.pulses, latch.modulation
     samples: Record | str | None = "unchanged"
     if modulation is None:

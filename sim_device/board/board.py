@@ -223,14 +223,14 @@ class Board:
         ready_us = self._ready_us(frame.content)
         t_apply_us = ready_us if frame.t_apply_us is None else frame.t_apply_us
         return QueueEntry(
-            index=frame.index,
-            t_apply_us=t_apply_us,
-            t_ready_us=ready_us,
-            t_latch_us=self.output.boundary_us(max(t_apply_us, ready_us)),
-            late=t_apply_us < ready_us,
-            t_received_us=self.output.now_us,
-            drive=drive,
-            commanded_bits=bits,
+            frame.index,
+            t_apply_us,
+            ready_us,
+            self.output.boundary_us(max(t_apply_us, ready_us)),
+            t_apply_us < ready_us,
+            self.output.now_us,
+            drive,
+            bits,
         )
 
     def _latch_stream(self) -> None:

@@ -224,16 +224,16 @@ class BoardOutput:
         if self._ramping:
             self._end_ramp_if_restored()
         latch = Latch(
-            key=key,
-            session=self.session,
-            number=self._latches,
-            t_latch_us=self.now_us,
-            late=late,
-            drive=drive,
-            commanded_bits=bits,
-            radiated=self.sounded(self._radiate(drive, self.now_us)),
-            ramping=self._timers.ramp is not None,
-            t_received_us=t_received_us,
+            key,
+            self.session,
+            self._latches,
+            self.now_us,
+            late,
+            drive,
+            bits,
+            self.sounded(self._radiate(drive, self.now_us)),
+            self._timers.ramp is not None,
+            t_received_us,
         )
         self.latched = latch
         self._last_boundary_us = self.now_us

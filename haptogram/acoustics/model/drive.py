@@ -6,6 +6,7 @@ e^{-j w t} the weight is w = A e^{j phi}, phi = 2 pi c / 2^b: positive phi is a 
 
 from __future__ import annotations
 
+import functools
 import math
 import zlib
 from collections.abc import Mapping
@@ -114,6 +115,14 @@ class Drive:
     @classmethod
     def from_bytes(cls, phases: bytes, amplitudes: bytes, phase_bits: int = REGISTER_BITS) -> Self:
         """Return the drive of :attr:`phase_bytes` and of a byte for each amplitude."""
+        are_bytes = type(phases) is bytes and type(amplitudes) is bytes
+        is_usual = phase_bits == REGISTER_BITS and 0 < len(phases) <= MAX_TRANSDUCERS
+        if are_bytes and is_usual and len(phases) == len(amplitudes):  # no code can be wrong
+            drive = object.__new__(cls)
+            object.__setattr__(drive, "phase_codes", np.frombuffer(phases, np.uint8))
+            object.__setattr__(drive, "amplitude_codes", _codes_of_bytes(amplitudes))
+            object.__setattr__(drive, "phase_bits", REGISTER_BITS)
+            return drive
         kind = _CODES_IN_BYTES[_phase_code_type(check_phase_bits(phase_bits))]
         if len(phases) % kind.itemsize:
             raise ConfigurationError(f"{len(phases)} bytes of phases, must be whole codes of 2")
@@ -286,6 +295,12 @@ _CODES_IN_BYTES: Final[Mapping[type[Any], np.dtype[Any]]] = {
     np.uint8: np.dtype(np.uint8),
     np.uint16: np.dtype("<u2"),
 }
+
+
+@functools.lru_cache(maxsize=16)
+def _codes_of_bytes(codes: bytes) -> NDArray[np.uint8]:
+    """Return codes of 8 bits; drives of the same amplitudes share them."""
+    return np.frombuffer(codes, np.uint8)
 
 
 def _as_drive_codes(

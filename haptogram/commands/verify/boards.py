@@ -130,7 +130,6 @@ class RunBoards:
             ProcessBoardUnderTest,
             ShownPortBoardUnderTest,
         )
-        from haptogram.evidence.virtual_board import VirtualBoard
 
         config, port = self.config, self.config.link.port or self._simulated_url
         if port is not None and port.startswith(SCHEME) and self.dialect is not None:
@@ -150,6 +149,8 @@ class RunBoards:
             with self._made.board_in_virtual_time(self.virtual) as board:
                 yield board
         else:
+            from haptogram.evidence.virtual_board import VirtualBoard
+
             with VirtualBoard.of(self.virtual) as process:
                 show(process.backdoor)
                 try:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Drive, check_focus_target, focus_phases
-from haptogram.acoustics.arrays import read_only_array
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE, quantise_phase
 from haptogram.acoustics.solvers.focus import check_focus_targets
 from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
@@ -151,12 +150,11 @@ class FrameBuilder:
         self, foci: Sequence[tuple[Focus, ...]], phases_rad: NDArray[np.float64], solver: Method
     ) -> list[Frame]:
         codes = quantise_phase(phases_rad, REGISTER_BITS)
-        full = np.full(codes.shape[1], FULL_AMPLITUDE, np.uint8)
-        read_only_array(full)  # so that all drives share it
+        full = bytes([FULL_AMPLITUDE]) * codes.shape[1]
         return [
             Frame(
                 group,
-                Drive(np.frombuffer(data, np.uint8), full),
+                Drive.from_bytes(data, full),
                 messages.Phases(data),
                 self._geometry_hash,
                 solver,

@@ -86,16 +86,17 @@ class Frame:
     ) -> Intended:
         """Return the record that it is to be latched."""
         return Intended(
-            number=number,
-            key=key,
-            t_apply_us=t_apply_us,
-            foci=self.foci,
-            drive=self.drive,
-            phase_bits=REGISTER_BITS,
-            board_computed=self.board_computed,
-            solver=self.solver,
-            t_latest_us=t_latest_us,
-            t_sent_us=t_sent_us,
+            number,
+            key,
+            t_apply_us,
+            self.foci,
+            self.drive,
+            REGISTER_BITS,
+            self.board_computed,
+            self.solver,
+            None,
+            t_latest_us,
+            t_sent_us,
         )
 
 

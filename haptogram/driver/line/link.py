@@ -123,6 +123,8 @@ class Link:
         self._push()
         self.idle_since_ns = self.now_ns()
         data = self._transport.read_available(self._wake_ns(deadline_ns))
+        if not (data or self._unwritten or self.connection.outstanding):
+            return  # most turns of a stream
         now_us = self.now_us()
         if data:
             self.connection.receive_data(data, now_us)

@@ -26,7 +26,6 @@ from haptogram.evidence.backdoor import (
 )
 from haptogram.records.frame import Evidence, Intended, Observation
 from haptogram.verification.unnumbered import UnnumberedLatch, observations_of_unnumbered
-from haptogram.verification.watch.latch import OWN_CAUSES, UPLOAD
 from haptogram_protocol.dialects.looks_like import HAPTOGRAM
 
 _PULSES: Final = "pulses"
@@ -65,6 +64,8 @@ def upload_loss_text(records: Sequence[Mapping[str, Any]]) -> str | None:
 
     Frames are judged as they are latched, between the bytes.
     """
+    from haptogram.verification.watch.latch import UPLOAD
+
     channels = [int(channel) for channel in records[0].get("channels", ())] if records else []
     pulses = [record for record in records if record["kind"] == _PULSES]
     if not any(record["cause"] == UPLOAD for record in pulses):
@@ -88,6 +89,8 @@ def upload_loss_text(records: Sequence[Mapping[str, Any]]) -> str | None:
 
 
 def _dialect_latches_of_run(records: Sequence[Mapping[str, Any]]) -> list[UnnumberedLatch]:
+    from haptogram.verification.watch.latch import OWN_CAUSES
+
     channels = [int(channel) for channel in records[0]["channels"]] if records else []
     evidence = evidence_of_records(records)
     found: list[UnnumberedLatch] = []

@@ -14,7 +14,6 @@ from haptogram.acoustics import AcousticModel, NumpyEngine, focus_phases
 from haptogram.acoustics.levels.harmonic import finite_amplitude_text
 from haptogram.acoustics.model.lattice import find_lattice
 from haptogram.verification.frame.criteria import CRITERIA as FRAME_CRITERIA
-from haptogram.verification.pins.pin_verdict import captured_elements_text
 
 NOTHING = "–"
 
@@ -172,6 +171,8 @@ def _run_tolerance_sentence_end(result: Mapping[str, Any]) -> str:
 
 def run_capture_sentences(captures: Mapping[str, Any]) -> Iterator[str]:
     """Yield the verdict of the captures, sentence by sentence."""
+    from haptogram.verification.pins.pin_verdict import captured_elements_text
+
     seen, count = len(captures["elements"]), captures["elements_of_array"]
     yield (
         f"the drive pins of {captured_elements_text(seen, count)} were captured"

@@ -76,7 +76,8 @@ class OrdinaryFrames:
             self._why_not = "a criterion that is not compiled"
         if self._why_not is None:
             self._pistons = ParallelPistons.of(model)
-        self._air_rad_m = uncertainty.speed_share(model.medium) * model.wavenumber
+        self._wavenumber = model.wavenumber
+        self._air_rad_m = uncertainty.speed_share(model.medium) * self._wavenumber
         self._full = bytes([FULL_AMPLITUDE]) * model.array.count
         self._limits: dict[tuple[Any, ...], tuple[float, float]] = {}
 
@@ -155,7 +156,7 @@ class OrdinaryFrames:
             _MM * math.sqrt(bx * bx + by * by + bz * bz),
             VerdictUncertainty(
                 _MM * drift * self._air_rad_m,
-                _MM * scatter * self._model.wavenumber * known.position_mm / _MM,
+                _MM * scatter * self._wavenumber * known.position_mm / _MM,
                 _MM * scatter * known.phase_rad,
             ),
             phase_rad,

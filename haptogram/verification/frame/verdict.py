@@ -245,7 +245,7 @@ class FrameVerdict:
     @property
     def is_silence(self) -> bool:
         """True if the frame was to radiate nothing: there is no focus to miss."""
-        return set(self.criteria) == {"S5"}
+        return [*self.criteria] == ["S5"]
 
     @property
     def target_pressure_rms_pa(self) -> float | None:

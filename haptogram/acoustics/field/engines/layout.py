@@ -70,7 +70,7 @@ class EngineLayout:
         radius_m = float(np.linalg.norm(offsets, axis=1).max())
         loss = model.medium.absorption_np_m * wavelength
         radii = np.linalg.norm(offsets, axis=1) / wavelength
-        is_spread = len(np.unique(radii.round(3))) > array.count / 8  # unlike a ring or a few
+        is_spread = len(set(radii.round(3).tolist())) > array.count / 8  # unlike a ring or a few
         far = _FAR if lattice or (flat and is_spread) else _FAR_ANYWHERE
         front = GRAZING if model.transducer.directivity.baffled else -2.0
         return cls(
