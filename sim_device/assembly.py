@@ -18,7 +18,7 @@ from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
 from .dialects.virtual_dialect import VirtualDialect
 
 if TYPE_CHECKING:
-    from .dialects.emulation import Emulation
+    pass
 
 
 @dataclass(frozen=True, slots=True)

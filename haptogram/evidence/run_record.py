@@ -33,7 +33,7 @@ from haptogram_protocol.messages import GROWING_COUNTERS, Counters, HelloReply, 
 
 if TYPE_CHECKING:
     from haptogram.acoustics.solvers.several import Method
-    from haptogram.driver.dialect_driver import DialectDriver, DialectReport
+    from haptogram.driver.dialect_driver import DialectReport
     from haptogram.evidence.recordings.tap import RecordingTransport
     from haptogram.evidence.recordings.writer import RecordingWriter
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from haptogram.acoustics import AcousticModel, Reconstruction, Reconstructor
+from haptogram.acoustics import AcousticModel, NoFocus, Reconstruction, Reconstructor
 from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.records.latch import LatchRecord
