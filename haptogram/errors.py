@@ -187,6 +187,15 @@ def unwritable_file(path: str | Path, error: BaseException, option: str = "") ->
 
 
 @contextlib.contextmanager
+def refusals_of(origin: str) -> Iterator[None]:
+    """Begin every refusal with its *origin*: an option, a file."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{origin} {error}") from error
+
+
+@contextlib.contextmanager
 def reading_file(path: str | Path, option: str = "", kinds: _Kinds = (OSError,)) -> Iterator[None]:
     """Raise :func:`unreadable_file` for an error of one of the *kinds*, here of the system."""
     try:

@@ -28,7 +28,7 @@ from haptogram.acoustics.arrays import (
 )
 from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.model.own_axes import array_axes, mean_array_normal
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.arguments import check_positive, check_whole
 
 MIN_SPACING_M: Final = 0.1e-3
@@ -157,12 +157,10 @@ class TransducerArray:
         """
         rows = _read_position_rows(Path(path))
         table = np.array(rows, dtype=np.float64)
-        try:
+        with refusals_of(f"{path}:"):
             return cls.from_positions(
                 table[:, :3] * 1e-3, table[:, 3:] if table.shape[1] == 6 else None
             )
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: {error}") from error
 
     @classmethod
     def parse(cls, text: str, *, pitch_m: float = DEFAULT_PITCH_M) -> Self:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Self
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.option import Settings, option
 from haptogram.settings.text_file import read_toml_file
 
@@ -132,10 +132,8 @@ class ChannelMap:
         elements = values.pop(_ELEMENTS, None)
         shift = values.pop(_SHIFT, None)
         registers = None if shift is None else ShiftRegisters.of(str(path), shift)
-        try:
+        with refusals_of(f"{path}:"):
             settings = ChannelMapSettings.of(**values)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: {error}") from error
         reference = settings.reference
         if reference is None and registers is not None:
             reference = registers.carrier
@@ -157,10 +155,8 @@ class ChannelMap:
 
     def expanded(self, capture: Capture) -> Capture:
         """Return *capture* with the outputs of shift registers as channels."""
-        try:
+        with refusals_of(f"{self.path}:"):
             return capture if self.shift is None else self.shift.expanded(capture)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{self.path}: {error}") from error
 
     def joined(self, capture: Capture) -> dict[str, int]:
         """Return the element of each channel that *capture* has, in the order of elements.
@@ -171,13 +167,11 @@ class ChannelMap:
             A channel that the capture lacks, or no element at all.
         """
         settings = self.settings
-        try:
+        with refusals_of(f"{self.path}:"):
             signals = self.reference, settings.latch, settings.to_board, settings.to_host
             for name in (*signals, *self.elements):
                 if name is not None:
                     capture.channel(name)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{self.path}: {error}") from error
         found = dict(self.elements)
         if self.pattern is not None:
             found |= capture.numbered_channels(self.pattern)
