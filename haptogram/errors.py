@@ -187,6 +187,23 @@ def unwritable_file(path: str | Path, error: BaseException, option: str = "") ->
 
 
 @contextlib.contextmanager
+def refusals_of(origin: str) -> Iterator[None]:
+    """Begin every refusal with its *origin*: an option, a file, a table.
+
+    Examples
+    --------
+    >>> with refusals_of("map.toml:"):
+    ...     raise ConfigurationError("no reference")
+    Traceback (most recent call last):
+    haptogram.errors.ConfigurationError: map.toml: no reference
+    """
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{origin} {error}") from error
+
+
+@contextlib.contextmanager
 def reading_file(path: str | Path, option: str = "", kinds: _Kinds = (OSError,)) -> Iterator[None]:
     """Raise :func:`unreadable_file` for an error of one of the *kinds*, here of the system."""
     try:
@@ -206,23 +223,6 @@ def writing_file(path: str | Path, option: str = "", kinds: _Kinds = (OSError,))
         raise
     except kinds as error:
         raise unwritable_file(path, error, option) from error
-
-
-@contextlib.contextmanager
-def errors_in(place: object) -> Iterator[None]:
-    """Let a ConfigurationError say where it is: in which file, table or argument.
-
-    Examples
-    --------
-    >>> with errors_in("map.toml"):
-    ...     raise ConfigurationError("no reference")
-    Traceback (most recent call last):
-    haptogram.errors.ConfigurationError: map.toml: no reference
-    """
-    try:
-        yield
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{place}: {error}") from error
 
 
 def plain_reason(error: BaseException) -> str:

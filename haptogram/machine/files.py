@@ -15,6 +15,7 @@ from haptogram.errors import (
     ConfigurationError,
     plain_reason,
     reading_file,
+    refusals_of,
     unwritable_file,
     writing_file,
 )
@@ -173,10 +174,8 @@ def check_files_writable(outputs: Mapping[str, Path], *, in_place: bool = False)
             if not os.access(path, os.W_OK):
                 raise unwritable_file(path, PermissionError(errno.EACCES, ""), option)
             continue
-        try:
+        with refusals_of(option):
             check_file_writable(path)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{option} {error}") from error
 
 
 def _check_folder_takes_files(path: Path, target: Path) -> None:

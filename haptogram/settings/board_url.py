@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Final
 from urllib.parse import SplitResult, parse_qsl, urlencode, urlsplit
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusals_of
 
 from .board import BOARD_OPTIONS, BoardConfig
 from .option import Option, Settings, option, options_of, unknown_setting_text
@@ -67,10 +67,8 @@ def read_board_url(url: str, default: BoardConfig | None = None) -> PortConfig:
         For another scheme, and for a parameter that is not known or is refused; begins with the
         URL.
     """
-    try:
+    with refusals_of(f"{url}:"):
         return _port_config_of_url(urlsplit(url), default)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{url}: {error}") from error
 
 
 def _port_config_of_url(parts: SplitResult, default: BoardConfig | None) -> PortConfig:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -30,18 +31,17 @@ class PtyLink:
         self._path = path
         self._lock_path = path.with_name(path.name + ".lock")
         self._target = ""
-        self._make_folder()
+        with self._named_errors():
+            make_folder_of(path, "the link")
         self._lock = self._take_lock()
 
     def point_to(self, target: str) -> None:
         """Make the link point to *target*, at once and never half."""
         self._refuse_foreign()
         fresh = self._path.with_name(f"{self._path.name}.{os.getpid()}")
-        try:
+        with self._named_errors():
             os.symlink(target, fresh)
             os.replace(fresh, self._path)
-        except OSError as error:
-            raise self._impossible(error) from error
         self._target = target
 
     def withdraw(self) -> None:
@@ -60,20 +60,12 @@ class PtyLink:
         os.close(self._lock)
         self._lock = -1
 
-    def _make_folder(self) -> None:
-        try:
-            make_folder_of(self._path, "the link")
-        except OSError as error:
-            raise self._impossible(error) from error
-
     def _take_lock(self) -> int:
         """Open and lock the lock file of the link."""
         fcntl = posix_module("fcntl", "a pty port", INSTEAD_OF_PTY)
         while True:
-            try:
+            with self._named_errors():
                 lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            except OSError as error:
-                raise self._impossible(error) from error
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
@@ -89,17 +81,22 @@ class PtyLink:
     def _sign_lock(self, lock: int) -> None:
         """Write the process id into the lock file."""
         try:
-            os.truncate(lock, 0)
-            os.write(lock, f"{os.getpid()}\n".encode())
-        except OSError as error:  # the disk is full
+            with self._named_errors():
+                os.truncate(lock, 0)
+                os.write(lock, f"{os.getpid()}\n".encode())
+        except ConfigurationError:  # the disk is full
             with contextlib.suppress(OSError):
                 os.unlink(self._lock_path)
             os.close(lock)
-            raise self._impossible(error) from error
+            raise
 
-    def _impossible(self, error: OSError) -> ConfigurationError:
-        reason = plain_reason(error)
-        return ConfigurationError(f"link '{self._path}' cannot be made: {reason}")
+    @contextlib.contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = plain_reason(error)
+            raise ConfigurationError(f"link '{self._path}' cannot be made: {reason}") from error
 
     def _is_current(self, lock: int) -> bool:
         try:

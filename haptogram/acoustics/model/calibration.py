@@ -21,7 +21,7 @@ from haptogram.acoustics.arrays import (
 )
 from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M, TransducerArray
-from haptogram.errors import ConfigurationError, errors_in, writing_file
+from haptogram.errors import ConfigurationError, refusals_of, writing_file
 from haptogram.settings.arguments import check_number, shown_argument
 
 HEADER: Final = ("element", "gain", "phase_rad", "x_mm", "y_mm", "z_mm")
@@ -188,7 +188,7 @@ class Calibration:
             closer than 0.1 mm to another one.
         """
         self._check(array)
-        with errors_in(self.name):
+        with refusals_of(f"{self.name}:"):
             return array.measured(self.positions_m)
 
     def _check(self, array: TransducerArray) -> None:

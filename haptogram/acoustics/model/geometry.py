@@ -28,7 +28,7 @@ from haptogram.acoustics.arrays import (
 )
 from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.model.own_axes import array_axes, mean_array_normal
-from haptogram.errors import ConfigurationError, errors_in
+from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.arguments import check_positive, check_whole
 
 MIN_SPACING_M: Final = 0.1e-3
@@ -158,7 +158,7 @@ class TransducerArray:
         rows = _read_position_rows(Path(path))
         table = np.array(rows, dtype=np.float64)
         normals = table[:, 3:] if table.shape[1] == 6 else None
-        with errors_in(path):
+        with refusals_of(f"{path}:"):
             return cls.from_positions(table[:, :3] * 1e-3, normals)
 
     @classmethod

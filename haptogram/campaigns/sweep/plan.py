@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self, TypeAlias
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.faults.plan import read_faults
 from haptogram.settings.option import Settings, option, option_of
 from haptogram.settings.parser import Parser
@@ -92,11 +92,9 @@ class SweepPlan:
             Names the file, and what in it is not known, is refused or leaves no point.
         """
         document = read_toml_file(path, "file")
-        try:
+        with refusals_of(f"{path}:"):
             plan = cls.of(document)
             plan.check(parser_of(plan.config.run))
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: {error}") from error
         return plan
 
     @classmethod

@@ -19,7 +19,7 @@ from haptogram.acoustics.levels.exposure import GUIDELINE, STATEMENT, worst_expo
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
 from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.solvers.focus import MIN_TARGET_DISTANCE_M
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.objects.modulation import FocusFrames, Modulation
 from haptogram.objects.run_frames import sample_object_of_run
 from haptogram.objects.shapes import Circle
@@ -132,10 +132,8 @@ def read_field_drive_file(path: Path, count: int, phase_bits: int) -> acoustics.
     )
     if len(codes) != count:
         raise ConfigurationError(f"{path}: {len(codes)} elements, the array has {count}")
-    try:
+    with refusals_of(f"{path}:"):
         return acoustics.Drive(codes[:, 0], codes[:, 1], phase_bits)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def _field_drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Self
 
-from haptogram.errors import ConfigurationError, errors_in
+from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.option import Settings, option
 from haptogram.settings.text_file import read_toml_file
 
@@ -132,7 +132,7 @@ class ChannelMap:
         elements = values.pop(_ELEMENTS, None)
         shift = values.pop(_SHIFT, None)
         pattern = elements if isinstance(elements, str) else None
-        with errors_in(path):
+        with refusals_of(f"{path}:"):
             registers = None if shift is None else ShiftRegisters.of(shift)
             settings = ChannelMapSettings.of(**values)
             reference = settings.reference
@@ -154,7 +154,7 @@ class ChannelMap:
 
     def expanded(self, capture: Capture) -> Capture:
         """Return *capture* with the outputs of shift registers as channels."""
-        with errors_in(self.path):
+        with refusals_of(f"{self.path}:"):
             return capture if self.shift is None else self.shift.expanded(capture)
 
     def joined(self, capture: Capture) -> dict[str, int]:
@@ -167,7 +167,7 @@ class ChannelMap:
         """
         settings = self.settings
         signals = self.reference, settings.latch, settings.to_board, settings.to_host
-        with errors_in(self.path):
+        with refusals_of(f"{self.path}:"):
             for name in (*signals, *self.elements):
                 if name is not None:
                     capture.channel(name)

@@ -14,7 +14,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.errors import ConfigurationError, errors_in
+from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.option import Settings, option
 
 from .capture import Capture, ChannelEdges
@@ -81,7 +81,7 @@ class ShiftRegisters:
         """
         values = dict(document)
         data = values.pop("data", None)
-        with errors_in("[shift]"):
+        with refusals_of("[shift]:"):
             settings = ShiftSettings.of(**values)
         for name in ("clock", "latch"):
             if getattr(settings, name) is None:

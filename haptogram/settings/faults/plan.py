@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Self
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusals_of
 
 from ..arguments import check_texts
 from ..text_file import read_toml_file
@@ -211,24 +210,15 @@ def read_faults(
     ConfigurationError
         If the file cannot be read, or a fault is refused.
     """
-    with _named_fault_option("fault"):
+    with refusals_of("fault"):
         added = parse_faults(texts)
     if file is None:
         return added, None
     document = read_toml_file(Path(file), "fault_plan")
     option = f"fault_plan '{file}':"
-    with _named_fault_option(option):
+    with refusals_of(option):
         faults, seed = faults_of_toml(document)
     return tuple(dataclasses.replace(fault, option=option) for fault in faults) + added, seed
-
-
-@contextlib.contextmanager
-def _named_fault_option(option: str) -> Iterator[None]:
-    """Begin the refusals of a fault with the option that holds it."""
-    try:
-        yield
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{option} {error}") from error
 
 
 def faults_of_toml(document: Mapping[str, Any]) -> tuple[tuple[Fault, ...], int | None]:

@@ -23,7 +23,7 @@ import numpy as np
 from haptogram.acoustics.arrays import MAX_TRANSDUCERS, FloatArray
 from haptogram.acoustics.model.boards.layout import Y_UP
 from haptogram.acoustics.model.geometry import TransducerArray
-from haptogram.errors import ConfigurationError, errors_in, reading_file
+from haptogram.errors import ConfigurationError, reading_file, refusals_of
 
 MAX_BYTES: Final = 16 << 20  # uncompressed; 256 transducers take less than one
 MAX_DEPTH: Final = 64
@@ -71,7 +71,7 @@ def read_ultraino_array(path: Path, number: str = "orderNumber") -> UltrainoArra
         number that is not whole.
     """
     data = _ultraino_bytes_of(path)
-    with errors_in(path):
+    with refusals_of(f"{path}:"):
         root = _UltrainoReader().read(data)
         found = _ultraino_transducers(root)
         numbers = [_ultraino_number(transducer, number) for transducer in found]
