@@ -137,7 +137,7 @@ def _refusals_in_order(board):
     yield _T.UPLOAD_COMMIT, 2, board.ask(UploadCommit(1))
     yield _T.UPLOAD_BEGIN, 0, board.ask(begin(9, 1, 1, 1009))
     yield _T.UPLOAD_BEGIN, 1, board.ask(begin(UploadKind.CORRECTION, 1, 1, 1009))
-    yield _T.PLAY, 0, board.ask(Play(9, 99, 1, 0), **past)
+    yield _T.PLAY, 0, board.ask(Play(9, 24, 1, 0), **past)
     board.ask(Stop())
     yield _T.UPLOAD_COMMIT, 3, board.ask(UploadCommit(1))
     send_chunk(board, 0, bytes(32))
@@ -147,9 +147,9 @@ def _refusals_in_order(board):
         ((1, 0, 1009), (0, 0, 1009), (0, 1, 1009), (0, 1, 1008), (0, 1, 96)), 3
     ):
         yield _T.UPLOAD_BEGIN, place, board.ask(begin(points=points, target=target, size=size))
-    for place, play in enumerate((Play(9, 99, 1, 0), Play(1, 99, 1, 0), Play(1, 100, 1, 0)), 1):
+    for place, play in enumerate((Play(9, 24, 1, 0), Play(1, 24, 1, 0), Play(1, 25, 1, 0)), 1):
         yield _T.PLAY, place, board.ask(play, **past)
-    yield _T.PLAY, 4, board.ask(Play(1, 100, 1, 1000), **past)
+    yield _T.PLAY, 4, board.ask(Play(1, 25, 1, 1000), **past)
     board.port.simulation.dialect.raise_hardware_fault()
     yield _T.ARM, 0, board.ask(Arm())
 
@@ -187,12 +187,12 @@ def test_play_within_its_limits_and_not_over_another(host):
     board.ask(begin(crc=zlib.crc32(bytes(32))))
     send_chunk(board, 0, bytes(32))
     board.ask(UploadCommit(1))
-    assert refused(board, Play(1, 99, 1, 1000), immediate=True) == (ErrorCode.BAD_VALUE, 2)
-    assert refused(board, Play(1, 100, 1, 0), immediate=True) == (ErrorCode.BAD_VALUE, 10)
-    assert refused(board, Play(1, 100, 1, 5001), immediate=True) == (ErrorCode.BAD_VALUE, 10)
+    assert refused(board, Play(1, 24, 1, 1000), immediate=True) == (ErrorCode.BAD_VALUE, 2)
+    assert refused(board, Play(1, 25, 1, 0), immediate=True) == (ErrorCode.BAD_VALUE, 10)
+    assert refused(board, Play(1, 25, 1, 5001), immediate=True) == (ErrorCode.BAD_VALUE, 10)
     now_us = board.port.simulation.dialect.board.now_us
     for start_us in (now_us - 1_000, now_us + 10_100_000):
-        code = refused(board, Play(1, 100, 1, 1000), t_apply_us=start_us)
+        code = refused(board, Play(1, 25, 1, 1000), t_apply_us=start_us)
         assert code == (ErrorCode.BAD_VALUE, 0)
     assert board.ask(Play(1, 1000, 0, 1000), immediate=True).message.state is OutputState.ARMED
     armed = int(OutputState.ARMED)
