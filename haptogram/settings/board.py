@@ -197,6 +197,9 @@ class BoardConfig(Settings):
     point_time_us: int = option(
         0, unit="US", low=0, high=MOST_LEAD_US, help="time that each focal point adds to it"
     )
+    max_playback_rate_hz: int = option(
+        10_000, unit="HZ", low=1, high=40_000, help="fastest playback of a stored sequence"
+    )
     seed: int = option(0, unit="N", low=0, high=MOST_FAULT_SEED, help="seed of everything random")
     mutant: str | None = option(
         None,

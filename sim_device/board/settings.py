@@ -126,7 +126,7 @@ class BoardSettings:
     max_sequence_frames: int = 65_536
     max_upload_bytes: int = 32 << 20
     max_stored_bytes: int = 64 << 20
-    max_playback_rate_hz: int = 40_000
+    max_playback_rate_hz: int = 10_000
     max_unattended_ms: int = 600_000
     upload_window: int = 4
     max_chunk: int = 2048
@@ -184,6 +184,7 @@ class BoardSettings:
             simulator_capture=config.simulator_capture,
             latch_lead_us=config.latch_lead_us,
             point_time_us=config.point_time_us,
+            max_playback_rate_hz=config.max_playback_rate_hz,
         )
 
     @cached_property

@@ -214,7 +214,7 @@ def test_a_board_that_was_idle_is_powered_down_at_the_time_it_is_and_not_at_its_
 
 def heard(config, play, rest_ms, recorder, plan):
     """Store three frames and play them; return what the host heard, when, and the counters."""
-    board = board_settings(array="4x4", baud=3_000_000)
+    board = board_settings(array="4x4", baud=3_000_000, max_playback_rate_hz=40_000)
     simulation = Simulation(board, recorder, faults=FaultPlan.parse(plan))
     armed(simulation)
     data = bytes(range(48))
