@@ -89,9 +89,7 @@ def test_a_file_that_cannot_be_written_at_the_end_costs_neither_the_result_nor_t
 ) -> None:
     blocked, junit = tmp_path / "file", tmp_path / "result.xml"
     blocked.write_text("")  # as if somebody had put it there while the command was at work
-    monkeypatch.setattr(
-        "haptogram.commands.shell.output_files.check_files_writable", lambda _: None
-    )
+    monkeypatch.setattr("haptogram.machine.files.check_files_writable", lambda _: None)
     words = ["--json", str(blocked / "result.json"), "--junit", str(junit)]
     assert main(["verify", "--virtual-time", "--object", "point", "--quiet", *words]) == 2
     said = capsys.readouterr()

@@ -74,9 +74,9 @@ class SlowAtTimes(Board):
 
     def submit(self, frame: StreamFrame) -> Drop | None:
         if frame.index % EVERY == 0:
-            self._computed_us = self.now_us + 200_000
+            self._computed_us = self.output.now_us + 200_000
         dropped = super().submit(frame)
-        self._computed_us = min(self._computed_us, self.now_us)
+        self._computed_us = min(self._computed_us, self.output.now_us)
         return dropped
 
 
