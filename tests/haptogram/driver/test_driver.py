@@ -103,7 +103,10 @@ def test_leaving_mutes_and_closes(port):
     with Driver(port) as driver:
         driver.arm()
         driver.focus((0, 0, 0.15))
-    assert (port.board.state, port.board.reason) == (OutputState.MUTED, MuteReason.MUTE)
+    assert (port.board.output.state, port.board.output.reason) == (
+        OutputState.MUTED,
+        MuteReason.MUTE,
+    )
     assert port.closed
     driver.close()
 
@@ -112,7 +115,7 @@ def test_leaving_by_an_error_mutes_too(port):
     with contextlib.suppress(KeyError), Driver(port) as driver:
         driver.arm()
         raise KeyError
-    assert port.board.reason is MuteReason.MUTE
+    assert port.board.output.reason is MuteReason.MUTE
 
 
 def test_an_interrupted_stream_mutes_before_anything_else_that_waits(port):
@@ -123,7 +126,7 @@ def test_an_interrupted_stream_mutes_before_anything_else_that_waits(port):
     with contextlib.suppress(KeyboardInterrupt), Driver(port) as driver:
         driver.arm()
         driver.stream(CIRCLE, 1000, progress=interrupt)
-    assert port.board.reason is MuteReason.MUTE
+    assert port.board.output.reason is MuteReason.MUTE
     assert 100 <= len(driver.intended) < 200
 
 
@@ -320,7 +323,7 @@ def test_damage_on_the_line_costs_the_frames_it_hits_and_no_more():
             len(data) > 30
             and data[0] == 0
             and len(damaged) < 3
-            and port.board.counters.latched > 20
+            and port.board.output.counters.latched > 20
         ):
             damaged.append(data)
             return data[:12] + bytes([data[12] ^ 1 or 2]) + data[13:]
@@ -343,7 +346,7 @@ def test_a_focus_is_latched_at_once_and_held(driver, port):
     assert intended == driver.intended[0]
     assert intended.t_apply_us is None
     assert {latch.drive for latch in port.latches} == {intended.drive}
-    assert port.board.state is OutputState.ARMED
+    assert port.board.output.state is OutputState.ARMED
     assert len(driver.intended) == len(port.latches)
 
 
@@ -358,7 +361,7 @@ def test_a_focus_is_held_again_after_a_pause_and_after_a_stall_in_the_middle(dri
     intended = driver.focus((0.01, 0.0, 0.15))
     port.stall(1_000_000_000)
     driver.hold(0.5)
-    assert port.board.state is OutputState.ARMED
+    assert port.board.output.state is OutputState.ARMED
     read, turns = port.read_available, []
 
     def stalling_once(deadline_ns):
@@ -369,10 +372,10 @@ def test_a_focus_is_held_again_after_a_pause_and_after_a_stall_in_the_middle(dri
 
     port.read_available = stalling_once
     driver.hold(2.0)
-    assert port.board.state is OutputState.ARMED
-    assert port.board.counters.timeouts == 2
-    assert port.board.counters.dropped_state == 0
-    assert port.board.radiated(port.board.now_us) == intended.drive
+    assert port.board.output.state is OutputState.ARMED
+    assert port.board.output.counters.timeouts == 2
+    assert port.board.output.counters.dropped_state == 0
+    assert port.board.output.radiated(port.board.output.now_us) == intended.drive
 
 
 def test_nothing_is_held_on_a_board_that_was_muted(driver):
@@ -432,7 +435,7 @@ def test_a_sequence_plays_on_the_boards_clock(driver, port, mode):
     assert report.frames == report.latched == 600
     assert [latch.drive for latch in port.latches] == [i.drive for i in driver.intended]
     assert delays_us(port, driver) == {0}
-    assert port.board.state is OutputState.ARMED
+    assert port.board.output.state is OutputState.ARMED
 
 
 def test_a_playback_longer_than_its_lease_is_kept_alive(driver):
@@ -472,7 +475,7 @@ def test_only_the_caller_arms_a_board(port, output):
 def test_a_pause_of_the_host_does_not_disarm(driver, port, output, pause_ns):
     driver.focus((0, 0, 0.15))
     port.stall(pause_ns)
-    assert port.board.state is OutputState.MUTED
+    assert port.board.output.state is OutputState.MUTED
     output(driver)
     driver.status()  # behind the last frame on the line
     assert len(port.latches) == len(driver.intended) > 1
@@ -485,7 +488,7 @@ def test_a_board_that_the_caller_silenced_is_not_armed_by_a_later_pause(
 ):
     driver.focus((0, 0, 0.15))
     port.stall(5_000_000_000)
-    assert port.board.state is OutputState.MUTED
+    assert port.board.output.state is OutputState.MUTED
     silence(driver)
     latched = len(port.latches)
     with pytest.raises(ConfigurationError, match="arm it first"):
@@ -497,7 +500,7 @@ def test_a_driver_that_does_not_come_up_mutes_the_board_and_closes_the_port(port
     monkeypatch.setattr(Driver, "_builder", lambda _: (_ for _ in ()).throw(RuntimeError("late")))
     with pytest.raises(RuntimeError, match="late"):
         Driver(port, seed=1)
-    assert port.board.state is OutputState.MUTED
+    assert port.board.output.state is OutputState.MUTED
     assert port.closed
 
 
@@ -554,14 +557,14 @@ def test_a_held_focus_sounds_again_after_any_stall(driver, port, stall_ms):
 
     port.write_some = stall_once
     driver.hold(1.0)
-    assert port.board.state is OutputState.ARMED
-    assert port.latches[-1].t_latch_us > port.board.now_us - 60_000
+    assert port.board.output.state is OutputState.ARMED
+    assert port.latches[-1].t_latch_us > port.board.output.now_us - 60_000
 
 
 def test_streams_that_follow_each_other_at_once_leave_no_silence(driver, port):
     driver.stream(CIRCLE[:5], 1000)
     driver.stream(CIRCLE[:5], 1000)
-    assert port.board.counters.timeouts == 0
+    assert port.board.output.counters.timeouts == 0
     assert driver.events == []  # neither muted nor armed anew
 
 
