@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import BoardConnection, BoardEvent
@@ -16,9 +16,6 @@ from .board.clock import BoardClock
 from .board.settings import BoardSettings
 from .dialects.haptogram import OUTPUT_LIMIT, VirtualHaptogramDialect
 from .dialects.virtual_dialect import VirtualDialect
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from .dialects.emulation import Emulation
 from .dialects.simulated.unit import SimulatedBoard
 from .faults.clock import faulty_clock
 from .mutants import mutant_parts
-
-if TYPE_CHECKING:
-    from .dialects.emulation import Emulation
 
 # Another board has no frames with a CRC, no reports, and no clock that it shows.
 _OF_HAPTOGRAM: Final = (*REPORTS, "clock.offset", "clock.wrap", "clock.step")

@@ -10,7 +10,6 @@ class DocumentedEnum(enum.IntEnum):
     """Numbers on the wire; declare a member as ``NAME = value, "meaning"``."""
 
     doc: str
-    __hash__ = int.__hash__  # that of an enumeration is written in Python; a frame asks for several
 
     def __new__(cls, value: int, doc: str = "") -> Self:
         """Keep *doc* beside the number."""

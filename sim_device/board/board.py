@@ -96,13 +96,8 @@ class Board:
         due = self._next_due()
         return None if due is None else max(due[0], self.output.now_us)
 
-    def advance_to(self, t_us: int) -> int | None:
+    def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, that moment included.
-
-        Returns
-        -------
-        int or None
-            When something happens next by itself, as :meth:`next_event_us` would say.
 
         Raises
         ------
@@ -114,7 +109,6 @@ class Board:
             self.output.now_us = max(self.output.now_us, due[0])
             due[1]()
         self.output.now_us = t_us
-        return None if due is None else due[0]
 
     def play_to(self, t_us: int) -> None:
         """Latch the frames of a playback that are due up to *t_us*, until anything else is due.

@@ -89,22 +89,22 @@ class VirtualHaptogramDialect(VirtualDialect):
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
         if not self._is_next_known:
-            self._note_next(self.board.next_event_us())
+            self._note_next()
         return self._next_us
 
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, and say so on the line."""
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
-            board_us = self.board.advance_to(next_us)
+            self.board.advance_to(next_us)
             self.collect()
             if next_us == self._next_status_us:
                 self._send_status(next_us)
-            self._note_next(board_us)
+            self._note_next()
         self.board.idle_to(t_us)
 
-    def _note_next(self, board_us: int | None) -> None:
-        """Keep when something happens next by itself; *board_us*: at the board."""
-        status_us = self._next_status_us
+    def _note_next(self) -> None:
+        """Keep when something happens next by itself."""
+        board_us, status_us = self.board.next_event_us(), self._next_status_us
         if board_us is None or status_us is None:
             self._next_us = status_us if board_us is None else board_us
         else:

@@ -190,7 +190,8 @@ def find_pressure_peak(
     )
     if offset is None:
         raise ConfigurationError(
-            f"no maximum of |p| next to {start.tolist()} m: the field rises up to the array"
+            f"no maximum of |p| next to {start.tolist()} m: the field rises up to the array, or "
+            f"the search has found none in {_MAX_STEPS} steps"
         )
     return start + offset
 

@@ -89,6 +89,7 @@ class Link:
         self._unwritten = b""
         self._refusing_since_ns: int | None = None
         self._awaited: dict[int, _Outcome | None] = {}
+        self._undelivered = False  # events that came with one that raised
 
     @property
     def url(self) -> str:
@@ -123,7 +124,7 @@ class Link:
         self._push()
         self.idle_since_ns = self.now_ns()
         data = self._transport.read_available(self._wake_ns(deadline_ns))
-        if not (data or self._unwritten or self.connection.outstanding):
+        if not (data or self._unwritten or self._undelivered or self.connection.outstanding):
             return  # most turns of a stream
         now_us = self.now_us()
         if data:
@@ -167,6 +168,7 @@ class Link:
 
     def _dispatch(self) -> None:
         """Pass events to the handler; keep replies that a caller awaits."""
+        self._undelivered = True  # if one of them raises
         while (event := self.connection.next_event()) is not NEED_DATA:
             if isinstance(event, _UNASKED):
                 self.handler(event)
@@ -176,6 +178,7 @@ class Link:
                 self.handler(event)
             else:
                 self._reply_of(event)  # raises: nobody else would tell
+        self._undelivered = False
 
     # --- stream --------------------------------------------------------------------------------
 

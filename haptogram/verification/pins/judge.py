@@ -301,15 +301,23 @@ class _PinJudge:
         return agreeing >= _FEWEST_AGREEING
 
     def _fits_better_elsewhere(self, judged: Bools) -> bool:
-        """Return True if more drives are right a frame off, or from the first pulse on."""
-        weights, share = self.run.weights, float(self.shown.right[judged].mean())
-        if share == 1.0 or (weights == weights[0]).all():
+        """Return True if more drives are right, and of every pin, a frame off or from its begin on.
+
+        A pin that is wrong wherever the run begins is wrong.
+        """
+        weights, begin, gap = self.run.weights, float(self.shown.starts[0]), self.run.gap
+        if self.shown.right[judged].all() or (weights == weights[0]).all():
             return False
-        begin, gap = float(self.shown.starts[0]), self.run.gap
-        first = min(float(pin.rises[0]) for pin in self.record.pins.values() if len(pin.rises))
-        places = (begin - gap, begin + gap, math.floor(first))
-        others = [frames_shown_by_pins(self.record, self.run, place) for place in places]
-        return any(one.seen.any() and one.right[one.seen].mean() > share for one in others)
+        rises = [float(pin.rises[0]) for pin in self.record.pins.values() if len(pin.rises)]
+        for place in (begin - gap, begin + gap, math.floor(min(rises, default=begin))):
+            other = frames_shown_by_pins(self.record, self.run, place)
+            both = judged & other.seen
+            if not both.any():
+                continue
+            here, there = self.shown.right[both].mean(axis=0), other.right[both].mean(axis=0)
+            if there.sum() > here.sum() and (there >= _NEARLY_ALL).all():
+                return True
+        return False
 
     def _near_match_share(self, judged: Bools) -> float:
         """Return the share of drives unique to this run that match within two steps."""

@@ -326,7 +326,7 @@ class PatternClassifier:
         return bool(points_with_field(self._model, place[None])[0])
 
     def _as_pattern(self, found: Explanation, drive: ComplexArray, active: BoolArray) -> Pattern:
-        """Return an explanation as a pattern, its place fitted for the model's speed of sound."""
+        """Return an explanation as a pattern, its place fitted in the model's air if it can be."""
         self._last = found
         turn, used = np.zeros(len(drive)), np.zeros(len(drive), np.bool_)
         turn[active], used[active] = found.added_rad, found.used

@@ -69,6 +69,18 @@ def test_replies_that_nobody_waits_for_and_events_go_to_the_handler(link, port):
     assert all(isinstance(event, Status) for event in events)
 
 
+def test_what_came_with_a_refusal_that_raises_goes_to_the_handler_at_the_next_turn(link, port):
+    seen = []
+    link.handler = seen.append
+    link.send(Play(sequence=5, period_us=1000, loops=1, unattended_ms=2000), immediate=True)
+    port.simulation.advance_to(port.now_ns() + 250_000_000)  # refusal and STATUS wait in the port
+    with pytest.raises(DeviceError):
+        link.turn(port.now_ns())
+    assert not seen
+    link.turn(port.now_ns())
+    assert isinstance(seen[0].message, Status)
+
+
 def test_a_board_that_fell_silent_is_no_answer_in_bounded_time(link, port):
     port.write_some = len  # bytes vanish
     before_ns = port.now_ns()
