@@ -20,7 +20,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -203,26 +203,30 @@ def refusals_of(origin: str) -> Iterator[None]:
         raise ConfigurationError(f"{origin} {error}") from error
 
 
-@contextlib.contextmanager
-def reading_file(path: str | Path, option: str = "", kinds: _Kinds = (OSError,)) -> Iterator[None]:
+def reading_file(
+    path: str | Path, option: str = "", kinds: _Kinds = (OSError,)
+) -> contextlib.AbstractContextManager[None]:
     """Raise :func:`unreadable_file` for an error of one of the *kinds*, here of the system."""
-    try:
-        yield
-    except ConfigurationError:
-        raise
-    except kinds as error:
-        raise unreadable_file(path, error, option) from error
+    return _errors_as_refusals(lambda error: unreadable_file(path, error, option), kinds)
+
+
+def writing_file(
+    path: str | Path, option: str = "", kinds: _Kinds = (OSError,)
+) -> contextlib.AbstractContextManager[None]:
+    """Raise :func:`unwritable_file` for an error of one of the *kinds*, here of the system."""
+    return _errors_as_refusals(lambda error: unwritable_file(path, error, option), kinds)
 
 
 @contextlib.contextmanager
-def writing_file(path: str | Path, option: str = "", kinds: _Kinds = (OSError,)) -> Iterator[None]:
-    """Raise :func:`unwritable_file` for an error of one of the *kinds*, here of the system."""
+def _errors_as_refusals(
+    refusal: Callable[[BaseException], ConfigurationError], kinds: _Kinds
+) -> Iterator[None]:
     try:
         yield
-    except ConfigurationError:
+    except ConfigurationError:  # a refusal already, though it may be one of the kinds
         raise
     except kinds as error:
-        raise unwritable_file(path, error, option) from error
+        raise refusal(error) from error
 
 
 def plain_reason(error: BaseException) -> str:

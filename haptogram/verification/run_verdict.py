@@ -326,7 +326,8 @@ def worst_frame_of(frames: Sequence[FrameVerdict]) -> FrameVerdict:
 def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
     if not len(values):
         return dict.fromkeys(names.split())
-    return {name: _percentile(np.sort(values), _PERCENTILES[name]) for name in names.split()}
+    ordered = np.sort(values)
+    return {name: _percentile(ordered, _PERCENTILES[name]) for name in names.split()}
 
 
 def _percentile(ordered: np.ndarray, percent: float) -> float:

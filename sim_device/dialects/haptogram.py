@@ -16,6 +16,7 @@ from haptogram_protocol.framing import DELIMITER, end_of_frame
 
 from ..board import answers
 from ..board.board import Board
+from ..board.clock import earliest_board_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange, StreamDropped
 from ..board.refusal import RefusalError
 from ..board.registers import Content, drive_of_registers
@@ -89,7 +90,8 @@ class VirtualHaptogramDialect(VirtualDialect):
     def next_event_us(self) -> int | None:
         """Return when something happens next by itself, or None."""
         if not self._is_next_known:
-            self._note_next()
+            self._next_us = earliest_board_time(self.board.next_event_us(), self._next_status_us)
+            self._is_next_known = True
         return self._next_us
 
     def advance_to(self, t_us: int) -> None:
@@ -99,17 +101,8 @@ class VirtualHaptogramDialect(VirtualDialect):
             self.collect()
             if next_us == self._next_status_us:
                 self._send_status(next_us)
-            self._note_next()
+            self._is_next_known = False
         self.board.idle_to(t_us)
-
-    def _note_next(self) -> None:
-        """Keep when something happens next by itself."""
-        board_us, status_us = self.board.next_event_us(), self._next_status_us
-        if board_us is None or status_us is None:
-            self._next_us = status_us if board_us is None else board_us
-        else:
-            self._next_us = board_us if board_us <= status_us else status_us
-        self._is_next_known = True
 
     def play_to(self, t_us: int) -> None:
         """Latch the frames of a playback up to *t_us*, of which the line hears nothing."""
