@@ -344,6 +344,7 @@ def every_dropped_margin(board: BoardClient) -> None:
     """frames dropped for order, room, horizon or lateness have a margin, those before step 13
     none
     """
+    board.require_no_status()
     kind = stream_kinds(board)[0]
     for drop in DROPS:
         _, wires = frames_to_drop(board, drop, kind)
