@@ -155,7 +155,9 @@ def check_fault_name(name: str) -> None:
     """
     if name not in FAULT_KINDS:
         guess = did_you_mean(name, FAULT_KINDS) or ";"
-        raise ConfigurationError(f"{name!r} is no fault{guess} docs/faults.md has them all")
+        raise ConfigurationError(
+            f"{name!r} is no fault{guess} docs/faults.md has them all, such as 'line.drop p=0.01'"
+        )
 
 
 def check_fault_values(name: str, values: Mapping[str, float]) -> None:
