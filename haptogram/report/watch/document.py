@@ -224,7 +224,7 @@ def _watch_defect_check(result: WatchResult, defect: Defect) -> parts.Check:
     found = [str(diagnosis) for diagnosis in result.diagnoses if diagnosis.defect is defect]
     outcome = parts.Outcome.FAILED if found else parts.Outcome.PASSED
     message, *more = found or ["not found"]
-    return parts.Check("defects", f"no {defect}", outcome, message, more, kind="defect")
+    return parts.Check("defects", f"absent: {defect}", outcome, message, more, kind="defect")
 
 
 def _watch_seen_check(result: WatchResult, seconds: float | None) -> parts.Check:
