@@ -129,6 +129,7 @@ def _queue_some_stream_frames(
 @case("HG-5.7/4-border", evidence=SELF_REPORTED)
 def the_horizon_of_the_queue_is_sharp(board: BoardClient) -> None:
     """frames at the very border of the horizon wait or are dropped, by their margin"""
+    board.require_no_status()
     horizon_us = board.identity.max_horizon_us
     is_beyond = board.clock.beyond_us(4) is not None
     require(is_beyond, f"a t_apply beyond the horizon of {horizon_us} µs has passed")
