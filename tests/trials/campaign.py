@@ -11,13 +11,14 @@ import sys
 import traceback
 import warnings
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import islice, zip_longest
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from tqdm import tqdm
+
+from haptogram.campaigns.sweep.workers import process_workers
 
 from . import cases, chain, judging
 from .cases import Group
@@ -170,12 +171,11 @@ def sessions(book: Book, group: Group, seed: int, wanted: int) -> tuple[list[Lin
 
 def run(book: Book, seed: int, wanted: dict[Group, int], jobs: int, bar: tqdm[Any]) -> None:
     """Run the missing sessions."""
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _leave_interrupts_alone)
     running: dict[Future[Line], tuple[Group, int]] = {}
-    try:
+    with process_workers(jobs) as workers:
         while True:
             for job in _missing(book, seed, wanted, jobs * _AHEAD, set(running.values())):
-                running[pool.submit(line_of, job)] = job
+                running[workers.executor.submit(line_of, job)] = job
             if not running:
                 return
             done, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -184,12 +184,6 @@ def run(book: Book, seed: int, wanted: dict[Group, int], jobs: int, bar: tqdm[An
                 line = future.result()
                 book.add(line)
                 _tell(bar, line)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _leave_interrupts_alone() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _missing(
