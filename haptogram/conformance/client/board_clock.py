@@ -13,6 +13,7 @@ BOOT_US: Final = 2**32 - 10_000_000  # HG-6.9: the device clock at a reset
 _TIMES_IN_CARRIER: Final = 3  # µs: shortest carrier period that has room for three times
 _IN_TIME_US: Final = 20_000  # longest time from the readiness of a frame to its t_apply
 _HALF_TURN_US: Final = 1 << 31  # of the 32 bits of a device time
+_BEHIND_US: Final = 5000  # frames that a case sends for times behind the first
 _PASSED_US: Final = 10_000_000  # longest time between the choice of a t_apply and its arrival
 _PING_US: Final = 200_000  # time between two PINGs; HG-7.1/4: a lease is 500 ms at least
 _MOST_PINGS: Final = 50
@@ -126,12 +127,12 @@ class ClockClient:
         """Return *ahead_us* after a carrier boundary by which *wires* are certain to be ready.
 
         So many *points* of frames before the last one are computed first, one after the other.
-        NOT-OBSERVED if that time is beyond the horizon.
+        NOT-OBSERVED if a frame due 5 ms behind that time is beyond the horizon.
         """
         extra_us = self._wire.line_us(sum(map(len, wires)))
         ready_us = points * self.point_time_us + self.lead_us
         ready_us += self._wire.limits.lead_us + 2 * extra_us
-        self.require_horizon(ready_us + ahead_us)
+        self.require_horizon(ready_us + ahead_us + _BEHIND_US)
         now_us = max(self.device_us(), self.device_estimate_us())  # a STATUS may hold up the PONG
         return self._begin_exchange(self.on_carrier(now_us + ready_us)) + ahead_us
 

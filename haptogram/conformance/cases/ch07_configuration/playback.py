@@ -113,6 +113,7 @@ def playback_flushes_the_queue(board: BoardClient) -> None:
         with board.counting(flushed=3, latched=2):
             for number in range(3):
                 board.link.stream(board.flat_phases(), t_us + 1000 * number)
+            board.clock.end_exchange()
             if plays_later:
                 playback.play_at(board, 1, t_us + 4000, loops=1)
             else:
