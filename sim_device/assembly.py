@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, TypeAlias
 
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import BoardConnection, BoardEvent
 from haptogram_protocol.framing import FrameDecoder

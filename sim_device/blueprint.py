@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +17,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.board import DEFAULT_ARRAY, BoardConfig
 from haptogram.settings.faults.kinds import REPORTS
 from haptogram.settings.faults.plan import FaultPlan
+from haptogram.settings.frozen import dataclass
 from haptogram.settings.option import Settings
 
 from .assembly import Assembly, OtherAssembly

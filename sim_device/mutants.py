@@ -12,7 +12,6 @@ import importlib
 import inspect
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Self, TypeAlias
 from zlib import crc32
@@ -23,6 +22,7 @@ from haptogram.acoustics import Drive
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence
 from haptogram.settings.arguments import did_you_mean
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol.cobs import Cobs, cobs_decode
 from haptogram_protocol.framing import CRC_BYTES, FrameDecoder
 from haptogram_protocol.messages import Config, FocalPoint

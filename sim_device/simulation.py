@@ -327,8 +327,11 @@ class Simulation:
         if self._injector is not None and self._injector.has_left(t_ns):
             self.unplug()
         t_us = self._clock.device_us(t_ns)
-        if t_ns % NS_PER_US == 0 and (data := self._down.receive(t_ns)):
-            self.dialect.receive(data, t_us)  # only on whole microseconds: never before it came
+        down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
+        # Not before the end of a message, and only on whole microseconds: never before it came.
+        has_come = down_ns is not None and down_ns <= t_ns and t_ns % NS_PER_US == 0
+        if has_come and (data := self._down.receive(t_ns)):
+            self.dialect.receive(data, t_us)
         else:
             self.dialect.advance_to(t_us)
         self._record()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 from haptogram.driver.frames.frame import Frame
@@ -15,6 +14,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey, Intended
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress, check_number, check_whole
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import islice
 from typing import Final, TypeAlias
 
@@ -31,6 +30,7 @@ from haptogram.machine.process import real_time_process
 from haptogram.records.frame import FrameKey, Intended
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import Progress
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol.messages import HelloReply, Status, StatusReply
 
 _PROGRESS_HZ: Final = 20

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
 from typing import Final
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
 from haptogram.errors import ConfigurationError, DeviceError, WrongProtocolError
 from haptogram.settings.arguments import check_argument_kind
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol import messages
 from haptogram_protocol.rules import UPLOAD_CAPABILITIES
 

@@ -6,7 +6,6 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, cast
 
 from haptogram import verification
@@ -27,6 +26,7 @@ from haptogram.records.frame import STREAM, Intended, Observation
 from haptogram.records.kept import only_kept_records
 from haptogram.records.losses import BoardLosses
 from haptogram.settings.arguments import Progress
+from haptogram.settings.frozen import dataclass, field
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram_protocol.dialects.codec import Dialect
 from haptogram_protocol.messages import GROWING_COUNTERS, Counters, HelloReply, StateChanged

@@ -7,7 +7,6 @@ frames at the rate of the loop; what they make at a point is in :mod:`haptogram.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,6 +16,7 @@ from haptogram.acoustics import AcousticModel, focus_phases
 from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_coordinates, as_point_array
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_positive, check_whole
+from haptogram.settings.frozen import dataclass
 
 KINDS: Final = ("am", "lm", "stm")
 _DEFAULT_MODULATION_HZ: Final = 200.0  # skin feels vibration best around 200 Hz

@@ -8,7 +8,6 @@ ring by ring, over a mesh in steps of a few resolutions (:mod:`haptogram.objects
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeAlias
 
@@ -19,6 +18,7 @@ from haptogram.acoustics.model.geometry import MAX_COORDINATE_M
 from haptogram.errors import ConfigurationError
 from haptogram.objects.mesh import even_mesh_points, read_mesh, round_trip_over_mesh
 from haptogram.settings.arguments import check_argument_kind, check_number, shown_argument
+from haptogram.settings.frozen import dataclass
 
 if TYPE_CHECKING:
     import trimesh

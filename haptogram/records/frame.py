@@ -12,12 +12,12 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_argument_kind, check_number, shown_argument
+from haptogram.settings.frozen import dataclass
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Final, Self
 from zlib import crc32
+
+from haptogram.settings.frozen import dataclass, fields
 
 if TYPE_CHECKING:
     from haptogram.acoustics.model.drive import Drive

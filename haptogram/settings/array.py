@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+
+from haptogram.settings.frozen import dataclass
 
 from .board import DEFAULT_ARRAY, BoardConfig, check_array_setting
 from .option import Settings, option, option_of

@@ -6,10 +6,11 @@ import dataclasses
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Self
+
+from haptogram.settings.frozen import dataclass
 
 from .faults.plan import MOST_FAULT_SEED, Fault, FaultPlan, read_faults
 from .line import LineSettings

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final
 from urllib.parse import SplitResult, parse_qsl, urlencode, urlsplit
 
 from haptogram.errors import ConfigurationError, refusals_of
+from haptogram.settings.frozen import dataclass, field
 
 from .board import BOARD_OPTIONS, BoardConfig
 from .option import Option, Settings, option, options_of, unknown_setting_text

@@ -10,12 +10,12 @@ import dataclasses
 import functools
 import types
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Self, TypeVar, get_args, get_origin, get_type_hints
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass
 
 from . import arguments
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+
+from haptogram.settings.frozen import dataclass
 
 from .arguments import did_you_mean
 from .option import SettingError, Settings, option

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
+
+from haptogram.settings.frozen import dataclass
 
 from .option import Settings, option
 

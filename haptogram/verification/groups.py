@@ -6,12 +6,12 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
+from haptogram.settings.frozen import dataclass
 
 _MODULI: Final = (2, 4, 8, 16, 32)
 _BLOCKS: Final = (64, 32, 16, 8)

@@ -7,13 +7,13 @@ import functools
 import operator
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 
 from haptogram.errors import VerificationError
 from haptogram.records.frame import FrameKey
+from haptogram.settings.frozen import dataclass, field
 
 from .consequences.effect import RunConsequences
 from .frame.verdict import (

@@ -8,7 +8,6 @@ of the elements says how far one of them may be off where something is tolerated
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from haptogram.acoustics import Medium
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.medium import air_speed_uncertainty
 from haptogram.settings.arguments import check_number
+from haptogram.settings.frozen import dataclass, fields, replace
 from haptogram.settings.tolerance import (
     GUESS_C,
     GUESS_HUMIDITY_PERCENT,

@@ -8,7 +8,6 @@ or was not intended.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics import Drive
 from haptogram.records.frame import STREAM, Evidence, FrameKey, Intended, Observation
+from haptogram.settings.frozen import dataclass
 
 _TURN: Final = 256  # codes of a drive in a period
 _WINDOW: Final = 8  # frames or latches that may be missing in a row before order alone counts

@@ -8,10 +8,10 @@ everything that was due then.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 from haptogram.acoustics import Drive
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol import messages as m
 from haptogram_protocol.state import OutputState
 

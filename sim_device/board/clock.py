@@ -5,8 +5,9 @@ All in whole numbers, so that both ways agree to the microsecond.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
+
+from haptogram.settings.frozen import dataclass
 
 _MILLION: Final = 1_000_000
 NS_PER_US: Final = 1_000

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from haptogram.acoustics import Drive
@@ -12,6 +11,7 @@ from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.pulses import PulseDrive
 from haptogram.records.latch import Codes, LatchRecord
 from haptogram.records.remark import About
+from haptogram.settings.frozen import dataclass, field
 from haptogram_protocol.messages import LatchKey
 from haptogram_protocol.state import MuteReason, OutputState
 

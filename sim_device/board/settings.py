@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Self
@@ -11,6 +10,7 @@ from typing import Any, Final, Self
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import MOST_LEAD_US, BoardConfig
+from haptogram.settings.frozen import dataclass, field
 from haptogram.settings.line import LineSettings
 from haptogram_protocol.messages import Feature
 

@@ -6,9 +6,9 @@ every latch renews. The one that runs out first begins the ramp; the ramp is ove
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol.messages import Config
 from haptogram_protocol.state import MuteReason
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import zlib
-from dataclasses import dataclass
 
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol import messages as m
 from haptogram_protocol.rules import UPLOAD_CAPABILITIES
 

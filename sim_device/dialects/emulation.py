@@ -7,12 +7,12 @@ docs/dialects.md has a worked example.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Final, Self
 
 from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.acoustics.model.boards.layout import BoardLayout
 from haptogram.acoustics.model.boards.table import LAYOUTS
+from haptogram.settings.frozen import dataclass
 from haptogram.settings.option import Settings
 from haptogram_protocol.dialects.codec import BoardEnd, Dialect
 

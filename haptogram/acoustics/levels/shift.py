@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,6 +19,7 @@ from haptogram.acoustics.field import reference
 from haptogram.acoustics.model.drive import as_drive
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass
 
 _STENCIL_M: Final = 1e-5
 _MAX_STEPS: Final = 400  # a steered focus of a small aperture creeps along its ridge

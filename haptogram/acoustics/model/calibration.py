@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Self
 
@@ -23,6 +22,7 @@ from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M, TransducerArray
 from haptogram.errors import ConfigurationError, refusals_of, writing_file
 from haptogram.settings.arguments import check_number, shown_argument
+from haptogram.settings.frozen import dataclass, field
 
 HEADER: Final = ("element", "gain", "phase_rad", "x_mm", "y_mm", "z_mm")
 MAX_GAIN: Final = 10.0

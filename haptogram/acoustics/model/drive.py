@@ -10,7 +10,6 @@ import functools
 import math
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final, Self, TypeAlias
 
 import numpy as np
@@ -27,6 +26,7 @@ from haptogram.acoustics.arrays import (
 )
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_whole
+from haptogram.settings.frozen import dataclass
 
 PhaseCodes: TypeAlias = NDArray[np.uint8 | np.uint16]
 

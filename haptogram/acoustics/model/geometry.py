@@ -10,7 +10,6 @@ import dataclasses
 import math
 import re
 import zlib
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Self, TypeVar
 
@@ -30,6 +29,7 @@ from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.model.own_axes import array_axes, mean_array_normal
 from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.arguments import check_positive, check_whole
+from haptogram.settings.frozen import dataclass, field
 
 MIN_SPACING_M: Final = 0.1e-3
 MAX_COORDINATE_M: Final = 100.0  # keeps micrometres far inside an int32

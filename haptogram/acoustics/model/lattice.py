@@ -6,8 +6,6 @@ that most of the geometry is computed once per row. Nodes may be empty.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +17,7 @@ from haptogram.acoustics.model.own_axes import (
     grid_rows_and_columns,
     plane_axes,
 )
+from haptogram.settings.frozen import dataclass
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 from typing import Final, Self
 
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_positive
+from haptogram.settings.frozen import dataclass
 
 NEPER_PER_DB: Final = math.log(10.0) / 20.0
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from haptogram.acoustics.arrays import ComplexArray
@@ -12,6 +11,7 @@ from haptogram.acoustics.model.geometry import DEFAULT_PITCH_M, TransducerArray
 from haptogram.acoustics.model.medium import Medium
 from haptogram.acoustics.model.transducer import Transducer
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass
 
 if TYPE_CHECKING:
     from haptogram.acoustics.model.calibration import Calibration

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Final, Self
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics.arrays import ComplexArray, read_only_array
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass, field
 
 MAX_STEPS: Final = 4096
 MAX_CHANNELS: Final = 4096

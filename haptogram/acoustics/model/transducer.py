@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import ClassVar, Final, Protocol
 
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.settings.arguments import check_number, check_positive
+from haptogram.settings.frozen import dataclass, field
 
 #: 2 J1(x) / x as a power series in x^2 / 4, and how far up it is exact in float64.
 _SERIES: Final = [(-1) ** m / (math.factorial(m) * math.factorial(m + 1)) for m in range(18)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -19,6 +18,7 @@ from haptogram.acoustics.solvers.focus import (
     focus_target_heights_m,
 )
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass, field
 
 _COARSE_CELL_M: Final = 0.040
 _CELL_SPREAD_RAD: Final = 1.2  # RMS phase change to a corner: coherence exp(-0.72) there

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
 from typing import Final, Literal, TypeAlias
 
 from haptogram.acoustics.arrays import FloatArray
+from haptogram.settings.frozen import dataclass, fields
 
 Vector: TypeAlias = tuple[float, float, float]
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import takewhile
 from typing import Final, Literal
@@ -60,6 +59,7 @@ from haptogram.acoustics.solvers.focus import focus_target_heights_m
 from haptogram.acoustics.solvers.focus_fit import PhaseFit, fit_focus
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number
+from haptogram.settings.frozen import dataclass
 
 _MIN_TRACKED: Final = 4
 _AT_ONCE: Final = 512  # drives of a call of compiled code

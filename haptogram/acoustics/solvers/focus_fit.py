@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import operator
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,6 +16,7 @@ from haptogram.acoustics.arrays import BoolArray, FloatArray, as_coordinates, as
 from haptogram.acoustics.model.drive import REGISTER_BITS, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass
 
 # A direction in which moving the focus changes the phases 10 000 times less than in the best one.
 # Between a planar array and the furthest target the ratio is the aperture over the distance, 1e-3.

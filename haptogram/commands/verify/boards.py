@@ -11,7 +11,6 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
@@ -19,6 +18,7 @@ from haptogram.errors import LinkError
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url, write_board_url
 from haptogram.settings.command_line import given_options
+from haptogram.settings.frozen import dataclass
 from haptogram.settings.option import options_of
 from haptogram.settings.run.verify import VerifyConfig, load_verify_config
 

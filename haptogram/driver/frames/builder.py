@@ -106,7 +106,10 @@ class FrameBuilder:
         numbers = distinct_frames(self._model, foci, solver)
         for group, number in numbers.items():
             self._check(number, group, mode)
-        made = dict(zip(numbers, self._make(list(numbers), mode, solver), strict=True))
+        frames = self._make(list(numbers), mode, solver)
+        if len(frames) == len(foci):  # all differ
+            return frames
+        made = dict(zip(numbers, frames, strict=True))
         return [made[group] for group in foci]
 
     def _make(self, foci: list[tuple[Focus, ...]], mode: Mode, solver: Method) -> list[Frame]:
@@ -194,6 +197,8 @@ def distinct_frames(
     for number, group in enumerate(foci):
         numbers.setdefault(group, number)
     are_in_reach = _are_frames_in_reach(model, list(numbers))
+    if are_in_reach and solver == "naive":  # which takes any phase
+        return numbers
     for group, number in numbers.items():
         _check_frame_foci(model, number, group, solver, is_in_reach=are_in_reach)
     return numbers

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias, TypeGuard, TypeVar
 
 from haptogram.acoustics import AcousticModel, Drive
@@ -12,6 +11,7 @@ from haptogram.acoustics.solvers.several import Method
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.settings.arguments import shown_argument
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol.messages import Drives, Feature, FocalPoint, HelloReply, Phases, Points
 
 _F = TypeVar("_F")

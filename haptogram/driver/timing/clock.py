@@ -14,10 +14,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from haptogram.errors import NoAnswerError
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol.messages import unwrap
 
 _WIRE_BITS: Final = 32

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass
 
 _SPIN_SHARE: Final = 4  # part of a period, 1 / n, that may be spent spinning
 

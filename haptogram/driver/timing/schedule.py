@@ -5,7 +5,6 @@ Frame i is due at t0 + floor(i * period): from the exact period, never accumulat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
@@ -14,6 +13,7 @@ from haptogram.driver.line.budget import check_line_rate, frame_bytes_on_line, l
 from haptogram.driver.timing.lead import LeadTrim, default_lead_us
 from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number, check_whole
+from haptogram.settings.frozen import dataclass
 from haptogram_protocol.messages import Config, HelloReply
 
 US_PER_S: Final = 1_000_000

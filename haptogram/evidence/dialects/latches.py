@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -25,6 +24,7 @@ from haptogram.evidence.backdoor import (
     observed_reconstruction_of,
 )
 from haptogram.records.frame import Evidence, Intended, Observation
+from haptogram.settings.frozen import dataclass
 from haptogram.verification.unnumbered import UnnumberedLatch, observations_of_unnumbered
 from haptogram_protocol.dialects.looks_like import HAPTOGRAM
 

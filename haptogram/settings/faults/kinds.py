@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass
 
 from ..arguments import did_you_mean
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Self
 
 from haptogram.errors import ConfigurationError, refusals_of
+from haptogram.settings.frozen import dataclass, field
 
 from ..arguments import check_texts
 from ..text_file import read_toml_file

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+
+from haptogram.settings.frozen import dataclass
 
 from ..option import Option, SettingError, Settings, option, options_of
 

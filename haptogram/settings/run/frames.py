@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
+
+from haptogram.settings.frozen import dataclass
 
 from ..board import BoardConfig
 from ..line import DEFAULT_BAUD, LEAST_BAUD, MAX_BAUD

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass
 
 from ..arguments import did_you_mean, option_word
 from ..array import ArrayConfig, ElementConfig

@@ -7,8 +7,9 @@ or to the end of its stream.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
+
+from haptogram.settings.frozen import dataclass
 
 from ..frame.verdict import MISSED, FrameStatus, FrameVerdict
 

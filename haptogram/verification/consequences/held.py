@@ -7,7 +7,6 @@ import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from haptogram.acoustics import AcousticModel, Drive, pressure
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.records.frame import Intended, Observation
+from haptogram.settings.frozen import dataclass
 
 from ..frame.verdict import JUDGED, Consequence, FrameVerdict, Vector
 

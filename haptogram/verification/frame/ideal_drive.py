@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -16,6 +15,7 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
+from haptogram.settings.frozen import dataclass
 
 from ..tolerance import Uncertainty, VerdictUncertainty
 from . import criteria

@@ -7,7 +7,6 @@ drive, whose phases are not rounded.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.levels.shift import AT_TOP_M, PressureLevel, climb_to_pressure_peak
+from haptogram.settings.frozen import dataclass
 
 _STEPS: Final = 60
 _LONGEST_STEP_RAD: Final = 0.7  # longest step: the main lobe reaches to about 2

@@ -10,7 +10,6 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -26,6 +25,7 @@ from haptogram.acoustics.reconstruct.patterns.foci_fit import (
 )
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Intended
+from haptogram.settings.frozen import dataclass
 
 from ..tolerance import Uncertainty
 from . import criteria

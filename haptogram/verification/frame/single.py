@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -14,6 +13,7 @@ from haptogram import acoustics
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
+from haptogram.settings.frozen import dataclass
 
 from ..faults import faulty_elements_text
 from ..tolerance import Uncertainty

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ from haptogram.acoustics.levels.shift import focal_shift_covariance
 from haptogram.acoustics.model.own_axes import axes_about_normal
 from haptogram.acoustics.solvers import focus_fit
 from haptogram.errors import ConfigurationError
+from haptogram.settings.frozen import dataclass
 
 from ..tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
 from .peaks import LOST, TURNED_RATIO, ExpectedPeak, FramePeakAxes, expected_frame_peak

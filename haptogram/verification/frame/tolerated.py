@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from haptogram.acoustics import AcousticModel
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
+from haptogram.settings.frozen import dataclass, field
 
 from ..faults import faulty_elements_text
 from ..tolerance import Tolerance, Uncertainty

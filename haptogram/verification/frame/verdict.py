@@ -5,10 +5,10 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from haptogram.records.frame import Evidence, FrameKey
+from haptogram.settings.frozen import dataclass, field
 
 from ..tolerance import VerdictUncertainty
 

@@ -18,11 +18,11 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple, NoReturn
 
 from haptogram.errors import ConfigurationError, LinkLostError
 from haptogram.machine.line_process import LineProcess
+from haptogram.settings.frozen import dataclass
 
 VERSION: Final = 1
 PERIOD: Final = b"|\n"  # and nothing else has this sign

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -12,6 +11,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.lattice import Lattice, find_lattice
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import GRAZING
+from haptogram.settings.frozen import dataclass
 
 _FAR: Final = 72.0  # wavelengths
 _FLAT: Final = 1e-9  # wavelengths out of the plane, and as much of a unit vector

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,6 +11,7 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.field.engines.compiled import Kernels, load_kernels
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.model.transducer import CircularPiston
+from haptogram.settings.frozen import dataclass
 
 _FURTHEST_M: Final = 1.25  # largest distance from a point to the nearest element
 _PARALLEL: Final = 1e-12

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import FloatArray, as_float_array
 from haptogram.acoustics.model.geometry import TransducerArray
+from haptogram.settings.frozen import dataclass, field
 
 #: Rows are our axes in those of a client: its +y is up, our +z.
 Y_UP: Final = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))

@@ -16,11 +16,11 @@ from haptogram.acoustics.field.engines.kernels.discs import disc_stress_kernel
 from haptogram.acoustics.field.engines.kernels.foci import fit_phases_kernel
 from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_checked_entry, jit_sums
 from haptogram.acoustics.field.engines.kernels.pistons import (
+    arrivals_kernel,
     height_kernel,
     inverse_symmetric_kernel,
     mean_outer_kernel,
     nearest_kernel,
-    pressure_at_kernel,
     response_sums_kernel,
 )
 
@@ -124,7 +124,7 @@ def focused_frames_kernel(
         if not (is_focus and height_kernel(point[0], point[1], point[2], medium) >= bounds[2]):
             return f
         response_sums_kernel(places, point, matrix[6:], inverse, sums)
-        size, loud = pressure_at_kernel(places, point, medium)
+        _, size, loud = arrivals_kernel(places, point, medium)
         for i in range(3):
             variance = inverse[i * (7 - i) // 2] * count
             found[f, PLACE + i] = point[i]

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_checked_entry, jit_sums
 from haptogram.acoustics.field.engines.kernels.peaks import peak_apart_kernel
 from haptogram.acoustics.field.engines.kernels.pistons import (
-    cos_sin_turns_kernel,
+    arrivals_kernel,
     inverse_symmetric_kernel,
     mean_outer_kernel,
     nearest_kernel,
-    pressure_at_kernel,
     response_sums_kernel,
 )
 
@@ -32,17 +31,17 @@ HOLD, UNOBSERVED, PEAKLESS, FAILED = 0, 1, 2, 3
 
 
 @jit_sums
-def _turns_to_target_kernel(places: F8, target: F8, per_wavelength: float, codes: F8) -> float:
-    """Compute ideal phases in turns; return half the peak-to-peak error of *codes*."""
-    px, py, pz, turns = places[0], places[1], places[2], places[3]
-    re, im = 0.0, 0.0
+def _turns_to_target_kernel(
+    places: F8, target: F8, per_wavelength: float, common: float, turns: F8
+) -> float:
+    """Set ideal phases, in *turns*; return half the peak-to-peak error of those in *places*.
+
+    *common*: the phase, in turns, in which the waves of *places* arrive.
+    """
+    px, py, pz, codes = places[0], places[1], places[2], places[3]
     for n in range(px.size):
         dx, dy, dz = target[0] - px[n], target[1] - py[n], target[2] - pz[n]
         turns[n] = -per_wavelength * np.sqrt(dx * dx + dy * dy + dz * dz)
-        cosine, sine = cos_sin_turns_kernel(codes[n] - turns[n])
-        re += cosine
-        im += sine
-    common = math.atan2(im, re) / (2.0 * math.pi)
     low, high = 1.0, -1.0
     for n in range(px.size):
         error = codes[n] - turns[n] - common
@@ -122,8 +121,8 @@ def judged_frames_kernel(
         target, measures, limit = targets[f], found[f], limits[f]
         for n in range(count):
             latched[3, n] = codes[f, n] * turn
-        measures[PHASE] = _turns_to_target_kernel(ideal, target, medium[0], latched[3])
-        size, loud = pressure_at_kernel(latched, target, medium)
+        common, size, loud = arrivals_kernel(latched, target, medium)
+        measures[PHASE] = _turns_to_target_kernel(latched, target, medium[0], common, ideal[3])
         measures[COHERENCE], measures[LOUDNESS] = size / loud, loud
         middle = (axes[f, 2, 0], axes[f, 2, 1], axes[f, 2, 2])
         mean_outer_kernel(latched, target, False, medium, middle, matrix)

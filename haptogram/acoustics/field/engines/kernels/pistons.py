@@ -17,7 +17,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
 
-from haptogram.acoustics.field.engines.kernels.jit import jit_inline, jit_sums
+from haptogram.acoustics.field.engines.kernels.jit import jit_inline, jit_inline_sums, jit_sums
 
 F8 = NDArray[np.float64]
 
@@ -112,17 +112,22 @@ def height_kernel(x: Any, y: Any, z: Any, medium: Any) -> Any:
 
 
 @jit_sums
-def pressure_at_kernel(places: F8, point: F8, medium: F8) -> tuple[float, float]:
-    """Return the magnitude of the pressure at a point, and the sum of those of the waves."""
+def arrivals_kernel(places: F8, point: F8, medium: F8) -> tuple[float, float, float]:
+    """Return the common phase of the waves at a point, in turns, and the magnitude of the pressure.
+
+    Then the sum of the magnitudes of the waves.
+    """
     px, py, pz, turns = places[0], places[1], places[2], places[3]
-    x, y, z, re, im, loud = point[0], point[1], point[2], 0.0, 0.0, 0.0
+    x, y, z, re, im, p, q, loud = point[0], point[1], point[2], 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(px.size):
         distance, _, size = wave_kernel(x - px[n], y - py[n], z - pz[n], medium)
         cosine, sine = cos_sin_turns_kernel(distance * medium[0] + turns[n])
-        re += size * cosine
-        im += size * sine
+        re += cosine
+        im += sine
+        p += size * cosine
+        q += size * sine
         loud += size
-    return math.sqrt(re * re + im * im), loud
+    return math.atan2(im, re) / (2.0 * math.pi), math.sqrt(p * p + q * q), loud
 
 
 @jit_sums
@@ -137,14 +142,14 @@ def nearest_kernel(places: F8, point: F8) -> float:
     return math.sqrt(least)
 
 
-@jit_sums
+@jit_inline_sums
 def mean_outer_kernel(
-    places: F8, point: F8, loud: bool, medium: F8, middle: tuple[float, float, float], matrix: F8
-) -> None:
+    places: Any, point: Any, loud: Any, medium: Any, middle: Any, matrix: Any
+) -> Any:
     """Set *matrix* (9,): the covariance of the unit vectors to a point (xx, xy, xz, yy, yz, zz).
 
-    Then their mean. They count by the magnitudes that arrive where *loud*. *middle* is near to all
-    of them: their squares less that of the mean would cancel.
+    Then their mean. They count by the magnitudes that arrive where *loud*, a constant. *middle* is
+    near to all of them: their squares less that of the mean would cancel.
     """
     px, py, pz, (mx, my, mz) = places[0], places[1], places[2], middle
     x, y, z, total, sx, sy, sz = point[0], point[1], point[2], 0.0, 0.0, 0.0, 0.0
@@ -152,12 +157,8 @@ def mean_outer_kernel(
     for n in range(px.size):
         dx, dy, dz = x - px[n], y - py[n], z - pz[n]
         _, inverse, size = wave_kernel(dx, dy, dz, medium)
-        w, dx, dy, dz = (
-            size if loud else 1.0,
-            dx * inverse - mx,
-            dy * inverse - my,
-            dz * inverse - mz,
-        )
+        w = size if loud else 1.0
+        dx, dy, dz = dx * inverse - mx, dy * inverse - my, dz * inverse - mz
         total += w
         sx += w * dx
         sy += w * dy
@@ -169,16 +170,9 @@ def mean_outer_kernel(
         yz += w * dy * dz
         zz += w * dz * dz
     sx, sy, sz = sx / total, sy / total, sz / total
-    matrix[0], matrix[1], matrix[2] = (
-        xx / total - sx * sx,
-        xy / total - sx * sy,
-        xz / total - sx * sz,
-    )
-    matrix[3], matrix[4], matrix[5] = (
-        yy / total - sy * sy,
-        yz / total - sy * sz,
-        zz / total - sz * sz,
-    )
+    matrix[0], matrix[1] = xx / total - sx * sx, xy / total - sx * sy
+    matrix[2], matrix[3] = xz / total - sx * sz, yy / total - sy * sy
+    matrix[4], matrix[5] = yz / total - sy * sz, zz / total - sz * sz
     matrix[6], matrix[7], matrix[8] = mx + sx, my + sy, mz + sz
 
 
