@@ -7,7 +7,7 @@ import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -22,10 +22,11 @@ from haptogram.settings.option import Settings
 
 from .assembly import Assembly, OtherAssembly
 from .board.settings import BoardSettings
-from .dialects.emulation import Emulation
-from .dialects.simulated.unit import SimulatedBoard
 from .faults.clock import faulty_clock
 from .mutants import mutant_parts
+
+if TYPE_CHECKING:
+    from .dialects.emulation import Emulation
 
 # Another board has no frames with a CRC, no reports, and no clock that it shows.
 _OF_HAPTOGRAM: Final = (*REPORTS, "clock.offset", "clock.wrap", "clock.step")
@@ -74,6 +75,8 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
             )
         parts: Assembly = mutant_parts(config.mutant)
         if config.simulator is not None:
+            from .dialects.simulated.unit import SimulatedBoard
+
             parts = OtherAssembly(SimulatedBoard)
         own = Blueprint(BoardSettings.of(config), parts, config.plan)
         return _with_checked_faults(own)

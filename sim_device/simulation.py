@@ -249,19 +249,19 @@ class Simulation:
         return None if next_ns == _NEVER_NS else max(next_ns, self.now_ns)
 
     def _first_event_ns(self) -> int:
-        times_ns: list[int] = []
+        first_ns = _NEVER_NS
         if (board_us := self.dialect.next_event_us()) is not None:
-            times_ns.append(self._clock.reached_ns(board_us))
+            first_ns = self._clock.reached_ns(board_us)
         if (down_ns := self._down.next_event_ns(self.dialect.next_frame_end)) is not None:
-            times_ns.append(whole_board_us(down_ns))
+            first_ns = min(first_ns, whole_board_us(down_ns))
         if (up_ns := self._up.next_event_ns(_frame_end)) is not None:
-            times_ns.append(up_ns)
+            first_ns = min(first_ns, up_ns)
         if self._can_feed:
-            times_ns.append(self._up.free_ns)
+            first_ns = min(first_ns, self._up.free_ns)
         if self._injector is not None:
             change_ns = self._injector.next_change_ns(self.now_ns)
-            times_ns += [] if change_ns is None else [change_ns]
-        return min(times_ns, default=_NEVER_NS)
+            first_ns = first_ns if change_ns is None else min(first_ns, change_ns)
+        return first_ns
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*.

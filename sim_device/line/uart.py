@@ -17,7 +17,7 @@ from typing import Final, TypeAlias
 
 from haptogram.settings.line import LineSettings
 
-from .sampling import BITS_PER_BYTE, sample_uart_characters
+from .sampling import BITS_PER_BYTE, is_baud_understood, sample_uart_characters
 
 USB_PACKET_BYTES: Final = 62  # payload of a 64 byte packet; two bytes hold the modem status
 _NS_PER_S: Final = 1_000_000_000
@@ -67,6 +67,7 @@ class Uart:
         byte_ns = Fraction(0) if sender is None else BITS_PER_BYTE * _NS_PER_S / sender
         self._byte_ns, self._per_bytes = byte_ns.numerator, byte_ns.denominator
         self._ratio = (_MILLION + sender_ppm) / (_MILLION + receiver_ppm)
+        self._is_understood = is_baud_understood(self._ratio)
         self._bursts: deque[_Burst] = deque()
         self._in_transit = 0
         self.free_ns = 0
@@ -82,8 +83,10 @@ class Uart:
         """Put *data* on the line at *t_ns*, after what is there already."""
         if not data:
             return
-        received, errors = sample_uart_characters(data, self._ratio)
-        self.framing += errors
+        received = data
+        if not self._is_understood:
+            received, errors = sample_uart_characters(data, self._ratio)
+            self.framing += errors
         burst = _Burst(max(t_ns, self.free_ns), bytes(received), len(data))
         self.free_ns = self._end_ns(burst, len(received))
         self._bursts.append(burst)

@@ -216,20 +216,12 @@ def force_disc_nodes(radius_m: float, wavenumber: float) -> tuple[FloatArray, Fl
     """
     reach = check_positive("wavenumber", wavenumber) * check_positive("radius_m", radius_m)
     rings, spokes = 1 + math.ceil(reach / 1.9), 2 + math.ceil(1.6 * reach)
-    nodes, weights = _legendre_nodes(rings)
+    # G. H. Golub and J. H. Welsch, Math. Comput. 23, 1969; numpy.polynomial takes 10 ms to import.
+    degrees = np.arange(1, rings)
+    nodes, vectors = np.linalg.eigh(np.diag(degrees / np.sqrt(4.0 * degrees**2 - 1.0), -1))
     radii = radius_m * np.sqrt((nodes + 1.0) / 2.0)
     turned = np.arange(rings)[:, None] % 2 / 2.0
     angles = 2.0 * np.pi * (np.arange(spokes) + turned) / spokes
     x, y = (radii[:, None] * np.cos(angles)).ravel(), (radii[:, None] * np.sin(angles)).ravel()
-    areas = np.repeat(weights / 2.0, spokes) * (np.pi * radius_m**2 / spokes)
+    areas = np.repeat(vectors[0] ** 2, spokes) * (np.pi * radius_m**2 / spokes)
     return np.stack([x, y, np.zeros_like(x)], axis=1), areas
-
-
-def _legendre_nodes(count: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights of Gauss-Legendre on [-1, 1].
-
-    G. H. Golub and J. H. Welsch, Math. Comput. 23, 1969; numpy.polynomial takes 10 ms to import.
-    """
-    degrees = np.arange(1, count)
-    nodes, vectors = np.linalg.eigh(np.diag(degrees / np.sqrt(4.0 * degrees**2 - 1.0), -1))
-    return nodes, 2.0 * vectors[0] ** 2

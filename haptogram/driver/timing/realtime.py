@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
@@ -152,6 +153,7 @@ class TickStamps(NamedTuple):
 
 #: Fields of a tick in :class:`TickLog`.
 STAMPS: Final = TickStamps._fields
+_TICK: Final = struct.Struct(f"={len(STAMPS)}q")
 
 
 class TickLog:
@@ -188,7 +190,7 @@ class TickLog:
 
     def record(self, stamps: TickStamps) -> None:
         """Take the stamps of the next tick."""
-        self._rows[self.count] = stamps
+        _TICK.pack_into(self._rows, self.count * _TICK.size, *stamps)  # a third of an assignment
         self.count += 1
 
     def stamp_ns(self, name: str) -> NDArray[np.int64]:

@@ -25,8 +25,7 @@ def fit_gain_polynomial(
     powers = np.vander(nodes, degree + 1, increasing=True)  # numpy.polynomial takes 10 ms to import
     coefficients, *_ = np.linalg.lstsq(powers, function(nodes), rcond=None)
     grid = np.linspace(low, high, 10 * _SAMPLES)
-    missed = np.polyval(coefficients[::-1], grid) - function(grid)
-    return coefficients, float(np.abs(missed).max())
+    return coefficients, float(np.abs(np.polyval(coefficients[::-1], grid) - function(grid)).max())
 
 
 def gain_polynomial(model: AcousticModel) -> FloatArray | None:

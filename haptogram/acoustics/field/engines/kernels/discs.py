@@ -47,39 +47,53 @@ def _phases_at_centre_kernel(
 
 
 @jit_sums
-def _stress_kernel(
-    x: Float, y: Float, z: Float, a: Float, b: Float, elements: F4, levels: F4, lengths: F4,
-    phases: F4, gain: F4, absorption: Float, middle: Float, front: Float,
-) -> float:  # fmt: skip
-    """Return |p|^2 less |rho c v|^2 along the disc, at (a, b) of it, whose centre is (x, y, z).
+def _levels_kernel(elements: F4, drive: F4, z: Float, lengths: F4, loss: Float, at: F4) -> Float:
+    """Set the levels *at* the centre, but for 1 / r and the loss over a length; return that length.
 
-    But for the loss over the length *middle*.
+    Then the parts of the distances along the elements' normals that are the same all over the disc.
     """
-    px, py, pz = elements[0], elements[1], elements[2]
-    nx, ny, nz = elements[3], elements[4], elements[5]
+    pz, nz, middle = elements[2], elements[5], lengths.mean()
+    for n in range(lengths.size):
+        u = loss * (lengths[n] - middle)
+        at[0, n] = drive[0, n] * (ONE - u * (ONE - u * (_HALF - u * (_SIXTH - u * _TWENTY_FOURTH))))
+        at[1, n] = (z - pz[n]) * nz[n]
+    return middle
+
+
+@jit_sums
+def _stress_kernel(
+    x: Float, y: Float, a: Float, b: Float, elements: F4, at: F4, lengths: F4, phases: F4, gain: F4,
+    absorption: Float, front: Float,
+) -> float:  # fmt: skip
+    """Return |p|^2 less |rho c v|^2 along the disc, at (a, b) of it, whose centre is (x, y)."""
+    px, py, nx, ny = elements[0], elements[1], elements[3], elements[4]
+    levels, rises = at[0], at[1]
     g0, g1, g2, g3, g4, g5 = gain[0], gain[1], gain[2], gain[3], gain[4], gain[5]
+    h1, h2, h3 = _PER_HALF_TURN * g1, _PER_HALF_TURN * _TWO * g2, _PER_HALF_TURN * _THREE * g3
+    h4, h5 = _PER_HALF_TURN * _FOUR * g4, _PER_HALF_TURN * _FIVE * g5
     re, im, re_x, im_x, re_y, im_y = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
-    x, y = x + a, y + b
+    x, y, shift, fade = x + a, y + b, a * a + b * b, absorption * _PER_TURN
+    a, b = _TWO * a, _TWO * b
     for n in range(px.size):
         dx, dy, length = x - px[n], y - py[n], lengths[n]
-        further = a * (_TWO * dx - a) + b * (_TWO * dy - b)  # of the squares
+        further = a * dx + b * dy - shift  # of the squares
         square = length * length + further
         inverse = ONE / np.sqrt(square)
         longer = further / (square * inverse + length)
         t = phases[n] + _TWO * longer
         turns = np.rint(t)
         cosine, sine = cos_sin_kernel(t - turns)
-        ahead = (dx * nx[n] + dy * ny[n] + (z - pz[n]) * nz[n]) * inverse
+        ahead = (dx * nx[n] + dy * ny[n] + rises[n]) * inverse
         q = ahead * ahead
         w = q * q
         level = ((g5 * q + g4) * w + (g3 * q + g2)) * w + (g1 * q + g0)
-        turn = ((_FIVE * g5 * q + _FOUR * g4) * w + (_THREE * g3 * q + _TWO * g2)) * q + g1
-        u = absorption * (length + longer - middle)
-        loss = ONE - u * (ONE - u * (_HALF - u * (_SIXTH - u * _TWENTY_FOURTH)))
-        loss = flip_sign_kernel(loss * levels[n] * inverse, turns)
+        turn = ((h5 * q + h4) * w + (h3 * q + h2)) * q + h1
+        u = absorption * longer
+        loss = (ONE - u * (ONE - u * (_HALF - u * _SIXTH))) * levels[n] * inverse
+        loss = flip_sign_kernel(loss, turns)
         loss = loss if ahead >= front else ZERO
-        level, rising = loss * level, loss * turn * ahead * inverse * _PER_HALF_TURN
-        fading = -level * (inverse + absorption) * _PER_TURN - rising * ahead
+        level, rising = loss * level, loss * turn * ahead * inverse
+        fading = -level * (inverse * _PER_TURN + fade) - rising * ahead
         u, v = dx * inverse, dy * inverse
         slope_x, slope_y = fading * u + rising * nx[n], fading * v + rising * ny[n]
         re += cosine * level
@@ -110,12 +124,12 @@ def disc_stress_kernel(drive: F4, centre: F8, disc: Any, engine: Any) -> float:
     x, y, z = place[0], place[1], place[2]
     _lengths_to_centre_kernel(places, x, y, z, lengths)
     _phases_at_centre_kernel(places, x, y, z, drive[1], phases)
-    middle = np.float64(lengths.mean())
+    at, loss = np.empty_like(drive), np.float32(absorption)
+    middle = np.float64(_levels_kernel(elements, drive, np.float32(z), lengths, loss, at))
     force = 0.0
     for m in range(len(nodes)):
         force += areas[m] * _stress_kernel(
-            np.float32(x), np.float32(y), np.float32(z), nodes[m, 0], nodes[m, 1], elements,
-            drive[0], lengths, phases, gain, np.float32(absorption), np.float32(middle),
-            np.float32(front),
+            np.float32(x), np.float32(y), nodes[m, 0], nodes[m, 1], elements, at, lengths, phases,
+            gain, loss, np.float32(front),
         )  # fmt: skip
     return force * math.exp(-2.0 * absorption * middle)

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_inline, jit_inline_sums
+from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_inline, jit_sums
 from haptogram.acoustics.field.engines.kernels.pistons import (
     cos_sin_turns_kernel,
     height_kernel,
@@ -50,14 +50,11 @@ def _with_heights_kernel(axes: Any, medium: Any) -> Any:
     return (a[0], a[1], a[2], first), (b[0], b[1], b[2], second)
 
 
-@jit_inline_sums
+@jit_sums
 def _peak_sums_kernel(
-    places: Any, x: Any, y: Any, z: Any, axes: Any, both: Any, medium: Any, sums: Any
-) -> Any:
-    """Set the *sums* (SUMS,) of the waves at a place; those of the second axis where *both*.
-
-    A constant where it is inlined: one axis takes two thirds of the time of both.
-    """
+    places: F8, x: float, y: float, z: float, axes: F8, medium: F8, sums: F8
+) -> None:
+    """Set the *sums* (SUMS,) of the waves at a place."""
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     both, k = _with_heights_kernel(axes, medium), 2.0 * math.pi * medium[0]
     s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -85,9 +82,8 @@ def _peak_sums_kernel(
         s9 += s_size * r01 + c_size * i01 + ku * re1 + kv * c * first
         s10 += c_size * r11 - s_size * i11 - kv * (im1 + s * second)
         s11 += s_size * r11 + c_size * i11 + kv * (re1 + c * second)
-    sums[0], sums[1], sums[2], sums[3], sums[6], sums[7] = s0, s1, s2, s3, s6, s7
-    if both:
-        sums[4], sums[5], sums[8], sums[9], sums[10], sums[11] = s4, s5, s8, s9, s10, s11
+    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = s0, s1, s2, s3, s4, s5
+    sums[6], sums[7], sums[8], sums[9], sums[10], sums[11] = s6, s7, s8, s9, s10, s11
 
 
 @jit_checked
@@ -107,7 +103,7 @@ def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, floa
 
 @jit_checked
 def _level_kernel(
-    places: F8, start: F8, axes: F8, a: float, b: float, both: bool, medium: F8, sums: F8
+    places: F8, start: F8, axes: F8, a: float, b: float, medium: F8, sums: F8
 ) -> bool:
     """Set *sums* at an offset from *start*; return whether there is sound."""
     x = start[0] + a * axes[0, 0] + b * axes[1, 0]
@@ -115,10 +111,7 @@ def _level_kernel(
     z = start[2] + a * axes[0, 2] + b * axes[1, 2]
     if not height_kernel(x, y, z, medium) > _LEAST_HEIGHT_M:
         return False
-    if both:
-        _peak_sums_kernel(places, x, y, z, axes, True, medium, sums)
-    else:
-        _peak_sums_kernel(places, x, y, z, axes, False, medium, sums)
+    _peak_sums_kernel(places, x, y, z, axes, medium, sums)
     return _square_kernel(sums) > 0.0
 
 
@@ -145,7 +138,7 @@ def climb_kernel(
     """
     at_top, longest, settled, a, b = settings[0], settings[1], settings[2], 0.0, 0.0
     sums = np.empty(SUMS)
-    if not _level_kernel(places, start, axes, a, b, both, medium, sums):
+    if not _level_kernel(places, start, axes, a, b, medium, sums):
         return False
     for _ in range(int(settings[3])):
         g0, g1, h00, h01, h11, is_peak = _derivatives_kernel(sums, both)
@@ -162,7 +155,7 @@ def climb_kernel(
         share, is_higher, level = 1.0, False, _square_kernel(sums)
         for _ in range(_HALVINGS):
             u, v = a + share * da, b + share * db
-            if not _level_kernel(places, start, axes, u, v, both, medium, sums):
+            if not _level_kernel(places, start, axes, u, v, medium, sums):
                 return False
             is_higher = _square_kernel(sums) > level
             if is_higher:
@@ -175,10 +168,10 @@ def climb_kernel(
     return False
 
 
-@jit_inline_sums
+@jit_sums
 def _response_kernel(
-    places: Any, place: Any, axes: Any, both: Any, medium: Any, sums: Any, hessian: Any
-) -> Any:
+    places: F8, place: F8, axes: F8, medium: F8, sums: F8, h00: float, h01: float, h11: float
+) -> tuple[float, float]:
     """Return the sensitivity of the peak position to phase errors, summed over elements."""
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     x, y, z = place[0], place[1], place[2]
@@ -186,8 +179,7 @@ def _response_kernel(
     square = sums[0] * sums[0] + sums[1] * sums[1]
     re, im = sums[0] / square, -sums[1] / square  # 1 / p, and the slopes of ln p
     ar, ai = sums[2] * re - sums[3] * im, sums[2] * im + sums[3] * re
-    br, bi = (sums[4] * re - sums[5] * im, sums[4] * im + sums[5] * re) if both else (0.0, 0.0)
-    h00, h01, h11 = hessian
+    br, bi = sums[4] * re - sums[5] * im, sums[4] * im + sums[5] * re
     scale = 2.0 / (h00 * h11 - h01 * h01)
     h00, h01, h11 = h00 * scale, h01 * scale, h11 * scale
     one, other = 0.0, 0.0
@@ -198,8 +190,8 @@ def _response_kernel(
         c, s = c * re - s * im, c * im + s * re
         m0 = (first - size * ar) * s + size * (k * u - ai) * c
         m1 = (second - size * br) * s + size * (k * v - bi) * c
-        one += abs(h11 * m0 - h01 * m1) if both else abs(h11 * m0)
-        other += abs(h00 * m1 - h01 * m0) if both else 0.0
+        one += abs(h11 * m0 - h01 * m1)
+        other += abs(h00 * m1 - h01 * m0)
     return one, other
 
 
@@ -217,20 +209,18 @@ def expected_peak_kernel(
     offset, sums = np.zeros(2), np.empty(SUMS)
     if not climb_kernel(places, start, axes, metric, both, medium, settings, offset):
         return False
-    is_far = length_kernel(offset[0], offset[1], metric) > settings[4]
-    if is_far or math.hypot(offset[0], offset[1]) > settings[5]:
+    if length_kernel(offset[0], offset[1], metric) > settings[4]:
+        return False
+    if math.hypot(offset[0], offset[1]) > settings[5]:
         return False
     for i in range(3):
         place[i] = start[i] + offset[0] * axes[0, i] + offset[1] * axes[1, i]
-    if not _level_kernel(places, place, axes, 0.0, 0.0, both, medium, sums):
+    if not _level_kernel(places, place, axes, 0.0, 0.0, medium, sums):
         return False
     _, _, h00, h01, h11, is_peak = _derivatives_kernel(sums, both)
     if not is_peak:
         return False
-    if both:
-        first, second = _response_kernel(places, place, axes, True, medium, sums, (h00, h01, h11))
-    else:
-        first, second = _response_kernel(places, place, axes, False, medium, sums, (h00, h01, h11))
+    first, second = _response_kernel(places, place, axes, medium, sums, h00, h01, h11)
     rounding[0], rounding[1] = first * phase_limit, second * phase_limit
     return bool(length_kernel(rounding[0], rounding[1], metric) <= settings[6])
 
