@@ -67,7 +67,13 @@ def _frozen_class(cls: Any, *, eq: bool, **options: Any) -> Any:
     names += ["__getstate__", "__setstate__"] if options.get("slots") else []
     names = [name for name in names if vars(cls).get(name) is None]  # and are not its own
     cls.__doc__ = cls.__doc__ or cls.__name__  # else the signature is looked up, which takes long
+    bases = [vars(base).get("__dataclass_params__") for base in cls.__mro__[1:]]
+    known = [params for params in bases if params is not None]
+    for params in known:  # else it refuses to leave the methods to us
+        params.frozen = False
     made: Any = dataclasses.dataclass(init=False, repr=False, eq=False, **options)(cls)
+    for params in (*known, made.__dataclass_params__):
+        params.frozen = True
     made.__init__ = _init_of_frozen(made)
     made.__compared__ = _values_getter([one.name for one in fields(made) if one.compare])
     for name in names:
@@ -78,7 +84,7 @@ def _frozen_class(cls: Any, *, eq: bool, **options: Any) -> Any:
 def _init_of_frozen(made: Any) -> Any:
     """Return an ``__init__`` that sets each slot, or entry of the dictionary, directly."""
     known: dict[str, Any] = {"_missing": dataclasses.MISSING}
-    lines, places, named = [], [], []
+    lines, places, named = list[str](), list[str](), list[str]()
     for one in fields(made):
         name, value, usual = one.name, one.name, ""
         if one.default is not dataclasses.MISSING:

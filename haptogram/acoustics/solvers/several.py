@@ -86,9 +86,8 @@ def solve_foci(
         raise ConfigurationError(f"{len(points)} foci, must be 1 to {_MAX_FOCI}")
     check_whole("rounds", rounds, 1, _MAX_ROUNDS)
     check_focus_targets(model, points)
-    wanted = np.ones(len(points)) if amplitudes is None else amplitudes
-    levels = as_float_vector("amplitudes", wanted, len(points))
-    _check_foci_levels(levels)
+    count = len(points)
+    levels = np.ones(count) if amplitudes is None else _checked_foci_levels(amplitudes, count)
     solved = _solved_for_pistons(model, points, levels, rounds) if method == "wgs" else None
     if solved is not None:
         return solved
@@ -294,9 +293,11 @@ def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArra
     return matrix
 
 
-def _check_foci_levels(levels: FloatArray) -> None:
+def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
+    levels = as_float_vector("amplitudes", amplitudes, count)
     for level in (levels.min(), levels.max()):
         check_number("an amplitude", level, *_LEVELS)
+    return levels
 
 
 def _reachable_foci_levels(matrix: ComplexArray, wanted: FloatArray) -> float:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.frozen import dataclass
 
 _SPIN_SHARE: Final = 4  # part of a period, 1 / n, that may be spent spinning
 
@@ -153,7 +152,6 @@ class TickStamps(NamedTuple):
 
 #: Fields of a tick in :class:`TickLog`.
 STAMPS: Final = TickStamps._fields
-_TICK: Final = struct.Struct(f"={len(STAMPS)}q")
 
 
 class TickLog:
@@ -190,7 +188,7 @@ class TickLog:
 
     def record(self, stamps: TickStamps) -> None:
         """Take the stamps of the next tick."""
-        _TICK.pack_into(self._rows, self.count * _TICK.size, *stamps)  # a third of an assignment
+        self._rows[self.count] = stamps
         self.count += 1
 
     def stamp_ns(self, name: str) -> NDArray[np.int64]:

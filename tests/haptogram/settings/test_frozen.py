@@ -127,3 +127,19 @@ def test_one_that_is_not_frozen_is_of_the_standard_library():
     one = Open(1)
     one.x = 2
     assert one == Open(2)
+
+
+def test_classes_of_both_kinds_are_bases_of_each_other():
+    @dataclasses.dataclass(frozen=True, slots=True)
+    class Theirs(Kept):
+        z: int = 1
+
+    @frozen.dataclass(frozen=True, slots=True)
+    class Ours(Theirs):
+        w: int = 2
+
+    one = Ours(1, w=3)
+    assert repr(one).endswith("Ours(x=1, y=(), z=1, w=3)")
+    for kind in (Kept, Theirs, Ours):
+        with pytest.raises((dataclasses.FrozenInstanceError, TypeError)):
+            kind(1).x = 2

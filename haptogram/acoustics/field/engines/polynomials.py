@@ -23,7 +23,7 @@ def fit_gain_polynomial(
     angles = np.pi * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     nodes = 0.5 * (low + high) + 0.5 * (high - low) * np.cos(angles)
     powers = np.vander(nodes, degree + 1, increasing=True)  # numpy.polynomial takes 10 ms to import
-    coefficients, *_ = np.linalg.lstsq(powers, function(nodes), rcond=None)
+    coefficients = np.asarray(np.linalg.lstsq(powers, function(nodes), rcond=None)[0], np.float64)
     grid = np.linspace(low, high, 10 * _SAMPLES)
     return coefficients, float(np.abs(np.polyval(coefficients[::-1], grid) - function(grid)).max())
 
