@@ -14,6 +14,7 @@ ABOUT_TIME = ("HG-5.7", "HG-5.8", "HG-5.9", "HG-7.6/2", "HG-9.1/3", "HG-9.3")
 
 def test_the_command_records_what_was_frozen(tmp_path, monkeypatch, capsys):
     compiler()
+    monkeypatch.setenv("CFLAGS", "-O0")
     monkeypatch.setattr(command, "all_cases", lambda: select(all_cases(), ["HG-12"]))
     path = tmp_path / "dialogues.json"
     assert command.main([str(path)]) == 0

@@ -32,12 +32,20 @@ def folder(tmp_path, monkeypatch):
     Path("few.toml").write_text('reference = "sync"\n[elements]\np0 = 0\np1 = 1\np9 = 9\n')
 
 
+_KEPT = {}
+
+
 def captured(count=3, **defects):
-    """Write pins.sr and run.mcap of one run."""
-    board = CapturedBoard("sonicsurface", frames_of("sonicsurface", count), **defects)
-    board.capture(Path("pins.sr"))
-    with RecordingWriter(Path("run.mcap"), command="verify") as writer:
-        record_intended(writer, model_of("sonicsurface"), board.intended)
+    """Write pins.sr and run.mcap of one run, which is made once."""
+    if (run := (count, repr(defects))) not in _KEPT:
+        board = CapturedBoard("sonicsurface", frames_of("sonicsurface", count), **defects)
+        board.capture(Path("pins.sr"))
+        with RecordingWriter(Path("run.mcap"), command="verify") as writer:
+            record_intended(writer, model_of("sonicsurface"), board.intended)
+        _KEPT[run] = board, [Path(name).read_bytes() for name in ("pins.sr", "run.mcap")]
+    board, files = _KEPT[run]
+    for name, content in zip(("pins.sr", "run.mcap"), files, strict=True):
+        Path(name).write_bytes(content)
     return board
 
 

@@ -41,6 +41,17 @@ def judged_record(run, record, array="4x4"):
     return verify_captures([record], run.intended, model=model_of(array))
 
 
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A healthy board, captured once for all that only look at it."""
+    return captured_run(tmp_path_factory.mktemp("healthy") / "pins.vcd")
+
+
+@pytest.fixture(scope="module")
+def record(run):
+    return pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+
+
 @pytest.mark.parametrize("array", ["2x1", "5x3", "8x8"])
 @pytest.mark.parametrize("mode", ["phases", "drives", "points"])
 @pytest.mark.parametrize("rate_hz", [4e6, 24e6])
@@ -119,8 +130,7 @@ def test_a_mirrored_map_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("pins", [(0, 1, 5, 10), tuple(range(16))])
-def test_a_frame_in_which_all_pins_are_turned_together_fails_against_a_clock(pins, tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
+def test_a_frame_in_which_all_pins_are_turned_together_fails_against_a_clock(pins, run):
     record = pin_record_of_capture(
         read_capture(run.path), ChannelMap.of("map.toml", MAP | some_pins(*pins))
     )
@@ -138,8 +148,7 @@ def test_a_frame_in_which_all_pins_are_turned_together_fails_against_a_clock(pin
     assert "phases are relative to element 0" in found.notes[-1]
 
 
-def test_two_wires_that_were_exchanged_are_named(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
+def test_two_wires_that_were_exchanged_are_named(run):
     elements = {f"e{n}": n for n in range(16)} | {"e3": 9, "e9": 3}
     lines = judged(run, elements=elements).pins[0].findings["phases"]
     assert lines == (
@@ -167,9 +176,7 @@ def test_inverted_pins_and_carriers_that_are_off_are_named(tmp_path):
     assert "carrier" not in judged_record(run, stated).pins[0].findings
 
 
-def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+def test_a_pin_that_goes_on_after_the_mute_is_found(run, record):
     pin = record.pins[4]
     more = np.arange(1.0, 4.0)
     longer = changed(
@@ -203,10 +210,8 @@ def test_a_late_frame_is_judged_from_its_latch_on(late_us, frames, elements, tmp
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("periods", [5.5, 9, 18])
-def test_a_last_frame_that_a_mute_cuts_short_is_judged_while_it_sounds(periods, tmp_path):
+def test_a_last_frame_that_a_mute_cuts_short_is_judged_while_it_sounds(periods, run, record):
     """It lasts 40 periods, of which 20 are judged."""
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     muted = record.latches[-1] + periods
     for element, pin in record.pins.items():
         sounding = pin.falls < muted
@@ -234,9 +239,7 @@ def sounding_again(record, *elements):
     return dataclasses.replace(record, end=record.end + 30.0)
 
 
-def test_pins_that_sound_again_after_the_end_were_not_muted(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+def test_pins_that_sound_again_after_the_end_were_not_muted(run, record):
     last = max(pin.rises[-1] for pin in record.pins.values())
     (line,) = judged_record(run, sounding_again(record, 4)).pins[0].findings["mute"]
     assert line == "element 4 sound again 0.5 ms after all fell silent, and the others do not"
@@ -279,9 +282,7 @@ def test_with_the_line_of_the_host_the_pins_are_silent_a_period_after_mute(
         assert pins.not_judged["mute"] == "not verified: the capture ends with MUTE"
 
 
-def test_a_ramp_to_silence_is_no_torn_mute(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+def test_a_ramp_to_silence_is_no_torn_mute(run, record):
     fading = record
     for element, pin in record.pins.items():
         more = np.arange(1.0, 30.0 - element)  # where the amplitude is rounded to 0 first
@@ -327,8 +328,7 @@ def test_captures_of_parts_of_a_repeating_object_are_joined(tmp_path):
     assert three.scope == "12 of 16 elements"
 
 
-def test_another_run_and_an_element_too_many_are_refused_in_words(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
+def test_another_run_and_an_element_too_many_are_refused_in_words(run, tmp_path):
     other = captured_run(tmp_path / "other.vcd", seed=2)
     found = judged(dataclasses.replace(run, path=other.path))
     assert found.verdict is Verdict.INCONCLUSIVE
@@ -337,8 +337,7 @@ def test_another_run_and_an_element_too_many_are_refused_in_words(tmp_path):
         judged(run, "3x3")
 
 
-def test_frames_without_times_are_found_by_their_drives(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
+def test_frames_without_times_are_found_by_their_drives(run, tmp_path):
     timeless = [dataclasses.replace(frame, t_apply_us=None) for frame in run.intended]
     for keys in ({}, {"reference": "e0"}, some_pins(0, 1)):
         found = judged(dataclasses.replace(run, intended=timeless), **keys)
@@ -349,19 +348,16 @@ def test_frames_without_times_are_found_by_their_drives(tmp_path):
     assert found.verdict is Verdict.INCONCLUSIVE
 
 
-def test_a_capture_that_was_cut_off_passes_nothing(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    data = run.path.read_bytes()
-    run.path.write_bytes(data[: len(data) // 2])
-    found = judged(run)
+def test_a_capture_that_was_cut_off_passes_nothing(run, tmp_path):
+    data, half = run.path.read_bytes(), tmp_path / "half.vcd"
+    half.write_bytes(data[: len(data) // 2])
+    found = judged(dataclasses.replace(run, path=half))
     assert found.verdict is Verdict.INCONCLUSIVE
     assert 3 < found.pins[0].counts["right"] < 9
     assert any("cut off" in reason for reason in found.reasons)
 
 
-def test_a_frame_alone_before_missing_samples_fails_nothing(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+def test_a_frame_alone_before_missing_samples_fails_nothing(run, record):
     for element in range(9):  # of 16: the others may be right by chance
         pin, late = record.pins[element], 0.03 * (element + 1)
         record = changed(record, element, rises=pin.rises + late, falls=pin.falls + late)
