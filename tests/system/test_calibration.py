@@ -28,8 +28,8 @@ from virtual_ports import BAUD, BoardPort
 
 pytestmark = pytest.mark.sampled(1)
 
-CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "4", "--quiet"]
-FRAMES = 31
+CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "12", "--quiet"]
+FRAMES = 10
 ARRAYS = {"8x8": TransducerArray.grid(8, 8), "16x16": TransducerArray.grid(16, 16)}
 
 

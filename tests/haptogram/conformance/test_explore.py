@@ -190,7 +190,7 @@ def c_board(tmp_path_factory):
     """The command of the C board in virtual time."""
     compiler()
     folder = tmp_path_factory.mktemp("board")
-    status, output = make(folder, folder / "board_steps", CFLAGS="-O1 -w")
+    status, output = make(folder, folder / "board_steps", CFLAGS="-O0 -w")
     assert status == 0, output
     return [str(folder / "board_steps"), "3x2"]
 
