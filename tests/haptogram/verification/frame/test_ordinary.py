@@ -97,7 +97,7 @@ def assert_same_verdicts(found, expected):
         assert list(one.criteria) == list(other.criteria)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ARRAYS)
 @pytest.mark.parametrize("bits", [8, 5])
 def test_all_at_once_is_as_one_by_one(name, bits):

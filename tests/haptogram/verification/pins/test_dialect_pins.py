@@ -26,7 +26,7 @@ def judged(board, path, keys, **how):
     return verify_captures([record], board.intended, model=model_of(board.dialect))
 
 
-def mega(gap_s=6e-3, **defects):
+def mega(gap_s=3e-3, **defects):
     frames = frames_of("ultraino-mega64", 4)
     return CapturedBoard("ultraino-mega64", frames, carrier_hz=MEGA_HZ, gap_s=gap_s, **defects)
 
@@ -202,6 +202,7 @@ def judged_shift(board, path, keys):
     return verify_captures([record], board.intended, model=model_of(board.dialect))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["pins.sr", "pins.vcd"])
 def test_data_shift_and_latch_show_all_outputs(name, surface, tmp_path):
     path = surface.capture_shift(tmp_path / name, CHAINS)
