@@ -1,9 +1,12 @@
 """Settings that every test shares: one numerical thread, signals, and the Hypothesis profiles."""
 
+import contextlib
+import functools
 import gc
 import os
 import signal
 from collections import Counter, defaultdict
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -38,14 +41,43 @@ def pytest_configure(config):
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_collection():
+def pytest_collection(session):
     """Collect without the garbage collector, which would find none among thousands of tests."""
     gc.disable()
     try:
-        return (yield)
+        with _one_compiles_for_all(session.config.rootpath / "out"):
+            return (yield)
     finally:
         gc.freeze()
         gc.enable()
+        gc.set_threshold(20_000)  # most of what a test makes goes without the collector
+
+
+@contextlib.contextmanager
+def _one_compiles_for_all(folder):
+    """In a new clone, keep the other processes waiting until the first has compiled every test."""
+    compiled = Path(__file__).with_name("__pycache__").glob("test_start.*pytest*.pyc")
+    if "PYTEST_XDIST_WORKER" not in os.environ or next(compiled, None) is not None:
+        yield
+        return
+    import fcntl  # ci/test runs on POSIX
+
+    folder.mkdir(exist_ok=True)
+    with (folder / "collection.lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            fcntl.flock(lock, fcntl.LOCK_SH)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_search_volumes():
+    """Keep the search volumes of more arrays than a program needs: half a second for each."""
+    from haptogram.acoustics.reconstruct import cells  # numpy is told its threads by then
+
+    keep = functools.lru_cache(16)
+    cells._kept_search_volume = keep(cells._kept_search_volume.__wrapped__)  # noqa: SLF001
 
 
 @pytest.hookimpl(wrapper=True)

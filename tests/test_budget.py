@@ -7,16 +7,25 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PRODUCT = ("haptogram", "sim_device", "protocol/haptogram_protocol")
 HAS_DOCSTRING = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+HOLDS_DEFINITIONS = ast.stmt | ast.excepthandler | ast.match_case
 
 
 def code_lines(text):
     """Return the number of lines that are neither blank nor comment nor docstring."""
     texts = (line.strip() for line in text.splitlines())
     lines = {number for number, line in enumerate(texts, 1) if line and not line.startswith("#")}
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, HAS_DOCSTRING) and ast.get_docstring(node) is not None:
+    for node in statements(ast.parse(text)):
+        if isinstance(node, HAS_DOCSTRING) and ast.get_docstring(node, clean=False) is not None:
             lines.difference_update(range(node.body[0].lineno, node.body[0].end_lineno + 1))
     return len(lines)
+
+
+def statements(node):
+    """Yield *node* and every statement in it, at any depth."""
+    yield node
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, HOLDS_DEFINITIONS):
+            yield from statements(child)
 
 
 def room_of(path, rooms):

@@ -71,6 +71,7 @@ def test_the_report_is_one_page_or_a_folder_of_pictures(tmp_path, capsys, monkey
 
 
 @pytest.mark.parametrize("words", [("--html", "x.pdf"), ("--json", ".")])
-def test_a_place_that_cannot_be_written_is_refused(words):
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(words, monkeypatch):
+    monkeypatch.setattr(__main__, "reproduce_paper", None)
     with pytest.raises(ConfigurationError):
         run(*words)

@@ -140,7 +140,7 @@ def test_what_is_no_link_of_a_board_is_left_alone(start, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log", "notes"]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

@@ -6,8 +6,6 @@ Whole runs with real bytes, in virtual time but for one.
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -30,8 +28,8 @@ from virtual_ports import BAUD, BoardPort
 
 pytestmark = pytest.mark.sampled(1)
 
-CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "4", "--quiet"]
-FRAMES = 31
+CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "12", "--quiet"]
+FRAMES = 10
 ARRAYS = {"8x8": TransducerArray.grid(8, 8), "16x16": TransducerArray.grid(16, 16)}
 
 
@@ -310,15 +308,14 @@ def test_what_cannot_be_compensated_is_refused(
     assert told in capsys.readouterr().err
 
 
-def test_the_virtual_board_refuses_a_bad_file_in_one_line(tmp_path: Path) -> None:
+def test_the_virtual_board_refuses_a_bad_file_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "absent.csv"
-    command = [sys.executable, "-m", "sim_device", "--link", str(tmp_path / "b")]
-    done = subprocess.run(
-        [*command, "--calibration", str(path)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert f"calibration '{path}' cannot be read" in done.stderr
+    assert main(["board", "--link", str(tmp_path / "b"), "--calibration", str(path)]) == 2
+    complaint = capsys.readouterr().err
+    assert complaint.count("\n") == 1
+    assert f"calibration '{path}' cannot be read" in complaint
     with pytest.raises(ConfigurationError, match=r"absent\.csv"):
         VirtualBoard(calibration=path)
     with pytest.raises(ConfigurationError, match="element 64 is missing"):

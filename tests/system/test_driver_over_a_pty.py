@@ -34,8 +34,15 @@ ANGLE = np.linspace(0.0, 6.0, 300)
 CIRCLE = np.column_stack((0.03 * np.cos(ANGLE), 0.03 * np.sin(ANGLE), np.full(300, 0.12)))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def board():
+    with VirtualBoard("8x8", reconstruct=False, clock="wall") as board:
+        yield board
+
+
+@pytest.fixture
+def mortal_board():
+    """A board of one test, which kills it."""
     with VirtualBoard("8x8", reconstruct=False, clock="wall") as board:
         yield board
 
@@ -72,19 +79,19 @@ def test_a_stream_latches_what_was_intended_and_names_the_rest(board, mode):
     assert all(traced[i.key] == i.drive.digest() for i, _ in pairs if i.key in traced)
 
 
-def test_a_board_killed_in_mid_stream_is_a_lost_link_and_keeps_what_was_sent(board):
+def test_a_board_killed_in_mid_stream_is_a_lost_link_and_keeps_what_was_sent(mortal_board):
     def kill(done, _):
         if done == 100:
-            board.kill()
+            mortal_board.kill()
 
-    driver = Driver(board.url)
+    driver = Driver(mortal_board.url)
     driver.arm()
     with pytest.raises(LinkLostError) as caught, driver:
         driver.stream(np.tile(CIRCLE, (10, 1)), 500, progress=kill)
     assert "\n" not in str(caught.value)
     assert "did not confirm that it is mute" in caught.value.__notes__[0]
     assert 100 <= len(driver.intended) < 3000
-    assert_nothing_wrong_was_latched(joined(board, driver))
+    assert_nothing_wrong_was_latched(joined(mortal_board, driver))
 
 
 CLIENT = """
@@ -192,9 +199,9 @@ def test_a_shell_on_the_port_is_the_wrong_protocol():
         os.close(slave)
 
 
-def test_every_failure_is_one_line(board):
-    board.kill()
-    for url in (board.url, "/dev/no-such-port", "socket://127.0.0.1:1"):
+def test_every_failure_is_one_line(mortal_board):
+    mortal_board.kill()
+    for url in (mortal_board.url, "/dev/no-such-port", "socket://127.0.0.1:1"):
         with pytest.raises((LinkError, HaptogramError)) as caught:
             Driver(url, timeout_s=0.2)
         assert "\n" not in str(caught.value)

@@ -14,7 +14,7 @@ from haptogram.settings.faults.kinds import FAULT_KINDS, PLACES, Parameter, faul
 from sim_device.simulation import Simulation
 
 _CIRCLE = ["--object", "circle", "--radius-mm", "20", "--resolution-mm", "2", "--quiet"]
-_FEW = ["--resolution-mm", "10"]
+_FEW = ["--resolution-mm", "20"]
 _IN_VIRTUAL_TIME = [*_CIRCLE, "--virtual-time", "--seed", "1"]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.machine.files import write_file_atomically
+from haptogram.machine.files import check_file_writable, write_file_atomically
 from haptogram.machine.provenance import Provenance
 from haptogram.published import PRESETS, compare_preset
 from haptogram.report.presets import presets_text
@@ -50,6 +50,8 @@ def main(words: list[str] | None = None) -> int:
     provenance = Provenance.of_run("python -m haptogram_paper", options.stamp)
     if options.html:
         check_paper_report(options.html)
+    if options.json:
+        check_file_writable(options.json)
     paper = reproduce_paper()
     compared = [(preset, compare_preset(preset)) for preset in PRESETS]
     presets = [row for _, rows in compared for row in rows]

@@ -32,12 +32,22 @@ def folder(tmp_path, monkeypatch):
     Path("few.toml").write_text('reference = "sync"\n[elements]\np0 = 0\np1 = 1\np9 = 9\n')
 
 
+GAP_S = 4e-3  # from frame to frame
+_KEPT = {}
+
+
 def captured(count=3, **defects):
-    """Write pins.sr and run.mcap of one run."""
-    board = CapturedBoard("sonicsurface", frames_of("sonicsurface", count), **defects)
-    board.capture(Path("pins.sr"))
-    with RecordingWriter(Path("run.mcap"), command="verify") as writer:
-        record_intended(writer, model_of("sonicsurface"), board.intended)
+    """Write pins.sr and run.mcap of one run, which is made once."""
+    if (run := (count, repr(defects))) not in _KEPT:
+        frames = frames_of("sonicsurface", count)
+        board = CapturedBoard("sonicsurface", frames, gap_s=GAP_S, **defects)
+        board.capture(Path("pins.sr"))
+        with RecordingWriter(Path("run.mcap"), command="verify") as writer:
+            record_intended(writer, model_of("sonicsurface"), board.intended)
+        _KEPT[run] = board, [Path(name).read_bytes() for name in ("pins.sr", "run.mcap")]
+    board, files = _KEPT[run]
+    for name, content in zip(("pins.sr", "run.mcap"), files, strict=True):
+        Path(name).write_bytes(content)
     return board
 
 
@@ -84,7 +94,7 @@ def test_a_run_at_a_port_is_judged_by_its_pins(capsys):
         DialectFrame(f.foci, tuple(int(c) * 32 // 256 for c in f.drive.phase_codes), f.drive, 32)
         for f in intended
     ]
-    CapturedBoard("sonicsurface", frames).capture(Path("pins.sr"))
+    CapturedBoard("sonicsurface", frames, gap_s=GAP_S).capture(Path("pins.sr"))
     assert main(JUDGED.split()) == 0
     assert "PASS: all 256 elements" in capsys.readouterr().out
     analyser = threading.Timer(1.0, shutil.copyfile, ("pins.sr", "new.sr"))

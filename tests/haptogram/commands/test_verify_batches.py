@@ -10,8 +10,8 @@ from haptogram.verification.frame import judge
 from sim_device.backdoor import recorder
 
 JOB = (
-    "verify --virtual-time --quiet --object circle --array 8x8 --resolution-mm 4 --repeat 2 "
-    "--fault 'line.flip ber=2e-5' --fault 'device.dead transducer=9 from=0.1s'"
+    "verify --virtual-time --quiet --object circle --array 8x8 --resolution-mm 12 --repeat 2 "
+    "--fault 'line.flip ber=2e-4' --fault 'device.dead transducer=9 from=10ms'"
 )
 
 

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from haptogram.conformance.cases.ch01_conformance import every_dialogue
 from haptogram.conformance.cases.ch04_session.identity import LEAST_LIMITS
+from haptogram.conformance.explore import model as model_module
 from haptogram.conformance.explore.actions import (
     FAULT,
     PARTS,
@@ -56,6 +57,7 @@ from haptogram.conformance.explore.scenes.inputs import SceneInputs
 from haptogram.conformance.explore.scenes.scenes import RandomScenes
 from haptogram.conformance.explore.scenes.states import QUICK_STATES, TIMED_STATES
 from haptogram.conformance.explore.shrinking import shrink_dialogue
+from haptogram.conformance.explore.stepped_process import LockstepProcess
 from haptogram.conformance.run.stepping import SteppedAccess
 from haptogram.conformance.verdict import Behaviour
 from haptogram_protocol.framing import HEADER_BYTES, decode_frame, encode_frame
@@ -110,7 +112,14 @@ def few_dialogues(monkeypatch):
     monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", 6)
 
 
+@pytest.fixture
+def model_process(model_here, monkeypatch):  # noqa: ARG001  in its place
+    """The model in a process of its own, as for a user."""
+    monkeypatch.setattr(model_module, "LockstepProcess", LockstepProcess)
+
+
 @NUMBERS
+@pytest.mark.usefixtures("model_process")
 def test_the_virtual_board_lives_like_its_model(number, monkeypatch):
     monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", number)
     (result,) = run(virtual(array="3x2"), CASE, seed=3).results
@@ -190,12 +199,13 @@ def c_board(tmp_path_factory):
     """The command of the C board in virtual time."""
     compiler()
     folder = tmp_path_factory.mktemp("board")
-    status, output = make(folder, folder / "board_steps", CFLAGS="-O1 -w")
+    status, output = make(folder, folder / "board_steps", CFLAGS="-O0 -w")
     assert status == 0, output
     return [str(folder / "board_steps"), "3x2"]
 
 
 @NUMBERS
+@pytest.mark.usefixtures("model_process")
 def test_the_c_board_lives_like_the_model(number, c_board, monkeypatch):
     monkeypatch.setattr(every_dialogue, "_DIALOGUES_VIRTUAL", number)
     (result,) = run(SteppedAccess(c_board), CASE).results

@@ -47,7 +47,7 @@ def test_in_a_foreign_repository(tmp_path):
             *(sys.executable, "-m", "pytest", "-q", *_PLUGIN),
             *("-p", "no:cacheprovider", "--haptogram-timeout=5", "test_own.py"),
             *("--pyargs", "haptogram.conformance"),
-            *("-k", "own or board or HG-2.3 or HG-4.1 or HG-6.1/1"),
+            *("-k", "test_own or test_board or HG-2.3 or HG-4.1/1 or HG-6.1/1"),
         ],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'protocol'}"},

@@ -9,7 +9,7 @@ from haptogram.driver.driver import Driver
 from haptogram_protocol.messages import UploadChunk
 from virtual_ports import BoardPort
 
-UPLOADS = 400
+UPLOADS = 300
 PLACES = [(0.0, 0.0, 0.15), (0.01, 0.0, 0.15)]
 
 

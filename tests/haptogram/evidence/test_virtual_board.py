@@ -19,7 +19,7 @@ POINTS = np.column_stack((np.linspace(-0.03, 0.03, 100), np.zeros(100), np.full(
 
 @pytest.fixture
 def board():
-    with VirtualBoard("8x8", clock="wall") as board:
+    with VirtualBoard("8x8", reconstruct=False, clock="wall") as board:
         yield board
 
 
@@ -90,7 +90,7 @@ def test_two_boards_do_not_meet():
 OWNER = """
 import sys
 from haptogram.evidence.virtual_board import VirtualBoard
-board = VirtualBoard("4x4", clock="wall")
+board = VirtualBoard("4x4", reconstruct=False, clock="wall")
 print(board.url, flush=True)
 sys.stdin.read()
 """

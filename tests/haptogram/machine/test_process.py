@@ -15,6 +15,13 @@ from haptogram.machine.process import TerminalProcesses, real_time_process
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux itself")
 
 
+@pytest.fixture(autouse=True)
+def frozen():
+    """A later collection would look through thousands of tests, which these have thawed."""
+    yield
+    gc.freeze()
+
+
 def test_the_collector_pauses_and_comes_back():
     assert gc.isenabled()
     with contextlib.suppress(KeyError), real_time_process():

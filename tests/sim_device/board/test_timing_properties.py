@@ -239,6 +239,7 @@ def heard(config, play, rest_ms, recorder, plan):
     return heard, simulation.dialect.counters, simulation.device_us(simulation.now_ns)
 
 
+@pytest.mark.sampled(13)
 @pytest.mark.parametrize("trace", TraceMode)
 @pytest.mark.parametrize("status_ms", [0, 11])
 @pytest.mark.parametrize("hold_ms", [1, 200])

@@ -106,10 +106,11 @@ def test_the_peak_is_a_maximum_found_from_anywhere_in_the_lobe(target, dx, dz):
     assert np.linalg.norm(found - peak(MODEL, target)) < 1e-5
 
 
-def test_a_prediction_that_holds_is_within_a_quarter_of_the_shift():
+@pytest.mark.parametrize("count", [30, pytest.param(100, marks=pytest.mark.nightly)])
+def test_a_prediction_that_holds_is_within_a_quarter_of_the_shift(count):
     """97 of 100 of those near the limit, of any size, pitch and distance."""
     rng, misses = np.random.default_rng(5), []
-    while len(misses) < 100:
+    while len(misses) < count:
         nx, ny = rng.integers(3, 17, 2)
         model = AcousticModel.default(int(nx), int(ny), pitch_m=rng.uniform(0.006, 0.014))
         target = np.array([*rng.uniform(-0.03, 0.03, 2), rng.uniform(0.03, 0.3)])
@@ -118,7 +119,7 @@ def test_a_prediction_that_holds_is_within_a_quarter_of_the_shift():
             continue
         found = peak(model, target) - target
         misses.append(np.linalg.norm(predicted.offset_m - found) / np.linalg.norm(found))
-    assert np.count_nonzero(np.array(misses) <= 0.25) >= 97
+    assert np.count_nonzero(np.array(misses) <= 0.25) >= 0.97 * count
 
 
 def test_around_a_line_of_elements_a_prediction_holds_where_all_are_equally_loud():

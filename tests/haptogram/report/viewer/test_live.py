@@ -346,16 +346,6 @@ def test_page_follows_the_board(
 # --- command ------------------------------------------------------------------------------------
 
 
-def view(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "haptogram", "view", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-
-
 @pytest.fixture
 def file(records: list[dict[str, Any]], tmp_path: Path) -> Path:
     path = tmp_path / "board.jsonl"
@@ -363,9 +353,11 @@ def file(records: list[dict[str, Any]], tmp_path: Path) -> Path:
     return path
 
 
-def test_command_writes_a_page(file: Path, tmp_path: Path) -> None:
-    done = view(str(file), "--html", str(tmp_path / "page.html"))
-    assert (done.returncode, done.stdout) == (0, "")
+def test_command_writes_a_page(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(file), "--html", str(tmp_path / "page.html")]) == 0
+    assert capsys.readouterr().out == ""
     assert 'id="scene"' in (tmp_path / "page.html").read_text()
 
 
@@ -380,12 +372,14 @@ def test_command_writes_a_page(file: Path, tmp_path: Path) -> None:
         (["unix:/nowhere/socket", "--html", "page.html"], "a socket tells only what comes"),
     ],
 )
-def test_command_refuses_in_one_line(arguments: list[str], told: str, file: Path) -> None:
+def test_command_refuses_in_one_line(
+    arguments: list[str], told: str, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     before = file.read_bytes()
-    done = view(*[str(file) if word == "FILE" else word for word in arguments])
-    assert done.returncode == 2
-    assert told in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert main(["view", *(str(file) if word == "FILE" else word for word in arguments)]) == 2
+    complaint = capsys.readouterr().err
+    assert told in complaint
+    assert complaint.count("\n") == 1
     assert file.read_bytes() == before
 
 

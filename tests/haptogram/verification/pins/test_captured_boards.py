@@ -31,14 +31,38 @@ def some_pins(*elements):
     return {"elements": {f"e{n}": n for n in elements}}
 
 
+def record_of(run, keys):
+    return pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", {**MAP, **keys}))
+
+
 def judged(run, array="4x4", **keys):
-    mapped = ChannelMap.of("map.toml", {**MAP, **keys})
-    record = pin_record_of_capture(read_capture(run.path), mapped)
-    return verify_captures([record], run.intended, model=model_of(array))
+    return judged_record(run, record_of(run, keys), array)
+
+
+def pins_of(run, array="4x4", **keys):
+    return judged_pins(run, record_of(run, keys), array)
+
+
+def judged_pins(run, record, array="4x4"):
+    """The verdict of the pins alone: that of the field takes ten times as long."""
+    how = {"model": model_of(array), "incomplete": "the pins are looked at alone"}
+    (pins,) = verify_captures([record], run.intended, **how).pins
+    return pins
 
 
 def judged_record(run, record, array="4x4"):
     return verify_captures([record], run.intended, model=model_of(array))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A healthy board, captured once for all that only look at it."""
+    return captured_run(tmp_path_factory.mktemp("healthy") / "pins.vcd")
+
+
+@pytest.fixture(scope="module")
+def record(run):
+    return pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
 
 
 @pytest.mark.parametrize("array", ["2x1", "5x3", "8x8"])
@@ -102,7 +126,7 @@ def test_every_fault_of_the_output_is_named_or_lies_outside_of_the_capture(kind,
 def test_a_torn_latch_is_a_failure_of_its_own(late_us, tmp_path):
     late = tuple(f"{pin}={late_us}" for pin in range(8, 16))
     run = captured_run(tmp_path / "pins.vcd", capture_late=late, capture_lingers=late)
-    (pins,) = judged(run).pins
+    pins = pins_of(run)
     assert pins.verdict is Verdict.FAIL
     assert pins.counts["torn"] == 12
     assert "8 of 16 pins (element 8, 9, 10, 11, ...) latch" in pins.findings["torn"][0]
@@ -114,13 +138,12 @@ def test_a_mirrored_map_is_named(tmp_path):
     run = captured_run(tmp_path / "pins.vcd", array="5x3")
     shown = np.arange(15).reshape(5, 3)[::-1].ravel()
     mapped = {"elements": {f"e{pin}": int(element) for element, pin in enumerate(shown)}}
-    (line,) = judged(run, "5x3", **mapped).pins[0].findings["phases"]
+    (line,) = pins_of(run, "5x3", **mapped).findings["phases"]
     assert "show the drives of other elements: x mirrored" in line
 
 
 @pytest.mark.parametrize("pins", [(0, 1, 5, 10), tuple(range(16))])
-def test_a_frame_in_which_all_pins_are_turned_together_fails_against_a_clock(pins, tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
+def test_a_frame_in_which_all_pins_are_turned_together_fails_against_a_clock(pins, run):
     record = pin_record_of_capture(
         read_capture(run.path), ChannelMap.of("map.toml", MAP | some_pins(*pins))
     )
@@ -129,19 +152,18 @@ def test_a_frame_in_which_all_pins_are_turned_together_fails_against_a_clock(pin
     for element, pin in record.pins.items():
         shift = 0.1 * ((pin.rises >= begin) & (pin.rises < end))
         turned = changed(turned, element, rises=pin.rises + shift, falls=pin.falls + shift)
-    (found,) = judged_record(run, turned).pins
+    found = judged_pins(run, turned)
     (line,) = found.findings["phases"]
     assert line.startswith("frame 4: all pins are turned by +3")
     assert found.verdict is Verdict.FAIL
     blind = dataclasses.replace(turned, reference_element=pins[0])
-    (found,) = judged_record(run, blind).pins
+    found = judged_pins(run, blind)
     assert "phases are relative to element 0" in found.notes[-1]
 
 
-def test_two_wires_that_were_exchanged_are_named(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
+def test_two_wires_that_were_exchanged_are_named(run):
     elements = {f"e{n}": n for n in range(16)} | {"e3": 9, "e9": 3}
-    lines = judged(run, elements=elements).pins[0].findings["phases"]
+    lines = pins_of(run, elements=elements).findings["phases"]
     assert lines == (
         "element 3 (e9): does what element 9 should",
         "element 9 (e3): does what element 3 should",
@@ -158,18 +180,16 @@ def test_inverted_pins_and_carriers_that_are_off_are_named(tmp_path):
     record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     pin = record.pins[4]
     inverted = changed(record, 4, rises=pin.falls[:-1], falls=pin.rises[1:])
-    (pins,) = judged_record(run, inverted).pins
+    pins = judged_pins(run, inverted)
     assert any("element 4 (e4)" in line for line in pins.findings["pins"])
     fast = dataclasses.replace(record, period_s=record.period_s / 1.002)
-    (line,) = judged_record(run, fast).pins[0].findings["carrier"]
+    (line,) = judged_pins(run, fast).findings["carrier"]
     assert "+2000 ppm of 40000 Hz" in line
     stated = dataclasses.replace(fast, tolerance_ppm=2500.0)
-    assert "carrier" not in judged_record(run, stated).pins[0].findings
+    assert "carrier" not in judged_pins(run, stated).findings
 
 
-def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+def test_a_pin_that_goes_on_after_the_mute_is_found(run, record):
     pin = record.pins[4]
     more = np.arange(1.0, 4.0)
     longer = changed(
@@ -178,7 +198,7 @@ def test_a_pin_that_goes_on_after_the_mute_is_found(tmp_path):
         rises=np.concatenate([pin.rises, pin.rises[-1] + more]),
         falls=np.concatenate([pin.falls, pin.falls[-1] + more]),
     )
-    (line,) = judged_record(run, longer).pins[0].findings["mute"]
+    (line,) = judged_pins(run, longer).findings["mute"]
     assert line.startswith("element 4 fall")
 
 
@@ -197,26 +217,24 @@ def test_a_late_frame_is_judged_from_its_latch_on(late_us, frames, elements, tmp
         late = dataclasses.replace(
             run, intended=[*run.intended[:frame], early, *run.intended[frame + 1 :]]
         )
-        (pins,) = judged(late, "8x8", **some_pins(*elements)).pins
+        pins = pins_of(late, "8x8", **some_pins(*elements))
         assert (pins.findings, pins.counts["late"], pins.counts["right"]) == ({}, 1, 24), frame
 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("periods", [5.5, 9, 18])
-def test_a_last_frame_that_a_mute_cuts_short_is_judged_while_it_sounds(periods, tmp_path):
+def test_a_last_frame_that_a_mute_cuts_short_is_judged_while_it_sounds(periods, run, record):
     """It lasts 40 periods, of which 20 are judged."""
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     muted = record.latches[-1] + periods
     for element, pin in record.pins.items():
         sounding = pin.falls < muted
         keys = {"rises": pin.rises[sounding], "falls": pin.falls[sounding]}
         record = changed(record, element, **keys)
-    (pins,) = judged_record(run, record).pins
+    pins = judged_pins(run, record)
     assert not pins.findings
     assert pins.counts["judged"] == pins.counts["right"] == 12
     wrong = changed(record, 4, rises=record.pins[4].rises + 0.1, falls=record.pins[4].falls + 0.1)
-    (pins,) = judged_record(run, wrong).pins
+    pins = judged_pins(run, wrong)
     assert pins.right[-1].tolist() == [element != 4 for element in range(16)]
 
 
@@ -234,16 +252,14 @@ def sounding_again(record, *elements):
     return dataclasses.replace(record, end=record.end + 30.0)
 
 
-def test_pins_that_sound_again_after_the_end_were_not_muted(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+def test_pins_that_sound_again_after_the_end_were_not_muted(run, record):
     last = max(pin.rises[-1] for pin in record.pins.values())
-    (line,) = judged_record(run, sounding_again(record, 4)).pins[0].findings["mute"]
+    (line,) = judged_pins(run, sounding_again(record, 4)).findings["mute"]
     assert line == "element 4 sound again 0.5 ms after all fell silent, and the others do not"
-    every = judged_record(run, sounding_again(record, *range(16))).pins[0]
+    every = judged_pins(run, sounding_again(record, *range(16)))
     assert "the output sounds again 0.5 ms after it fell silent" in every.not_judged["mute"]
     muted = with_mute(sounding_again(record, *range(16)), last)
-    (line,) = judged_record(run, muted).pins[0].findings["mute"]
+    (line,) = judged_pins(run, muted).findings["mute"]
     assert "600 µs after MUTE arrived, may be for 25 µs" in line
 
 
@@ -266,22 +282,20 @@ def test_with_the_line_of_the_host_the_pins_are_silent_a_period_after_mute(
     record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
     last = max(pin.rises[-1] for pin in record.pins.values())
     muted = with_mute(record, last - before)
-    (pins,) = judged_record(run, muted).pins
+    pins = judged_pins(run, muted)
     assert pins.after_mute_periods == pytest.approx(before)
     assert ("mute" in pins.findings) is (finding is not None)
     if finding:
         assert finding in pins.findings["mute"][0]
     endless = dataclasses.replace(muted, end=last + 1.5)
-    (pins,) = judged_record(run, endless).pins
+    pins = judged_pins(run, endless)
     if before > 1.0:
         assert pins.findings["mute"][0].endswith(", up to the end of the capture")
     else:
         assert pins.not_judged["mute"] == "not verified: the capture ends with MUTE"
 
 
-def test_a_ramp_to_silence_is_no_torn_mute(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+def test_a_ramp_to_silence_is_no_torn_mute(run, record):
     fading = record
     for element, pin in record.pins.items():
         more = np.arange(1.0, 30.0 - element)  # where the amplitude is rounded to 0 first
@@ -292,7 +306,7 @@ def test_a_ramp_to_silence_is_no_torn_mute(tmp_path):
             rises=np.concatenate([pin.rises, pin.rises[-1] + more + narrower]),
             falls=np.concatenate([pin.falls, pin.falls[-1] + more - narrower + 0.001]),
         )
-    (pins,) = judged_record(run, fading).pins
+    pins = judged_pins(run, fading)
     assert pins.findings == {}
     assert pins.not_judged == {"mute": "the output fades to silence (a ramp)"}
 
@@ -303,7 +317,7 @@ def test_frames_that_never_latched_are_those_of_the_back_door(fault, tmp_path):
     run = captured_run(tmp_path / "pins.vcd", frames=30, faults=[f"{fault} from=20ms"])
     latched = {latch.key.index for latch in run.latches}
     lost = [frame.number for frame in run.intended if frame.key.index not in latched]
-    (pins,) = judged(run).pins
+    pins = pins_of(run)
     assert lost
     assert [event.split(":")[0] for event in pins.events] == [str(frame) for frame in lost]
     assert pins.findings == {}
@@ -327,8 +341,7 @@ def test_captures_of_parts_of_a_repeating_object_are_joined(tmp_path):
     assert three.scope == "12 of 16 elements"
 
 
-def test_another_run_and_an_element_too_many_are_refused_in_words(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
+def test_another_run_and_an_element_too_many_are_refused_in_words(run, tmp_path):
     other = captured_run(tmp_path / "other.vcd", seed=2)
     found = judged(dataclasses.replace(run, path=other.path))
     assert found.verdict is Verdict.INCONCLUSIVE
@@ -337,8 +350,7 @@ def test_another_run_and_an_element_too_many_are_refused_in_words(tmp_path):
         judged(run, "3x3")
 
 
-def test_frames_without_times_are_found_by_their_drives(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
+def test_frames_without_times_are_found_by_their_drives(run, tmp_path):
     timeless = [dataclasses.replace(frame, t_apply_us=None) for frame in run.intended]
     for keys in ({}, {"reference": "e0"}, some_pins(0, 1)):
         found = judged(dataclasses.replace(run, intended=timeless), **keys)
@@ -349,19 +361,16 @@ def test_frames_without_times_are_found_by_their_drives(tmp_path):
     assert found.verdict is Verdict.INCONCLUSIVE
 
 
-def test_a_capture_that_was_cut_off_passes_nothing(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    data = run.path.read_bytes()
-    run.path.write_bytes(data[: len(data) // 2])
-    found = judged(run)
+def test_a_capture_that_was_cut_off_passes_nothing(run, tmp_path):
+    data, half = run.path.read_bytes(), tmp_path / "half.vcd"
+    half.write_bytes(data[: len(data) // 2])
+    found = judged(dataclasses.replace(run, path=half))
     assert found.verdict is Verdict.INCONCLUSIVE
     assert 3 < found.pins[0].counts["right"] < 9
     assert any("cut off" in reason for reason in found.reasons)
 
 
-def test_a_frame_alone_before_missing_samples_fails_nothing(tmp_path):
-    run = captured_run(tmp_path / "pins.vcd")
-    record = pin_record_of_capture(read_capture(run.path), ChannelMap.of("map.toml", MAP))
+def test_a_frame_alone_before_missing_samples_fails_nothing(run, record):
     for element in range(9):  # of 16: the others may be right by chance
         pin, late = record.pins[element], 0.03 * (element + 1)
         record = changed(record, element, rises=pin.rises + late, falls=pin.falls + late)

@@ -243,13 +243,14 @@ def test_a_pattern_that_comes_again_is_found_next_to_the_last_one(kind):
         assert found.kind == "one focus"
 
 
-def test_a_focus_that_moves_near_the_array_is_named_at_every_step():
+@pytest.mark.parametrize("count", [30, pytest.param(120, marks=pytest.mark.nightly)])
+def test_a_focus_that_moves_near_the_array_is_named_at_every_step(count):
     """The way from the last focus may lead behind the array, where no field is."""
     model = AcousticModel.default(8, 8)
     finder = PatternClassifier(model, 256)
     rng = np.random.default_rng(8)
     walk = [np.array([-0.039, -0.0274, 0.0124]), np.array([-0.034, -0.0268, 0.0264])]
-    while len(walk) < 120:
+    while len(walk) < count:
         step = walk[-1] + rng.uniform(-0.015, 0.015, 3)
         walk.append(np.clip(step, [-0.04, -0.04, 0.012], [0.04, 0.04, 0.05]))
     for place in walk:
