@@ -6,7 +6,7 @@ here its events become calls of the board, and what the board did becomes replie
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, TypeAlias
 
 from haptogram_protocol import connection
@@ -123,12 +123,28 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._act_on(event)
         self._is_next_known = False
 
-    def receive_stream(
-        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_us: int
-    ) -> None:
-        """Take a stream frame without its bytes, the last of which came at *t_us*."""
-        self.advance_to(t_us)
-        self._act_on(self._link.stream_event(header, message, t_us))
+    @property
+    def next_stream_index(self) -> int:
+        """Unwrapped number of the next stream frame, if none is lost."""
+        return self._link.next_stream_index
+
+    @property
+    def quiet_until_us(self) -> int | None:
+        """When the line may hear next of what happens by itself, if no latch is traced."""
+        timer = self.board.output.next_timer()
+        return earliest_board_time(timer and timer[0], self._next_status_us)
+
+    def take_streams(self, frames: Sequence[tuple[int, StreamFrame]]) -> None:
+        """Take the next stream frames of the session without their bytes, each when it came.
+
+        The board must be quiet until the last of them.
+        """
+        for t_us, frame in frames:
+            self.board.advance_to(t_us)
+            self.board.output.renew_lease()
+            self.board.submit(frame)
+        self._link.skip_stream(len(frames))
+        self.collect()
         self._is_next_known = False
 
     def _act_on(self, event: connection.BoardEvent) -> None:
@@ -179,7 +195,7 @@ class VirtualHaptogramDialect(VirtualDialect):
     def _stream(self, event: connection.StreamReceived) -> None:
         dropped: str | None
         try:
-            content = self._content(event.message)
+            content = self.content(event.message)
         except RemoteProtocolError as error:
             self._link.count(dropped := error.reason)
         else:
@@ -189,7 +205,8 @@ class VirtualHaptogramDialect(VirtualDialect):
             now_us, session = self.board.output.now_us, self.board.output.session
             self._notices.append(StreamDropped(now_us, session, event.index, str(dropped)))
 
-    def _content(self, message: m.Phases | m.Drives | m.Points) -> Content:
+    def content(self, message: m.Phases | m.Drives | m.Points) -> Content:
+        """Return what a stream frame puts into the registers."""
         count = self.board.settings.count
         if isinstance(message, m.Points):
             if len(message.points) > self.board.settings.max_points:

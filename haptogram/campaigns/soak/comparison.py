@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Protocol, Self
+from typing import Protocol
 
 from haptogram.acoustics.model.drive import Drive
 from haptogram.errors import HaptogramError
@@ -49,16 +49,18 @@ class BoardUnderSoak(Protocol):
     def counters(self) -> dict[str, int]: ...  # noqa: D102
     @property
     def is_silent(self) -> bool: ...  # noqa: D102
-    def model(self) -> Self: ...  # noqa: D102
+    def model(self) -> SoakModel: ...  # noqa: D102
     def device_us(self, t_ns: int) -> int: ...  # noqa: D102
-    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None: ...  # noqa: D102
-    def receive_stream(  # noqa: D102
-        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_ns: int
-    ) -> None: ...
+    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> list[int | str]: ...  # noqa: D102
     def advance_to(self, t_ns: int) -> None: ...  # noqa: D102
-    def take_output(self) -> bytes: ...  # noqa: D102
-    def take_verdicts(self) -> list[int | str]: ...  # noqa: D102
+    def take_frames(self) -> list[bytes]: ...  # noqa: D102
     def take_latches(self) -> Sequence[SoakLatch]: ...  # noqa: D102
+
+
+class SoakModel(BoardUnderSoak, Protocol):
+    """A healthy board that need not hear the bytes of most stream frames."""
+
+    def hear(self, sent: Sent, t_ns: int, up_free_ns: int) -> int | str: ...  # noqa: D102
 
 
 class MakeBoard(Protocol):
@@ -79,16 +81,12 @@ class SoakComparison:
         To the board.
     tally : SoakTally
         The account.
-    excerpts : SoakExcerpts or None
+    excerpts : SoakExcerpts
         Keeps what the board takes and latches, for a recording.
     """
 
     def __init__(
-        self,
-        board: BoardUnderSoak,
-        line: SoakLine,
-        tally: SoakTally,
-        excerpts: SoakExcerpts | None = None,
+        self, board: BoardUnderSoak, line: SoakLine, tally: SoakTally, excerpts: SoakExcerpts
     ) -> None:
         self._board, self._line, self._tally, self._excerpts = board, line, tally, excerpts
         self._model = board.model()
@@ -99,25 +97,18 @@ class SoakComparison:
 
     def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None:
         """Let bytes come to the board, and compare what it makes of each frame."""
-        if self._excerpts is not None:
-            self._excerpts.add(t_ns, True, data)
-        self._board.receive(data, t_ns, up_free_ns)
-        ends = [self._judge(one, t_ns, up_free_ns) for one in self._board.take_verdicts()]
-        if not ends:
-            self._model.advance_to(t_ns)
+        self._excerpts.add(t_ns, True, data)
+        verdicts = self._board.receive(data, t_ns, up_free_ns)
+        ends = [self._judge(verdict, t_ns, up_free_ns) for verdict in verdicts]
         self._compare_latches(t_ns)
         if any(ends):
             self.compare(t_ns + self._board.carrier_us * 1000, requested=True)  # HG-6.6/1
 
-    def take_frames(self) -> list[bytes]:
+    def take_frames(self, t_ns: int) -> list[bytes]:
         """Return the frames that the board sends: those of the model, but for their content."""
-        sent, modelled = self._board.take_output(), self._model.take_output()
-        if not sent and not modelled:
-            return []
-        frames, due = (
-            [b"\x00" + encoded + b"\x00" for encoded in output.split(b"\x00") if encoded]
-            for output in (sent, modelled)
-        )
+        if frames := self._board.take_frames():
+            self._model.advance_to(t_ns)
+        due = self._model.take_frames()
         if [frame[2] for frame in frames] != [frame[2] for frame in due]:
             text = f"the board sends {len(frames)} frames; {len(due)} of other types were due"
             self._tally.violate(UNEXPLAINED, text)
@@ -127,13 +118,8 @@ class SoakComparison:
         """Compare a verdict with the model's; return whether the frame ends the output."""
         sent = self._line.next_sent(verdict)
         if sent is None:
-            self._model.advance_to(t_ns)
             return False
-        if sent.meant is None:
-            self._model.receive(sent.wire, t_ns, up_free_ns)
-        else:
-            self._model.receive_stream(*sent.meant, t_ns)
-        due = self._model.take_verdicts()[-1]
+        due = self._model.hear(sent, t_ns, up_free_ns)
         if verdict != due:
             name = "copy taken" if isinstance(verdict, int) else "undamaged frame dropped"
             text = f"type {sent.type:#04x} at the board: {verdict}; {due} was due"
@@ -177,7 +163,7 @@ class SoakComparison:
     def _compare_latches(self, t_ns: int) -> None:
         """Compare latches of board and model, up to the shorter list."""
         latches = self._board.take_latches()
-        if self._excerpts is not None:
+        if self._excerpts.kept:
             for latch in latches:
                 self._excerpts.add(t_ns, None, latch.record())
         self._seen += latches

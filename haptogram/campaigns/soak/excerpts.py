@@ -50,9 +50,12 @@ class SoakExcerpts:
     ----------
     tally : SoakTally
         The account of the segment.
+    kept : bool, keyword-only
+        Whether anything is kept.
     """
 
-    def __init__(self, tally: SoakTally) -> None:
+    def __init__(self, tally: SoakTally, *, kept: bool) -> None:
+        self.kept = kept
         self.found: list[SoakExcerpt] = []
         self._tally = tally
         self._last: deque[Entry] = deque()
@@ -60,6 +63,8 @@ class SoakExcerpts:
 
     def add(self, t_ns: int, to_board: bool | None, data: bytes | LatchRecord) -> None:
         """Keep bytes that the board or the host took, or a latch, which goes nowhere."""
+        if not self.kept:
+            return
         self.look(t_ns)
         entry = t_ns, to_board, data
         if self.found and t_ns <= self.found[-1].until_ns:
@@ -71,7 +76,7 @@ class SoakExcerpts:
     def look(self, t_ns: int) -> None:
         """Begin or extend an excerpt if there is a violation that is new."""
         violations = self._tally.violations.total()
-        if violations == self._violations:
+        if violations == self._violations or not self.kept:
             return
         self._violations = violations
         if self.found and t_ns <= self.found[-1].until_ns:

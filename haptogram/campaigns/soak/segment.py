@@ -18,7 +18,6 @@ from haptogram.settings.faults.plan import Fault, FaultPlan
 from haptogram_protocol import messages as m
 
 from .comparison import Hopeless, MakeBoard
-from .excerpts import SoakExcerpts
 from .line import BAUD
 from .rig import NS_PER_MS, SoakRig
 from .setup import SoakSetup
@@ -67,21 +66,18 @@ def run_soak_segment(
     board = make_board(
         seed=setup.seed + number, baud=BAUD, plan=plan, running_us=round(start_s * 1e6)
     )
-    excerpts = SoakExcerpts(tally) if recorded else None
     tally.interval = start_s / setup.interval_s
-    rig = SoakRig(board, setup, source, tally, excerpts)
+    rig = SoakRig(board, setup, source, tally, recorded=recorded)
     length_ns = round(setup.length_s(number) * NS_PER_S)
-    segment = _SoakSegment(rig, plan, length_ns, watches_memory=not recorded)
     try:
-        segment.run(progress and (lambda done_s: progress(start_s + done_s)))
+        _SoakSegment(rig, plan, length_ns, start_s).run(progress)
     except (DeviceError, Hopeless, NoAnswerError) as error:
         if not isinstance(error, Hopeless):
             tally.violate("no answer", f"{error}")
         tally.violate("given up", f"segment {number}: {error}")
     rig.comparison.count()
-    if excerpts is not None:
-        excerpts.look(rig.now_ns())
-        tally.excerpts = excerpts.found
+    rig.excerpts.look(rig.now_ns())
+    tally.excerpts = rig.excerpts.found
     tally.examples = [f"segment {number}, {text}" for text in tally.examples]
     return tally
 
@@ -96,17 +92,12 @@ def _soak_clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ..
 
 
 class _SoakSegment:
-    def __init__(
-        self, rig: SoakRig, plan: FaultPlan, length_ns: int, *, watches_memory: bool
-    ) -> None:
+    def __init__(self, rig: SoakRig, plan: FaultPlan, length_ns: int, start_s: float) -> None:
         self._rig, self._source, self._tally = rig, rig.source, rig.tally
-        self._length_ns = length_ns
-        self._watches_memory = watches_memory
+        self._length_ns, self._start_s = length_ns, start_s
         self._stepped = any(plan.named(_STEP))
         self._timers_ms = self._ramp_ms = 0
-        self._due_us = 0
-        self._jumps = 0
-        self._blocks = 0
+        self._due_us = self._jumps = self._blocks = 0
 
     def run(self, progress: Progress | None) -> None:
         rig = self._rig
@@ -120,10 +111,10 @@ class _SoakSegment:
         while True:
             self._burst()
             self._wait_idle()
-            if self._watches_memory:  # excerpts come and go: no leak
+            if not rig.excerpts.kept:  # which come and go: no leak
                 self._watch_memory()
             if progress is not None:
-                progress(min(rig.now_ns(), self._length_ns) / NS_PER_S)
+                progress(self._start_s + min(rig.now_ns(), self._length_ns) / NS_PER_S)
             if rig.now_ns() >= self._length_ns:
                 break
             name = self._source.choice(("pauses", *interruptions))
@@ -166,7 +157,7 @@ class _SoakSegment:
         self._calm(True)
         self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
         for _ in range(_MOST_CALM_MS // 10):
-            self._rig.link.run_until(self._rig.now_ns() + NS_PER_MS)
+            self._rig.run_until(self._rig.now_ns() + NS_PER_MS)
             if self._rig.is_idle:
                 break
             self._stream(10)
@@ -186,7 +177,7 @@ class _SoakSegment:
                 self._jumps = clock.jumps
                 self._due_us = max(self._due_us, first_us - PERIOD_US)
             self._due_us = self._due_us + PERIOD_US if self._due_us else first_us
-            rig.link.run_until(max(rig.now_ns(), clock.to_host_ns(self._due_us - _LEAD_US)))
+            rig.run_until(max(rig.now_ns(), clock.to_host_ns(self._due_us - _LEAD_US)))
             rig.stream_frame(self._due_us)
 
     # --- interruptions -------------------------------------------------------------------------
