@@ -20,7 +20,7 @@ from ..board.clock import earliest_board_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange, StreamDropped
 from ..board.refusal import RefusalError
 from ..board.registers import Content, drive_of_registers
-from ..board.stream_queue import StreamFrame
+from ..board.stream_queue import QueueEntry, StreamFrame
 from .virtual_dialect import VirtualDialect
 
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
@@ -129,23 +129,18 @@ class VirtualHaptogramDialect(VirtualDialect):
         return self._link.next_stream_index
 
     @property
-    def quiet_until_us(self) -> int | None:
-        """When the line may hear next of what happens by itself, if no latch is traced."""
-        timer = self.board.output.next_timer()
-        return earliest_board_time(timer and timer[0], self._next_status_us)
+    def quiet_until_us(self) -> int:
+        """Until when :meth:`take_run` is possible: the line hears nothing, if nothing is traced."""
+        until_us, status_us = self.board.undisturbed_until_us, self._next_status_us
+        return until_us if status_us is None else min(until_us, status_us)
 
-    def take_streams(self, frames: Sequence[tuple[int, StreamFrame]]) -> None:
-        """Take the next stream frames of the session without their bytes, each when it came.
-
-        The board must be quiet until the last of them.
-        """
-        for t_us, frame in frames:
-            self.board.advance_to(t_us)
-            self.board.output.renew_lease()
-            self.board.submit(frame)
+    def take_run(self, frames: Sequence[tuple[int, StreamFrame]]) -> list[QueueEntry]:
+        """Take the next stream frames of the session without bytes; see :meth:`Board.take_run`."""
+        passed = self.board.take_run(frames)
         self._link.skip_stream(len(frames))
         self.collect()
         self._is_next_known = False
+        return passed
 
     def _act_on(self, event: connection.BoardEvent) -> None:
         if self._watch is not None:

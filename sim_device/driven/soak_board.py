@@ -10,6 +10,7 @@ import dataclasses
 import functools
 from typing import Final, Protocol, Self, TypeAlias
 
+from haptogram.acoustics import Drive
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol import messages as m
 from haptogram_protocol.connection import BoardEvent, StreamReceived
@@ -28,7 +29,6 @@ from ..mutants import mutant_parts
 Verdict: TypeAlias = int | str
 
 REQUEST: Final = "request"
-_FOR_EVER_US: Final = 1 << 62
 
 
 class VirtualSoakBoard:
@@ -142,6 +142,17 @@ class SentFrame(Protocol):
     drive: m.Phases | m.Drives | None
 
 
+@dataclasses.dataclass(slots=True)
+class DueLatch:
+    """A latch of the model; see :class:`~sim_device.board.events.Latch`."""
+
+    session: int
+    index: int
+    t_latch_us: int
+    late: bool
+    drive: Drive
+
+
 class VirtualSoakModel(VirtualSoakBoard):
     """A healthy board that is told of most stream frames without their bytes.
 
@@ -152,25 +163,30 @@ class VirtualSoakModel(VirtualSoakBoard):
         super().__init__(settings, clock, parts)
         self._content = functools.lru_cache(maxsize=128)(self._dialect.content)
         self._kept: list[tuple[int, StreamFrame]] = []
+        self._due: list[DueLatch] = []
         self._session = self._next_index = self._quiet_until_us = 0
+        self._first_apply_us = self._room = 0
 
     def hear(self, sent: SentFrame, t_ns: int, up_free_ns: int) -> Verdict:
         """Take a frame that came whole at *t_ns*, and return the verdict on it."""
-        return (
-            sent.index if self._keeps(sent, t_ns) else self.receive(sent.wire, t_ns, up_free_ns)[-1]
-        )
+        if sent.drive is not None and self._keeps(sent, sent.drive, t_ns):
+            return sent.index
+        return self.receive(sent.wire, t_ns, up_free_ns)[-1]
 
-    def _keeps(self, sent: SentFrame, t_ns: int) -> bool:
-        """Keep a frame if it is the next one of the stream, and came in time."""
-        now_us = self.device_us(t_ns)
-        t_apply_us = m.unwrap(sent.due_us & 0xFFFFFFFF, now_us, 32)
-        if sent.drive is None or not now_us < min(t_apply_us, self._quiet_until_us):
-            return False
+    def _keeps(self, sent: SentFrame, drive: m.Phases | m.Drives, t_ns: int) -> bool:
+        """Keep a frame if it is the next one, comes in time, and finds its place in the queue."""
         if sent.index != self._next_index or sent.session != self._session:
             return False
-        content = self._content(sent.drive)
-        self._kept.append((now_us, StreamFrame(sent.index, t_apply_us, content)))
+        now_us = self.device_us(t_ns)
+        t_apply_us = m.unwrap(sent.due_us & 0xFFFFFFFF, now_us, 32)
+        first_us = max(now_us + self._settings.latch_lead_us, self._first_apply_us)
+        in_time = first_us <= t_apply_us <= now_us + self._settings.max_horizon_us
+        if not (in_time and self._room and now_us < self._quiet_until_us):
+            return False
+        self._kept.append((now_us, StreamFrame(sent.index, t_apply_us, self._content(drive))))
         self._next_index += 1
+        self._room -= 1
+        self._first_apply_us = t_apply_us + self.carrier_us
         return True
 
     @property
@@ -192,13 +208,29 @@ class VirtualSoakModel(VirtualSoakBoard):
         super().advance_to(t_ns)
         self._look_ahead()
 
+    def take_due(self) -> list[DueLatch]:
+        """Return the latches since the last call that are known."""
+        taken, self._due = self._due, []
+        return taken
+
     def _take_kept(self) -> None:
         if self._kept:
-            self._dialect.take_streams(self._kept)
+            for entry in self._dialect.take_run(self._kept):
+                due = self._session, entry.index, entry.t_latch_us, entry.late, entry.drive
+                self._due.append(DueLatch(*due))
             self._kept.clear()
+        self._note_latches()
+
+    def _note_latches(self) -> None:
+        for one in self.take_latches():
+            due = one.session, one.index, one.t_latch_us, one.late, one.drive
+            self._due.append(DueLatch(*due))
 
     def _look_ahead(self) -> None:
-        """Note which frame is the next, and when the board next says something by itself."""
+        """Note which frames can be kept from now on, and until when."""
+        self._note_latches()
+        board = self._dialect.board
         self._session, self._next_index = self.session, self._dialect.next_stream_index
-        quiet_us = self._dialect.quiet_until_us
-        self._quiet_until_us = _FOR_EVER_US if quiet_us is None else quiet_us
+        self._quiet_until_us = self._dialect.quiet_until_us
+        self._first_apply_us = board.last_apply_us + self.carrier_us
+        self._room = self._settings.queue_depth - board.queued

@@ -26,13 +26,19 @@ class Hopeless(HaptogramError):
 
 
 class SoakLatch(Protocol):
-    """A latch as the board keeps it; see :class:`~haptogram.records.latch.LatchRecord`."""
+    """A latch of a board; see ``sim_device.board.events.Latch``."""
 
-    key: m.LatchKey
     session: int
     t_latch_us: int
     late: bool
     drive: Drive
+
+    @property
+    def index(self) -> int: ...  # noqa: D102
+
+
+class SeenSoakLatch(SoakLatch, Protocol):
+    """A latch of the board under test."""
 
     def record(self) -> LatchRecord: ...  # noqa: D102
 
@@ -54,12 +60,13 @@ class BoardUnderSoak(Protocol):
     def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> list[int | str]: ...  # noqa: D102
     def advance_to(self, t_ns: int) -> None: ...  # noqa: D102
     def take_frames(self) -> list[bytes]: ...  # noqa: D102
-    def take_latches(self) -> Sequence[SoakLatch]: ...  # noqa: D102
+    def take_latches(self) -> Sequence[SeenSoakLatch]: ...  # noqa: D102
 
 
 class SoakModel(BoardUnderSoak, Protocol):
     """A healthy board that need not hear the bytes of most stream frames."""
 
+    def take_due(self) -> Sequence[SoakLatch]: ...  # noqa: D102
     def hear(self, sent: Sent, t_ns: int, up_free_ns: int) -> int | str: ...  # noqa: D102
 
 
@@ -90,7 +97,7 @@ class SoakComparison:
     ) -> None:
         self._board, self._line, self._tally, self._excerpts = board, line, tally, excerpts
         self._model = board.model()
-        self._seen: deque[SoakLatch] = deque()
+        self._seen: deque[SeenSoakLatch] = deque()
         self._due: deque[SoakLatch] = deque()
         self._silent = (True, True)  # the board, and the model
         self._last: Sent | None = None
@@ -153,9 +160,9 @@ class SoakComparison:
         self._model.advance_to(t_ns)
         self._compare_latches(t_ns)
         for latch in self._seen:
-            self._tally.violate("wrong frame latched", f"frame {latch.key.index}; none was due")
+            self._tally.violate("wrong frame latched", f"frame {latch.index}; none was due")
         for latch in self._due:
-            self._tally.violate("not latched", f"frame {latch.key.index}")
+            self._tally.violate("not latched", f"frame {latch.index}")
         self._seen.clear()
         self._due.clear()
         self._compare_silence(t_ns, requested=requested)
@@ -167,12 +174,12 @@ class SoakComparison:
             for latch in latches:
                 self._excerpts.add(t_ns, None, latch.record())
         self._seen += latches
-        self._due += self._model.take_latches()
+        self._due += self._model.take_due()
         while self._seen and self._due:
             latch, due = self._seen.popleft(), self._due.popleft()
-            index, wanted = latch.key.index, due.key.index
+            index, wanted = latch.index, due.index
             if (latch.session, index) == (due.session, wanted):
-                self._compare_latch(latch, due)
+                self._compare_latch(latch, due, index)
             elif wanted < index:
                 self._tally.violate("not latched", f"frame {wanted}")
                 self._seen.appendleft(latch)
@@ -181,8 +188,7 @@ class SoakComparison:
                 self._tally.violate("wrong frame latched", text)
                 self._due.appendleft(due)
 
-    def _compare_latch(self, latch: SoakLatch, due: SoakLatch) -> None:
-        index = due.key.index
+    def _compare_latch(self, latch: SoakLatch, due: SoakLatch, index: int) -> None:
         self._tally.totals["latched"] += 1
         self._tally.count("late", latch.late, column="late")
         if (latch.t_latch_us, latch.late) != (due.t_latch_us, due.late):
