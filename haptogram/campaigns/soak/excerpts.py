@@ -56,8 +56,7 @@ class SoakExcerpts:
 
     def __init__(self, tally: SoakTally, *, kept: bool) -> None:
         self.kept = kept
-        self.found: list[SoakExcerpt] = []
-        self._tally = tally
+        self._tally, self._found = tally, tally.excerpts
         self._last: deque[Entry] = deque()
         self._violations = 0
 
@@ -67,8 +66,8 @@ class SoakExcerpts:
             return
         self.look(t_ns)
         entry = t_ns, to_board, data
-        if self.found and t_ns <= self.found[-1].until_ns:
-            self.found[-1].entries.append(entry)
+        if self._found and t_ns <= self._found[-1].until_ns:
+            self._found[-1].entries.append(entry)
         self._last.append(entry)
         while self._last[0][0] < t_ns - BEFORE_NS:
             self._last.popleft()
@@ -79,8 +78,8 @@ class SoakExcerpts:
         if violations == self._violations or not self.kept:
             return
         self._violations = violations
-        if self.found and t_ns <= self.found[-1].until_ns:
-            self.found[-1].until_ns = t_ns + AFTER_NS
-        elif len(self.found) < MOST_KEPT:
+        if self._found and t_ns <= self._found[-1].until_ns:
+            self._found[-1].until_ns = t_ns + AFTER_NS
+        elif len(self._found) < MOST_KEPT:
             text = self._tally.examples[-1]
-            self.found.append(SoakExcerpt(text, t_ns + AFTER_NS, list(self._last)))
+            self._found.append(SoakExcerpt(text, t_ns + AFTER_NS, list(self._last)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import random
 from typing import Final
 
@@ -13,8 +12,6 @@ from haptogram_protocol import HostConnection
 from haptogram_protocol import messages as m
 from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import events
-from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import decode_frame
 
 from .comparison import BoardUnderSoak, Hopeless, SoakComparison
 from .excerpts import SoakExcerpts
@@ -132,7 +129,7 @@ class SoakRig:
         self.comparison = SoakComparison(board, self.down, tally, self.excerpts)
         self.link: Link
         self.pinger: Pinger
-        self._now_ns = 0
+        self._now_ns = self._session = 0
         self._board, self.source = board, source
         self._interval_ns, self._first_interval = setup.interval_s * NS_PER_S, tally.interval
         self._drives = _soak_drives(board.transducers)
@@ -194,11 +191,6 @@ class SoakRig:
         if sum(self.tally.violations.values()) > _MOST_VIOLATIONS:
             raise Hopeless("too much is wrong to go on")
 
-    @property
-    def is_idle(self) -> bool:
-        """True if no frame or request is outstanding."""
-        return self.down.is_idle and self.up.is_idle and not self.link.connection.outstanding
-
     # --- the port ------------------------------------------------------------------------------
 
     def now_ns(self) -> int:
@@ -253,20 +245,12 @@ class SoakRig:
 
     def _take_from_board(self) -> None:
         for wire in self.comparison.take_frames(self._now_ns):
-            sent = Sent(wire, self._session_of(wire), wire[2] in m.EVENT_RANGE)
+            if wire[2] == m.HelloReply.TYPE:  # an event just before it is of the session before
+                self._session = self._board.session
+            sent = Sent(wire, self._session, wire[2] in m.EVENT_RANGE)
             # Events of the session before have no number that could show their loss.
             is_old = sent.session != self.link.connection.session
             self.up.send(sent, self._now_ns, spared=is_old)
-
-    def _session_of(self, wire: bytes) -> int:
-        """Return the session of a frame of the board: an event just before a HELLO is of the old.
-
-        What is no frame, or no event, counts to the session that is open.
-        """
-        if wire[2] in m.EVENT_RANGE:
-            with contextlib.suppress(RemoteProtocolError):
-                return m.Header.of_body(decode_frame(wire[1:-1])).session
-        return self._board.session
 
 
 def _soak_drives(count: int) -> list[m.Phases | m.Drives]:

@@ -77,7 +77,6 @@ def run_soak_segment(
         tally.violate("given up", f"segment {number}: {error}")
     rig.comparison.count()
     rig.excerpts.look(rig.now_ns())
-    tally.excerpts = rig.excerpts.found
     tally.examples = [f"segment {number}, {text}" for text in tally.examples]
     return tally
 
@@ -127,7 +126,7 @@ class _SoakSegment:
     def _connect(self) -> None:
         rig, source = self._rig, self._source
         rig.new_session()
-        self._calm(False)
+        rig.down.calm = rig.up.calm = False
         config = m.Config(
             hold_ms=source.choice((100, 200, 400)),
             ramp_ms=source.choice((0, 20, 50)),
@@ -141,31 +140,28 @@ class _SoakSegment:
         rig.pinger.synchronise()
         rig.arm()
 
-    def _calm(self, calm: bool) -> None:
-        """Switch line faults off or on in both directions."""
-        self._rig.down.calm = self._rig.up.calm = calm
-
     def _burst(self) -> None:
         """Stream frames with line faults for a random time."""
-        self._calm(False)
+        self._rig.down.calm = self._rig.up.calm = False
         self._due_us = 0
         left_ns = max(self._length_ns - self._rig.now_ns(), 100 * NS_PER_MS)
         self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * NS_PER_S)) // NS_PER_MS)
 
     def _wait_idle(self) -> None:
         """Stream without faults until board and model have reported all frames."""
-        self._calm(True)
+        rig = self._rig
+        rig.down.calm = rig.up.calm = True
         self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
         for _ in range(_MOST_CALM_MS // 10):
-            self._rig.run_until(self._rig.now_ns() + NS_PER_MS)
-            if self._rig.is_idle:
+            rig.run_until(rig.now_ns() + NS_PER_MS)
+            if rig.down.is_idle and rig.up.is_idle and not rig.link.connection.outstanding:
                 break
             self._stream(10)
         else:
             self._tally.violate("not in order again", f"after {_MOST_CALM_MS} ms without a fault")
             raise Hopeless("the link does not recover")
         self._tally.close()
-        self._rig.listen()
+        rig.listen()
 
     def _stream(self, frames: int) -> None:
         """Stream *frames* frames, one per period."""

@@ -25,10 +25,7 @@ class SoakSetup(Settings):
     """
 
     hours: float = option(
-        unit="HOURS",
-        low=1e-6,
-        high=100_000.0,
-        help="virtual time to stream; an hour takes ten minutes on a free core",
+        unit="HOURS", low=1e-6, high=1e5, help="virtual time; an hour takes minutes of a free core"
     )
     fault_rate: float = option(
         1e-2, unit="SHARE", low=0.0, high=_MOST_RATE, help="share of frames hit in each direction"
