@@ -97,8 +97,13 @@ class Board:
         due = self._next_due()
         return None if due is None else max(due[0], self.output.now_us)
 
-    def advance_to(self, t_us: int) -> None:
+    def advance_to(self, t_us: int) -> int | None:
         """Let everything happen that is due up to *t_us*, that moment included.
+
+        Returns
+        -------
+        int or None
+            When something happens next by itself; None: nothing does.
 
         Raises
         ------
@@ -110,6 +115,7 @@ class Board:
             self.output.now_us = max(self.output.now_us, due[0])
             due[1]()
         self.output.now_us = t_us
+        return None if due is None else due[0]
 
     def play_to(self, t_us: int) -> None:
         """Latch the frames of a playback that are due up to *t_us*, until anything else is due.

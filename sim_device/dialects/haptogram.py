@@ -97,11 +97,11 @@ class VirtualHaptogramDialect(VirtualDialect):
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, and say so on the line."""
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
-            self.board.advance_to(next_us)
+            due_us = self.board.advance_to(next_us)
             self.collect()
             if next_us == self._next_status_us:
                 self._send_status(next_us)
-            self._is_next_known = False
+            self._next_us = earliest_board_time(due_us, self._next_status_us)
         self.board.idle_to(t_us)
 
     def play_to(self, t_us: int) -> None:

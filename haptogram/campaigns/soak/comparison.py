@@ -161,8 +161,8 @@ class SoakComparison:
         self._compare_latches(t_ns)
         for latch in self._seen:
             self._tally.violate("wrong frame latched", f"frame {latch.index}; none was due")
-        for latch in self._due:
-            self._tally.violate("not latched", f"frame {latch.index}")
+        for due in self._due:
+            self._tally.violate("not latched", f"frame {due.index}")
         self._seen.clear()
         self._due.clear()
         self._compare_silence(t_ns, requested=requested)

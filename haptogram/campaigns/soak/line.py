@@ -237,8 +237,7 @@ class SoakLine:
 
     def _explain_damage(self, hit: SoakHit | None, verdict: int | str) -> None:
         if hit is None:
-            text = f"damage at {self._end} that nothing did: {verdict}"
-            self._tally.violate(UNEXPLAINED, text)
+            self._tally.violate(UNEXPLAINED, f"damage at {self._end} without a fault: {verdict}")
         elif verdict not in DAMAGE:
             text = f"{self._end} took what {hit.kind} left for {verdict!r}"
             self._tally.violate("damaged frame taken", text)

@@ -121,7 +121,6 @@ class SoakRig:
         *,
         recorded: bool = False,
     ) -> None:
-        self.tally = tally
         self.down = SoakLine("down", "the board", setup.fault_rate, source, tally)
         self.up = SoakLine("up", "the host", setup.fault_rate, source, tally)
         self.clock = ClockEstimate()
@@ -130,7 +129,7 @@ class SoakRig:
         self.link: Link
         self.pinger: Pinger
         self._now_ns = self._session = 0
-        self._board, self.source = board, source
+        self._board, self.source, self.tally = board, source, tally
         self._interval_ns, self._first_interval = setup.interval_s * NS_PER_S, tally.interval
         self._drives = _soak_drives(board.transducers)
         self._last_request = b""
@@ -145,15 +144,12 @@ class SoakRig:
         host = SoakHost(nonce, self.up, self.tally)
         self.link = Link(self, host, baudrate=BAUD, timeout_s=_TIMEOUT_S, keep=0)
         self.pinger = Pinger(self.link, self.clock)
-        self.link.handler = self._hear
+        # As the pinger's own method, it and its link would keep each other.
+        self.link.handler = lambda event: self.pinger.take(event)
         self.down.begin_session()
         self.up.begin_session()
         open_line_session(self.link)
         self.tally.totals["sessions"] += 1
-
-    def _hear(self, event: object) -> None:
-        """Take an event; as the pinger took it itself, it and its link would keep each other."""
-        self.pinger.take(event)
 
     def arm(self) -> None:
         """Let the board sound."""
@@ -168,9 +164,8 @@ class SoakRig:
         self.pinger.keep()
         self.tally.count("frames", column="frames")
         drive = self._drives[self.tally.totals["frames"] % _DRIVES]
-        connection = self.link.connection
-        index, wire = connection.stream_frame(drive, t_apply_us=due_us)
-        self._frame = Sent(wire, connection.session, True, index, due_us, drive)
+        index, wire = self.link.connection.stream_frame(drive, t_apply_us=due_us)
+        self._frame = Sent(wire, self.link.connection.session, True, index, due_us, drive)
         self.link.write_frame(wire)
 
     def run_until(self, t_ns: int) -> None:
@@ -211,9 +206,10 @@ class SoakRig:
         while True:
             down_ns = down[0][0] if down else _NEVER_NS
             up_ns = up[0][0] if up else _NEVER_NS
-            self._now_ns = max(self._now_ns, min(down_ns, up_ns, deadline_ns))
+            next_ns = min(down_ns, up_ns, deadline_ns)
+            self._now_ns = max(self._now_ns, next_ns)
             self.tally.interval = self._first_interval + self._now_ns / self._interval_ns
-            if down_ns > min(up_ns, deadline_ns):
+            if down_ns > next_ns:
                 return up_ns <= deadline_ns
             self.comparison.receive(down.popleft()[1], self._now_ns, self.up.free_ns)
             self._take_from_board()
@@ -249,8 +245,7 @@ class SoakRig:
                 self._session = self._board.session
             sent = Sent(wire, self._session, wire[2] in m.EVENT_RANGE)
             # Events of the session before have no number that could show their loss.
-            is_old = sent.session != self.link.connection.session
-            self.up.send(sent, self._now_ns, spared=is_old)
+            self.up.send(sent, self._now_ns, spared=sent.session != self.link.connection.session)
 
 
 def _soak_drives(count: int) -> list[m.Phases | m.Drives]:

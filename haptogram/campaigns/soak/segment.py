@@ -62,10 +62,9 @@ def run_soak_segment(
     source = random.Random(f"{setup.seed}/{number}")
     tally = SoakTally()
     start_s = setup.start_s(number)
-    plan = FaultPlan(_soak_clock_faults(setup.length_s(number), source), setup.seed + number)
-    board = make_board(
-        seed=setup.seed + number, baud=BAUD, plan=plan, running_us=round(start_s * 1e6)
-    )
+    seed, running_us = setup.seed + number, round(start_s * 1e6)
+    plan = FaultPlan(_soak_clock_faults(setup.length_s(number), source), seed)
+    board = make_board(seed=seed, baud=BAUD, plan=plan, running_us=running_us)
     tally.interval = start_s / setup.interval_s
     rig = SoakRig(board, setup, source, tally, recorded=recorded)
     length_ns = round(setup.length_s(number) * NS_PER_S)
@@ -233,8 +232,7 @@ class _SoakSegment:
         """Compare the memory blocks in use between equal states."""
         blocks = sys.getallocatedblocks()
         self._blocks = self._blocks or blocks
-        grown = blocks - self._blocks
-        if grown > _BLOCKS:
+        if (grown := blocks - self._blocks) > _BLOCKS:
             self._tally.violate("memory leak", f"{grown} blocks more than after the first burst")
             self._blocks = blocks
 
