@@ -201,7 +201,7 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._notices.append(StreamDropped(now_us, session, event.index, str(dropped)))
 
     def content(self, message: m.Phases | m.Drives | m.Points) -> Content:
-        """Return what a stream frame puts into the registers."""
+        """Return the content of a stream frame for the registers."""
         count = self.board.settings.count
         if isinstance(message, m.Points):
             if len(message.points) > self.board.settings.max_points:

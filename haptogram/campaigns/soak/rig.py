@@ -99,7 +99,7 @@ class SoakRig:
     ----------
     down, up : SoakLine
     excerpts : SoakExcerpts
-        What happened around violations.
+        Bytes and latches around violations.
     clock : ClockEstimate
         The host's estimate of the board's clock.
     comparison : SoakComparison
