@@ -8,6 +8,7 @@ everything that was due then.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from haptogram.acoustics import Drive
@@ -24,7 +25,7 @@ from .refusal import RefusalError
 from .registers import BoardFocuser, Content
 from .settings import BoardSettings
 from .stream_queue import BoardQueue, QueueEntry, StreamFrame
-from .timers import BoardTimers
+from .timers import NEVER_US, BoardTimers
 from .uploads import BoardUploads, Upload
 
 
@@ -96,8 +97,13 @@ class Board:
         due = self._next_due()
         return None if due is None else max(due[0], self.output.now_us)
 
-    def advance_to(self, t_us: int) -> None:
+    def advance_to(self, t_us: int) -> int | None:
         """Let everything happen that is due up to *t_us*, that moment included.
+
+        Returns
+        -------
+        int or None
+            When something happens next by itself; None: nothing does.
 
         Raises
         ------
@@ -109,6 +115,7 @@ class Board:
             self.output.now_us = max(self.output.now_us, due[0])
             due[1]()
         self.output.now_us = t_us
+        return None if due is None else due[0]
 
     def play_to(self, t_us: int) -> None:
         """Latch the frames of a playback that are due up to *t_us*, until anything else is due.
@@ -186,9 +193,51 @@ class Board:
         return None
 
     @property
+    def undisturbed_until_us(self) -> int:
+        """Until when :meth:`take_run` is possible: nothing but latches is due before."""
+        if self.output.state is not OutputState.ARMED or self.output.is_ramping or self.is_playing:
+            return 0
+        timer = self.output.next_timer()
+        return NEVER_US if timer is None else timer[0]
+
+    def take_run(self, frames: Sequence[tuple[int, StreamFrame]]) -> list[QueueEntry]:
+        """Queue frames, each when it came, as :meth:`submit` does; return latches passed over.
+
+        Each carries a drive, comes in time, has a boundary of its own and finds room.  Of the
+        latches until the last one came, the last is carried out; those before are counted.
+        """
+        output, carrier_us = self.output, self.settings.carrier_us
+        for t_us, frame in frames:
+            ready_us, t_apply_us = t_us + self.settings.latch_lead_us, frame.t_apply_us or 0
+            self.margins.add(t_apply_us - ready_us)
+            latch_us = -(-t_apply_us // carrier_us) * carrier_us
+            drive, bits = self._focuser.registers(frame.content)
+            entry = QueueEntry(
+                frame.index, t_apply_us, ready_us, latch_us, False, t_us, drive, bits
+            )
+            self._queue.push(entry)
+        self._computed_us = t_us = frames[-1][0]
+        output.counters.accepted += len(frames)
+        passed = self._queue.pass_over(t_us)
+        output.count_latches(len(passed))
+        output.counters.late += sum(entry.late for entry in passed)
+        output.now_us = t_us
+        output.renew_lease()
+        if (head := self._queue.head) is not None and head.t_latch_us <= t_us:
+            output.now_us = head.t_latch_us
+            self._latch_stream()
+            output.now_us = t_us
+        return passed
+
+    @property
     def queued(self) -> int:
         """Stream frames that wait for their t_apply."""
         return len(self._queue)
+
+    @property
+    def last_apply_us(self) -> int:
+        """The t_apply of the newest of them; 0: there is none."""
+        return self._queue.last_apply_us
 
     def _refuse(self, frame: StreamFrame) -> Drop | None:
         if self.output.state is not OutputState.ARMED or self._playback is not None:

@@ -55,6 +55,11 @@ class Latch:
     ramping: bool
     t_received_us: int | None = None
 
+    @property
+    def index(self) -> int:
+        """Number of the frame."""
+        return self.key.index
+
     def weights(self) -> ComplexArray:
         """Return the (N,) complex weights of what is radiated."""
         return self.radiated.weights()

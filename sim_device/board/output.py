@@ -145,6 +145,11 @@ class BoardOutput:
         cut = self.config.amplitude_ceiling
         self._new_notices.append(RadiatedAnew(self.now_us, radiated, full, cut))
 
+    @property
+    def is_ramping(self) -> bool:
+        """True while the output fades."""
+        return self._ramping
+
     def renew_lease(self) -> None:
         """Restart the host timeout: a valid frame of the session came."""
         if self.state is OutputState.ARMED:
@@ -242,6 +247,11 @@ class BoardOutput:
         self._new_latches.append(latch)
         if self.config.trace_mode is TraceMode.RING:
             self._ring.append(latch)
+
+    def count_latches(self, count: int) -> None:
+        """Count *count* latches that are passed over: another one follows at once."""
+        self._latches += count
+        self.counters.latched += count
 
     # --- evidence ------------------------------------------------------------------------------
 

@@ -97,6 +97,18 @@ class BoardQueue:
         """Take the head off the queue."""
         return self._entries.popleft()
 
+    def pass_over(self, t_us: int) -> list[QueueEntry]:
+        """Take all entries that are due up to *t_us* off the queue, but for the last of them."""
+        entries, passed = self._entries, []
+        while len(entries) > 1 and entries[1].t_latch_us <= t_us:
+            passed.append(entries.popleft())
+        return passed
+
+    @property
+    def last_apply_us(self) -> int:
+        """The t_apply of the newest entry; 0: there is none."""
+        return self._entries[-1].t_apply_us if self._entries else 0
+
     def flush(self) -> int:
         """Discard every entry; return how many there were."""
         count = len(self._entries)

@@ -6,7 +6,7 @@ here its events become calls of the board, and what the board did becomes replie
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, TypeAlias
 
 from haptogram_protocol import connection
@@ -20,7 +20,7 @@ from ..board.clock import earliest_board_time
 from ..board.events import Latch, Notice, PlaybackEnd, StateChange, StreamDropped
 from ..board.refusal import RefusalError
 from ..board.registers import Content, drive_of_registers
-from ..board.stream_queue import StreamFrame
+from ..board.stream_queue import QueueEntry, StreamFrame
 from .virtual_dialect import VirtualDialect
 
 OUTPUT_LIMIT: Final = 16_384  # half of it for traces: 27 ms of a line of 3 Mbaud
@@ -97,11 +97,11 @@ class VirtualHaptogramDialect(VirtualDialect):
     def advance_to(self, t_us: int) -> None:
         """Let everything happen that is due up to *t_us*, and say so on the line."""
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
-            self.board.advance_to(next_us)
+            due_us = self.board.advance_to(next_us)
             self.collect()
             if next_us == self._next_status_us:
                 self._send_status(next_us)
-            self._is_next_known = False
+            self._next_us = earliest_board_time(due_us, self._next_status_us)
         self.board.idle_to(t_us)
 
     def play_to(self, t_us: int) -> None:
@@ -123,13 +123,24 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._act_on(event)
         self._is_next_known = False
 
-    def receive_stream(
-        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_us: int
-    ) -> None:
-        """Take a stream frame without its bytes, the last of which came at *t_us*."""
-        self.advance_to(t_us)
-        self._act_on(self._link.stream_event(header, message, t_us))
+    @property
+    def next_stream_index(self) -> int:
+        """Unwrapped number of the next stream frame, if none is lost."""
+        return self._link.next_stream_index
+
+    @property
+    def quiet_until_us(self) -> int:
+        """Until when :meth:`take_run` is possible: the line hears nothing, if nothing is traced."""
+        until_us, status_us = self.board.undisturbed_until_us, self._next_status_us
+        return until_us if status_us is None else min(until_us, status_us)
+
+    def take_run(self, frames: Sequence[tuple[int, StreamFrame]]) -> list[QueueEntry]:
+        """Take the next stream frames of the session without bytes; see :meth:`Board.take_run`."""
+        passed = self.board.take_run(frames)
+        self._link.skip_stream(len(frames))
+        self.collect()
         self._is_next_known = False
+        return passed
 
     def _act_on(self, event: connection.BoardEvent) -> None:
         if self._watch is not None:
@@ -179,7 +190,7 @@ class VirtualHaptogramDialect(VirtualDialect):
     def _stream(self, event: connection.StreamReceived) -> None:
         dropped: str | None
         try:
-            content = self._content(event.message)
+            content = self.content(event.message)
         except RemoteProtocolError as error:
             self._link.count(dropped := error.reason)
         else:
@@ -189,7 +200,8 @@ class VirtualHaptogramDialect(VirtualDialect):
             now_us, session = self.board.output.now_us, self.board.output.session
             self._notices.append(StreamDropped(now_us, session, event.index, str(dropped)))
 
-    def _content(self, message: m.Phases | m.Drives | m.Points) -> Content:
+    def content(self, message: m.Phases | m.Drives | m.Points) -> Content:
+        """Return the content of a stream frame for the registers."""
         count = self.board.settings.count
         if isinstance(message, m.Points):
             if len(message.points) > self.board.settings.max_points:

@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Final, Self, TypeAlias
+from typing import Final, Protocol, Self, TypeAlias
 
+from haptogram.acoustics import Drive
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram_protocol import messages as m
 from haptogram_protocol.connection import BoardEvent, StreamReceived
 from haptogram_protocol.connection.events import FrameDropped
+from haptogram_protocol.framing import DELIMITER
 
 from ..assembly import HEALTHY, BoardAssembly
 from ..board.clock import BoardClock
 from ..board.events import Latch
 from ..board.settings import BOOT_US, BoardSettings, board_settings
+from ..board.stream_queue import StreamFrame
 from ..faults.clock import faulty_clock
 from ..mutants import mutant_parts
 
@@ -70,9 +73,11 @@ class VirtualSoakBoard:
         settings = board_settings(seed=seed, baud=baud)
         return cls(dataclasses.replace(settings, boot_us=clock.boot_us), clock, parts)
 
-    def model(self) -> Self:
+    def model(self) -> VirtualSoakModel:
         """Return a healthy board like this one, just powered up, whose clock goes as this one's."""
-        return type(self)(self._settings, self._clock, HEALTHY)
+        model = VirtualSoakModel(self._settings, self._clock, HEALTHY)
+        model.device_us = self.device_us
+        return model
 
     @property
     def session(self) -> int:
@@ -90,16 +95,15 @@ class VirtualSoakBoard:
         board = self._dialect.board
         return board.output.radiated(board.output.now_us).is_muted
 
-    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None:
-        """Take bytes whose last one is there at *t_ns*; the line up is free at *up_free_ns*."""
-        self._dialect.line_free_us = self.device_us(max(up_free_ns, t_ns))
-        self._dialect.receive(data, self._now_us(t_ns))
+    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> list[Verdict]:
+        """Take bytes whose last one is there at *t_ns*; the line up is free at *up_free_ns*.
 
-    def receive_stream(
-        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_ns: int
-    ) -> None:
-        """Take a stream frame that came whole at *t_ns*, without its bytes."""
-        self._dialect.receive_stream(header, message, self._now_us(t_ns))
+        Return the verdict on each frame, in order.
+        """
+        self._dialect.line_free_us = self.device_us(max(up_free_ns, t_ns))
+        self._verdicts.clear()
+        self._dialect.receive(data, self._now_us(t_ns))
+        return self._verdicts
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*."""
@@ -108,15 +112,13 @@ class VirtualSoakBoard:
     def _now_us(self, t_ns: int) -> int:
         return max(self.device_us(t_ns), self._dialect.board.output.now_us)
 
-    def take_output(self) -> bytes:
+    def take_frames(self) -> list[bytes]:
         """Return whole frames for the line."""
+        if not self._dialect.output_bytes:
+            return []
         self._dialect.take_notices()
-        return self._dialect.take_output() if self._dialect.output_bytes else b""
-
-    def take_verdicts(self) -> list[Verdict]:
-        """Return the verdict on each frame since the last call, in order."""
-        taken, self._verdicts = self._verdicts, []
-        return taken
+        output = self._dialect.take_output().split(DELIMITER)
+        return [DELIMITER + encoded + DELIMITER for encoded in output if encoded]
 
     def take_latches(self) -> list[Latch]:
         """Return the latches since the last call."""
@@ -128,3 +130,107 @@ class VirtualSoakBoard:
             self._verdicts.append(event.index)
         else:
             self._verdicts.append(event.reason if isinstance(event, FrameDropped) else REQUEST)
+
+
+class SentFrame(Protocol):
+    """A frame of the host; see :class:`~haptogram.campaigns.soak.line.Sent`."""
+
+    wire: bytes
+    session: int
+    index: int
+    due_us: int
+    drive: m.Phases | m.Drives | None
+
+
+@dataclasses.dataclass(slots=True)
+class DueLatch:
+    """A latch of the model; see :class:`~sim_device.board.events.Latch`."""
+
+    session: int
+    index: int
+    t_latch_us: int
+    late: bool
+    drive: Drive
+
+
+class VirtualSoakModel(VirtualSoakBoard):
+    """A healthy board that is told of most stream frames without their bytes.
+
+    It keeps them, and takes them all at once before anything happens that somebody could hear of.
+    """
+
+    def __init__(self, settings: BoardSettings, clock: BoardClock, parts: BoardAssembly) -> None:
+        super().__init__(settings, clock, parts)
+        self._content = functools.lru_cache(maxsize=128)(self._dialect.content)
+        self._kept: list[tuple[int, StreamFrame]] = []
+        self._due: list[DueLatch] = []
+        self._session = self._next_index = self._quiet_until_us = 0
+        self._first_apply_us = self._room = 0
+
+    def hear(self, sent: SentFrame, t_ns: int, up_free_ns: int) -> Verdict:
+        """Take a frame that came whole at *t_ns*, and return the verdict on it."""
+        if sent.drive is not None and self._keeps(sent, sent.drive, t_ns):
+            return sent.index
+        return self.receive(sent.wire, t_ns, up_free_ns)[-1]
+
+    def _keeps(self, sent: SentFrame, drive: m.Phases | m.Drives, t_ns: int) -> bool:
+        """Keep a frame if it is the next one, comes in time, and finds its place in the queue."""
+        if sent.index != self._next_index or sent.session != self._session:
+            return False
+        now_us = self.device_us(t_ns)
+        t_apply_us = m.unwrap(sent.due_us & 0xFFFFFFFF, now_us, 32)
+        first_us = max(now_us + self._settings.latch_lead_us, self._first_apply_us)
+        in_time = first_us <= t_apply_us <= now_us + self._settings.max_horizon_us
+        if not (in_time and self._room and now_us < self._quiet_until_us):
+            return False
+        self._kept.append((now_us, StreamFrame(sent.index, t_apply_us, self._content(drive))))
+        self._next_index += 1
+        self._room -= 1
+        self._first_apply_us = t_apply_us + self.carrier_us
+        return True
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Every counter of HG-9.2."""
+        self._take_kept()
+        return super().counters
+
+    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> list[Verdict]:
+        """Take bytes; see :meth:`VirtualSoakBoard.receive`."""
+        self._take_kept()
+        verdicts = super().receive(data, t_ns, up_free_ns)
+        self._look_ahead()
+        return verdicts
+
+    def advance_to(self, t_ns: int) -> None:
+        """Let everything happen that is due up to *t_ns*."""
+        self._take_kept()
+        super().advance_to(t_ns)
+        self._look_ahead()
+
+    def take_due(self) -> list[DueLatch]:
+        """Return the latches since the last call that are known."""
+        taken, self._due = self._due, []
+        return taken
+
+    def _take_kept(self) -> None:
+        if self._kept:
+            for entry in self._dialect.take_run(self._kept):
+                due = self._session, entry.index, entry.t_latch_us, entry.late, entry.drive
+                self._due.append(DueLatch(*due))
+            self._kept.clear()
+        self._note_latches()
+
+    def _note_latches(self) -> None:
+        for one in self.take_latches():
+            due = one.session, one.index, one.t_latch_us, one.late, one.drive
+            self._due.append(DueLatch(*due))
+
+    def _look_ahead(self) -> None:
+        """Note which frames can be kept from now on, and until when."""
+        self._note_latches()
+        board = self._dialect.board
+        self._session, self._next_index = self.session, self._dialect.next_stream_index
+        self._quiet_until_us = self._dialect.quiet_until_us
+        self._first_apply_us = board.last_apply_us + self.carrier_us
+        self._room = self._settings.queue_depth - board.queued

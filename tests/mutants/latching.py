@@ -108,9 +108,9 @@ class ReplacedKeepsItsTime(BoardQueue):
 class DefectsReplace(VirtualHaptogramDialect):
     """Takes the frame off the queue that another one replaces before it has looked at that one."""
 
-    def _content(self, message: Any) -> Any:
+    def content(self, message: Any) -> Any:
         try:
-            return super()._content(message)
+            return super().content(message)
         except RemoteProtocolError:
             self.board.output.counters.flushed += self.board._queue.flush()
             raise
@@ -180,8 +180,8 @@ class ImmediateKeepsQueue(Board):
 class PhasesAtHalfAmplitude(VirtualHaptogramDialect):
     """Drives PHASES frames with amplitude 128."""
 
-    def _content(self, message: Any) -> Content:
-        content = super()._content(message)
+    def content(self, message: Any) -> Content:
+        content = super().content(message)
         if not isinstance(content, Drive) or message.TYPE != 1:
             return content
         half = np.full(self.board.settings.count, 128, dtype=np.uint8)

@@ -22,8 +22,8 @@ _MOST_POINTS: Final = 4
 class PointsInTenths(VirtualHaptogramDialect):
     """Reads the coordinates of focal points in tenths of a millimetre."""
 
-    def _content(self, message: Any) -> Content:
-        content = super()._content(message)
+    def content(self, message: Any) -> Content:
+        content = super().content(message)
         if isinstance(content, Drive):
             return content
         return [

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Protocol, Self
+from typing import Protocol
 
 from haptogram.acoustics.model.drive import Drive
 from haptogram.errors import HaptogramError
@@ -26,13 +26,19 @@ class Hopeless(HaptogramError):
 
 
 class SoakLatch(Protocol):
-    """A latch as the board keeps it; see :class:`~haptogram.records.latch.LatchRecord`."""
+    """A latch of a board; see ``sim_device.board.events.Latch``."""
 
-    key: m.LatchKey
     session: int
     t_latch_us: int
     late: bool
     drive: Drive
+
+    @property
+    def index(self) -> int: ...  # noqa: D102
+
+
+class SeenSoakLatch(SoakLatch, Protocol):
+    """A latch of the board under test."""
 
     def record(self) -> LatchRecord: ...  # noqa: D102
 
@@ -49,16 +55,19 @@ class BoardUnderSoak(Protocol):
     def counters(self) -> dict[str, int]: ...  # noqa: D102
     @property
     def is_silent(self) -> bool: ...  # noqa: D102
-    def model(self) -> Self: ...  # noqa: D102
+    def model(self) -> SoakModel: ...  # noqa: D102
     def device_us(self, t_ns: int) -> int: ...  # noqa: D102
-    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None: ...  # noqa: D102
-    def receive_stream(  # noqa: D102
-        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_ns: int
-    ) -> None: ...
+    def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> list[int | str]: ...  # noqa: D102
     def advance_to(self, t_ns: int) -> None: ...  # noqa: D102
-    def take_output(self) -> bytes: ...  # noqa: D102
-    def take_verdicts(self) -> list[int | str]: ...  # noqa: D102
-    def take_latches(self) -> Sequence[SoakLatch]: ...  # noqa: D102
+    def take_frames(self) -> list[bytes]: ...  # noqa: D102
+    def take_latches(self) -> Sequence[SeenSoakLatch]: ...  # noqa: D102
+
+
+class SoakModel(BoardUnderSoak, Protocol):
+    """A healthy board that need not hear the bytes of most stream frames."""
+
+    def take_due(self) -> Sequence[SoakLatch]: ...  # noqa: D102
+    def hear(self, sent: Sent, t_ns: int, up_free_ns: int) -> int | str: ...  # noqa: D102
 
 
 class MakeBoard(Protocol):
@@ -79,45 +88,34 @@ class SoakComparison:
         To the board.
     tally : SoakTally
         The account.
-    excerpts : SoakExcerpts or None
+    excerpts : SoakExcerpts
         Keeps what the board takes and latches, for a recording.
     """
 
     def __init__(
-        self,
-        board: BoardUnderSoak,
-        line: SoakLine,
-        tally: SoakTally,
-        excerpts: SoakExcerpts | None = None,
+        self, board: BoardUnderSoak, line: SoakLine, tally: SoakTally, excerpts: SoakExcerpts
     ) -> None:
         self._board, self._line, self._tally, self._excerpts = board, line, tally, excerpts
         self._model = board.model()
-        self._seen: deque[SoakLatch] = deque()
+        self._seen: deque[SeenSoakLatch] = deque()
         self._due: deque[SoakLatch] = deque()
         self._silent = (True, True)  # the board, and the model
         self._last: Sent | None = None
 
     def receive(self, data: bytes, t_ns: int, up_free_ns: int) -> None:
         """Let bytes come to the board, and compare what it makes of each frame."""
-        if self._excerpts is not None:
-            self._excerpts.add(t_ns, True, data)
-        self._board.receive(data, t_ns, up_free_ns)
-        ends = [self._judge(one, t_ns, up_free_ns) for one in self._board.take_verdicts()]
-        if not ends:
-            self._model.advance_to(t_ns)
+        self._excerpts.add(t_ns, True, data)
+        verdicts = self._board.receive(data, t_ns, up_free_ns)
+        ends = [self._judge(verdict, t_ns, up_free_ns) for verdict in verdicts]
         self._compare_latches(t_ns)
         if any(ends):
             self.compare(t_ns + self._board.carrier_us * 1000, requested=True)  # HG-6.6/1
 
-    def take_frames(self) -> list[bytes]:
+    def take_frames(self, t_ns: int) -> list[bytes]:
         """Return the frames that the board sends: those of the model, but for their content."""
-        sent, modelled = self._board.take_output(), self._model.take_output()
-        if not sent and not modelled:
-            return []
-        frames, due = (
-            [b"\x00" + encoded + b"\x00" for encoded in output.split(b"\x00") if encoded]
-            for output in (sent, modelled)
-        )
+        if frames := self._board.take_frames():
+            self._model.advance_to(t_ns)
+        due = self._model.take_frames()
         if [frame[2] for frame in frames] != [frame[2] for frame in due]:
             text = f"the board sends {len(frames)} frames; {len(due)} of other types were due"
             self._tally.violate(UNEXPLAINED, text)
@@ -127,13 +125,8 @@ class SoakComparison:
         """Compare a verdict with the model's; return whether the frame ends the output."""
         sent = self._line.next_sent(verdict)
         if sent is None:
-            self._model.advance_to(t_ns)
             return False
-        if sent.meant is None:
-            self._model.receive(sent.wire, t_ns, up_free_ns)
-        else:
-            self._model.receive_stream(*sent.meant, t_ns)
-        due = self._model.take_verdicts()[-1]
+        due = self._model.hear(sent, t_ns, up_free_ns)
         if verdict != due:
             name = "copy taken" if isinstance(verdict, int) else "undamaged frame dropped"
             text = f"type {sent.type:#04x} at the board: {verdict}; {due} was due"
@@ -167,9 +160,9 @@ class SoakComparison:
         self._model.advance_to(t_ns)
         self._compare_latches(t_ns)
         for latch in self._seen:
-            self._tally.violate("wrong frame latched", f"frame {latch.key.index}; none was due")
-        for latch in self._due:
-            self._tally.violate("not latched", f"frame {latch.key.index}")
+            self._tally.violate("wrong frame latched", f"frame {latch.index}; none was due")
+        for due in self._due:
+            self._tally.violate("not latched", f"frame {due.index}")
         self._seen.clear()
         self._due.clear()
         self._compare_silence(t_ns, requested=requested)
@@ -177,16 +170,16 @@ class SoakComparison:
     def _compare_latches(self, t_ns: int) -> None:
         """Compare latches of board and model, up to the shorter list."""
         latches = self._board.take_latches()
-        if self._excerpts is not None:
+        if self._excerpts.kept:
             for latch in latches:
                 self._excerpts.add(t_ns, None, latch.record())
         self._seen += latches
-        self._due += self._model.take_latches()
+        self._due += self._model.take_due()
         while self._seen and self._due:
             latch, due = self._seen.popleft(), self._due.popleft()
-            index, wanted = latch.key.index, due.key.index
+            index, wanted = latch.index, due.index
             if (latch.session, index) == (due.session, wanted):
-                self._compare_latch(latch, due)
+                self._compare_latch(latch, due, index)
             elif wanted < index:
                 self._tally.violate("not latched", f"frame {wanted}")
                 self._seen.appendleft(latch)
@@ -195,8 +188,7 @@ class SoakComparison:
                 self._tally.violate("wrong frame latched", text)
                 self._due.appendleft(due)
 
-    def _compare_latch(self, latch: SoakLatch, due: SoakLatch) -> None:
-        index = due.key.index
+    def _compare_latch(self, latch: SoakLatch, due: SoakLatch, index: int) -> None:
         self._tally.totals["latched"] += 1
         self._tally.count("late", latch.late, column="late")
         if (latch.t_latch_us, latch.late) != (due.t_latch_us, due.late):

@@ -50,20 +50,24 @@ class SoakExcerpts:
     ----------
     tally : SoakTally
         The account of the segment.
+    kept : bool, keyword-only
+        Whether anything is kept.
     """
 
-    def __init__(self, tally: SoakTally) -> None:
-        self.found: list[SoakExcerpt] = []
-        self._tally = tally
+    def __init__(self, tally: SoakTally, *, kept: bool) -> None:
+        self.kept = kept
+        self._tally, self._found = tally, tally.excerpts
         self._last: deque[Entry] = deque()
         self._violations = 0
 
     def add(self, t_ns: int, to_board: bool | None, data: bytes | LatchRecord) -> None:
         """Keep bytes that the board or the host took, or a latch, which goes nowhere."""
+        if not self.kept:
+            return
         self.look(t_ns)
         entry = t_ns, to_board, data
-        if self.found and t_ns <= self.found[-1].until_ns:
-            self.found[-1].entries.append(entry)
+        if self._found and t_ns <= self._found[-1].until_ns:
+            self._found[-1].entries.append(entry)
         self._last.append(entry)
         while self._last[0][0] < t_ns - BEFORE_NS:
             self._last.popleft()
@@ -71,11 +75,11 @@ class SoakExcerpts:
     def look(self, t_ns: int) -> None:
         """Begin or extend an excerpt if there is a violation that is new."""
         violations = self._tally.violations.total()
-        if violations == self._violations:
+        if violations == self._violations or not self.kept:
             return
         self._violations = violations
-        if self.found and t_ns <= self.found[-1].until_ns:
-            self.found[-1].until_ns = t_ns + AFTER_NS
-        elif len(self.found) < MOST_KEPT:
+        if self._found and t_ns <= self._found[-1].until_ns:
+            self._found[-1].until_ns = t_ns + AFTER_NS
+        elif len(self._found) < MOST_KEPT:
             text = self._tally.examples[-1]
-            self.found.append(SoakExcerpt(text, t_ns + AFTER_NS, list(self._last)))
+            self._found.append(SoakExcerpt(text, t_ns + AFTER_NS, list(self._last)))

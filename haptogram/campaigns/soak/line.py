@@ -88,18 +88,22 @@ class Sent:
         Between two delimiters.
     session : int
         To which it belongs.
-    due_us : int
-        t_apply of a stream frame, device time.
-    meant : tuple of Header and message, or None
-        The stream frame that these bytes say; None: it is no stream frame.
+    is_numbered : bool
+        True if the next one tells that this one is missing: a stream frame or an event.
+    index, due_us : int
+        Of a stream frame: its number, and its t_apply in device time, both unwrapped.
+    drive : message or None
+        What a stream frame carries; None: it is no stream frame.
     hit, cause : SoakHit or None
         The fault that hit it, and the one that made it late.
     """
 
     wire: bytes
     session: int
+    is_numbered: bool = False
+    index: int = 0
     due_us: int = 0
-    meant: tuple[m.Header, m.Phases | m.Drives] | None = None
+    drive: m.Phases | m.Drives | None = None
     hit: SoakHit | None = None
     cause: SoakHit | None = None
 
@@ -107,11 +111,6 @@ class Sent:
     def type(self) -> int:
         """Message type: none is 0, so that it stands after a delimiter and a code byte."""
         return self.wire[2]
-
-    @property
-    def is_numbered(self) -> bool:
-        """True if the next one tells that this one is missing."""
-        return self.type in m.STREAM_RANGE or self.type in m.EVENT_RANGE
 
 
 class SoakLine:
@@ -204,6 +203,9 @@ class SoakLine:
 
     def _expect(self, data: bytes, sent: Sent) -> None:
         """Register the frames that complete delimited runs of *data*."""
+        if data is sent.wire and not self._partial:  # as nearly all of them
+            self._runs.append((sent, sent.hit))
+            return
         *ended, rest = (self._partial + data).split(DELIMITER)
         self._under_way.append(sent)
         for run in ended:
@@ -235,8 +237,7 @@ class SoakLine:
 
     def _explain_damage(self, hit: SoakHit | None, verdict: int | str) -> None:
         if hit is None:
-            text = f"damage at {self._end} that nothing did: {verdict}"
-            self._tally.violate(UNEXPLAINED, text)
+            self._tally.violate(UNEXPLAINED, f"damage at {self._end} without a fault: {verdict}")
         elif verdict not in DAMAGE:
             text = f"{self._end} took what {hit.kind} left for {verdict!r}"
             self._tally.violate("damaged frame taken", text)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import random
 from typing import Final
 
@@ -13,8 +12,6 @@ from haptogram_protocol import HostConnection
 from haptogram_protocol import messages as m
 from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import events
-from haptogram_protocol.errors import RemoteProtocolError
-from haptogram_protocol.framing import decode_frame
 
 from .comparison import BoardUnderSoak, Hopeless, SoakComparison
 from .excerpts import SoakExcerpts
@@ -95,12 +92,14 @@ class SoakRig:
         Of all chance.
     tally : SoakTally
         The account.
-    excerpts : SoakExcerpts or None
-        Keeps what happens around violations, for a recording.
+    recorded : bool, keyword-only
+        Whether it keeps what happens around violations, for a recording.
 
     Attributes
     ----------
     down, up : SoakLine
+    excerpts : SoakExcerpts
+        Bytes and latches around violations.
     clock : ClockEstimate
         The host's estimate of the board's clock.
     comparison : SoakComparison
@@ -119,22 +118,22 @@ class SoakRig:
         setup: SoakSetup,
         source: random.Random,
         tally: SoakTally,
-        excerpts: SoakExcerpts | None,
+        *,
+        recorded: bool = False,
     ) -> None:
-        self.tally = tally
         self.down = SoakLine("down", "the board", setup.fault_rate, source, tally)
         self.up = SoakLine("up", "the host", setup.fault_rate, source, tally)
         self.clock = ClockEstimate()
-        self.comparison = SoakComparison(board, self.down, tally, excerpts)
+        self.excerpts = SoakExcerpts(tally, kept=recorded)
+        self.comparison = SoakComparison(board, self.down, tally, self.excerpts)
         self.link: Link
         self.pinger: Pinger
-        self._now_ns = self._due_us = 0
-        self._board, self.source = board, source
-        self._excerpts = excerpts
+        self._now_ns = self._session = 0
+        self._board, self.source, self.tally = board, source, tally
         self._interval_ns, self._first_interval = setup.interval_s * NS_PER_S, tally.interval
         self._drives = _soak_drives(board.transducers)
         self._last_request = b""
-        self._meant: tuple[m.Header, m.Phases | m.Drives]  # the stream frame that goes out now
+        self._frame = Sent(b"", 0)  # the stream frame that goes out now
 
     # --- the host ------------------------------------------------------------------------------
 
@@ -145,7 +144,8 @@ class SoakRig:
         host = SoakHost(nonce, self.up, self.tally)
         self.link = Link(self, host, baudrate=BAUD, timeout_s=_TIMEOUT_S, keep=0)
         self.pinger = Pinger(self.link, self.clock)
-        self.link.handler = self.pinger.take
+        # As the pinger's own method, it and its link would keep each other.
+        self.link.handler = lambda event: self.pinger.take(event)
         self.down.begin_session()
         self.up.begin_session()
         open_line_session(self.link)
@@ -161,19 +161,22 @@ class SoakRig:
 
     def stream_frame(self, due_us: int) -> None:
         """Send the next frame now; it is due at *due_us* of the board's clock."""
-        self._due_us = due_us
         self.pinger.keep()
         self.tally.count("frames", column="frames")
         drive = self._drives[self.tally.totals["frames"] % _DRIVES]
         index, wire = self.link.connection.stream_frame(drive, t_apply_us=due_us)
-        session, t_wire_us = self.link.connection.session, due_us & 0xFFFFFFFF
-        self._meant = m.Header(drive.TYPE, 0, index & 0xFFFF, t_wire_us, session), drive
+        self._frame = Sent(wire, self.link.connection.session, True, index, due_us, drive)
         self.link.write_frame(wire)
+
+    def run_until(self, t_ns: int) -> None:
+        """Let everything happen up to *t_ns*."""
+        if self.link.connection.outstanding or self._carry(t_ns):
+            self.link.run_until(t_ns)
 
     def idle_until(self, t_ns: int) -> None:
         """Let time pass while nothing is streamed, and listen whether the board is silent."""
         while self._now_ns < t_ns:
-            self.link.run_until(min(t_ns, self._now_ns + NS_PER_MS))
+            self.run_until(min(t_ns, self._now_ns + NS_PER_MS))
             self.listen()
 
     def listen(self) -> None:
@@ -183,11 +186,6 @@ class SoakRig:
         if sum(self.tally.violations.values()) > _MOST_VIOLATIONS:
             raise Hopeless("too much is wrong to go on")
 
-    @property
-    def is_idle(self) -> bool:
-        """True if no frame or request is outstanding."""
-        return self.down.is_idle and self.up.is_idle and not self.link.connection.outstanding
-
     # --- the port ------------------------------------------------------------------------------
 
     def now_ns(self) -> int:
@@ -196,29 +194,31 @@ class SoakRig:
 
     def read_available(self, deadline_ns: int) -> bytes:
         """Let everything happen on both lines until bytes have come to the host."""
+        if not self._carry(deadline_ns):
+            return b""
+        data = self.up.arriving.popleft()[1]
+        self.excerpts.add(self._now_ns, False, data)
+        return data
+
+    def _carry(self, deadline_ns: int) -> bool:
+        """Carry bytes to the board until some come to the host; return False if none come."""
         down, up = self.down.arriving, self.up.arriving
         while True:
             down_ns = down[0][0] if down else _NEVER_NS
             up_ns = up[0][0] if up else _NEVER_NS
-            self._now_ns = max(self._now_ns, min(down_ns, up_ns, deadline_ns))
+            next_ns = min(down_ns, up_ns, deadline_ns)
+            self._now_ns = max(self._now_ns, next_ns)
             self.tally.interval = self._first_interval + self._now_ns / self._interval_ns
-            if down_ns <= min(up_ns, deadline_ns):
-                self.comparison.receive(down.popleft()[1], self._now_ns, self.up.free_ns)
-                self._take_from_board()
-            elif up_ns > deadline_ns:
-                return b""
-            else:
-                data = up.popleft()[1]
-                if self._excerpts is not None:
-                    self._excerpts.add(self._now_ns, False, data)
-                return data
+            if down_ns > next_ns:
+                return up_ns <= deadline_ns
+            self.comparison.receive(down.popleft()[1], self._now_ns, self.up.free_ns)
+            self._take_from_board()
 
     def write_some(self, data: bytes) -> int:
         """Put a frame on the line."""
-        sent = Sent(data, self.link.connection.session, self._due_us)
-        if sent.is_numbered:
-            sent.meant = self._meant
-        else:
+        sent = self._frame
+        if data is not sent.wire:
+            sent = Sent(data, self.link.connection.session)
             self._note_request(data)
         self.down.send(sent, self._now_ns)
         return len(data)
@@ -240,21 +240,12 @@ class SoakRig:
         self._last_request = wire
 
     def _take_from_board(self) -> None:
-        for wire in self.comparison.take_frames():
-            sent = Sent(wire, self._session_of(wire))
+        for wire in self.comparison.take_frames(self._now_ns):
+            if wire[2] == m.HelloReply.TYPE:  # an event just before it is of the session before
+                self._session = self._board.session
+            sent = Sent(wire, self._session, wire[2] in m.EVENT_RANGE)
             # Events of the session before have no number that could show their loss.
-            is_old = sent.session != self.link.connection.session
-            self.up.send(sent, self._now_ns, spared=is_old)
-
-    def _session_of(self, wire: bytes) -> int:
-        """Return the session of a frame of the board: an event just before a HELLO is of the old.
-
-        What is no frame, or no event, counts to the session that is open.
-        """
-        if wire[2] in m.EVENT_RANGE:
-            with contextlib.suppress(RemoteProtocolError):
-                return m.Header.of_body(decode_frame(wire[1:-1])).session
-        return self._board.session
+            self.up.send(sent, self._now_ns, spared=sent.session != self.link.connection.session)
 
 
 def _soak_drives(count: int) -> list[m.Phases | m.Drives]:

@@ -18,7 +18,6 @@ from haptogram.settings.faults.plan import Fault, FaultPlan
 from haptogram_protocol import messages as m
 
 from .comparison import Hopeless, MakeBoard
-from .excerpts import SoakExcerpts
 from .line import BAUD
 from .rig import NS_PER_MS, SoakRig
 from .setup import SoakSetup
@@ -63,25 +62,20 @@ def run_soak_segment(
     source = random.Random(f"{setup.seed}/{number}")
     tally = SoakTally()
     start_s = setup.start_s(number)
-    plan = FaultPlan(_soak_clock_faults(setup.length_s(number), source), setup.seed + number)
-    board = make_board(
-        seed=setup.seed + number, baud=BAUD, plan=plan, running_us=round(start_s * 1e6)
-    )
-    excerpts = SoakExcerpts(tally) if recorded else None
+    seed, running_us = setup.seed + number, round(start_s * 1e6)
+    plan = FaultPlan(_soak_clock_faults(setup.length_s(number), source), seed)
+    board = make_board(seed=seed, baud=BAUD, plan=plan, running_us=running_us)
     tally.interval = start_s / setup.interval_s
-    rig = SoakRig(board, setup, source, tally, excerpts)
+    rig = SoakRig(board, setup, source, tally, recorded=recorded)
     length_ns = round(setup.length_s(number) * NS_PER_S)
-    segment = _SoakSegment(rig, plan, length_ns, watches_memory=not recorded)
     try:
-        segment.run(progress and (lambda done_s: progress(start_s + done_s)))
+        _SoakSegment(rig, plan, length_ns, start_s).run(progress)
     except (DeviceError, Hopeless, NoAnswerError) as error:
         if not isinstance(error, Hopeless):
             tally.violate("no answer", f"{error}")
         tally.violate("given up", f"segment {number}: {error}")
     rig.comparison.count()
-    if excerpts is not None:
-        excerpts.look(rig.now_ns())
-        tally.excerpts = excerpts.found
+    rig.excerpts.look(rig.now_ns())
     tally.examples = [f"segment {number}, {text}" for text in tally.examples]
     return tally
 
@@ -96,17 +90,12 @@ def _soak_clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ..
 
 
 class _SoakSegment:
-    def __init__(
-        self, rig: SoakRig, plan: FaultPlan, length_ns: int, *, watches_memory: bool
-    ) -> None:
+    def __init__(self, rig: SoakRig, plan: FaultPlan, length_ns: int, start_s: float) -> None:
         self._rig, self._source, self._tally = rig, rig.source, rig.tally
-        self._length_ns = length_ns
-        self._watches_memory = watches_memory
+        self._length_ns, self._start_s = length_ns, start_s
         self._stepped = any(plan.named(_STEP))
         self._timers_ms = self._ramp_ms = 0
-        self._due_us = 0
-        self._jumps = 0
-        self._blocks = 0
+        self._due_us = self._jumps = self._blocks = 0
 
     def run(self, progress: Progress | None) -> None:
         rig = self._rig
@@ -120,10 +109,10 @@ class _SoakSegment:
         while True:
             self._burst()
             self._wait_idle()
-            if self._watches_memory:  # excerpts come and go: no leak
+            if not rig.excerpts.kept:  # which come and go: no leak
                 self._watch_memory()
             if progress is not None:
-                progress(min(rig.now_ns(), self._length_ns) / NS_PER_S)
+                progress(self._start_s + min(rig.now_ns(), self._length_ns) / NS_PER_S)
             if rig.now_ns() >= self._length_ns:
                 break
             name = self._source.choice(("pauses", *interruptions))
@@ -136,7 +125,7 @@ class _SoakSegment:
     def _connect(self) -> None:
         rig, source = self._rig, self._source
         rig.new_session()
-        self._calm(False)
+        rig.down.calm = rig.up.calm = False
         config = m.Config(
             hold_ms=source.choice((100, 200, 400)),
             ramp_ms=source.choice((0, 20, 50)),
@@ -150,31 +139,28 @@ class _SoakSegment:
         rig.pinger.synchronise()
         rig.arm()
 
-    def _calm(self, calm: bool) -> None:
-        """Switch line faults off or on in both directions."""
-        self._rig.down.calm = self._rig.up.calm = calm
-
     def _burst(self) -> None:
         """Stream frames with line faults for a random time."""
-        self._calm(False)
+        self._rig.down.calm = self._rig.up.calm = False
         self._due_us = 0
         left_ns = max(self._length_ns - self._rig.now_ns(), 100 * NS_PER_MS)
         self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * NS_PER_S)) // NS_PER_MS)
 
     def _wait_idle(self) -> None:
         """Stream without faults until board and model have reported all frames."""
-        self._calm(True)
+        rig = self._rig
+        rig.down.calm = rig.up.calm = True
         self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
         for _ in range(_MOST_CALM_MS // 10):
-            self._rig.link.run_until(self._rig.now_ns() + NS_PER_MS)
-            if self._rig.is_idle:
+            rig.run_until(rig.now_ns() + NS_PER_MS)
+            if rig.down.is_idle and rig.up.is_idle and not rig.link.connection.outstanding:
                 break
             self._stream(10)
         else:
             self._tally.violate("not in order again", f"after {_MOST_CALM_MS} ms without a fault")
             raise Hopeless("the link does not recover")
         self._tally.close()
-        self._rig.listen()
+        rig.listen()
 
     def _stream(self, frames: int) -> None:
         """Stream *frames* frames, one per period."""
@@ -186,7 +172,7 @@ class _SoakSegment:
                 self._jumps = clock.jumps
                 self._due_us = max(self._due_us, first_us - PERIOD_US)
             self._due_us = self._due_us + PERIOD_US if self._due_us else first_us
-            rig.link.run_until(max(rig.now_ns(), clock.to_host_ns(self._due_us - _LEAD_US)))
+            rig.run_until(max(rig.now_ns(), clock.to_host_ns(self._due_us - _LEAD_US)))
             rig.stream_frame(self._due_us)
 
     # --- interruptions -------------------------------------------------------------------------
@@ -246,8 +232,7 @@ class _SoakSegment:
         """Compare the memory blocks in use between equal states."""
         blocks = sys.getallocatedblocks()
         self._blocks = self._blocks or blocks
-        grown = blocks - self._blocks
-        if grown > _BLOCKS:
+        if (grown := blocks - self._blocks) > _BLOCKS:
             self._tally.violate("memory leak", f"{grown} blocks more than after the first burst")
             self._blocks = blocks
 

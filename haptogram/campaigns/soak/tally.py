@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Self
 
 if TYPE_CHECKING:
     from .excerpts import SoakExcerpt
@@ -20,9 +20,6 @@ STATES: Final = ("injected", "detected", "harmless")  # outcomes of a fault
 #: Stream frames that were sent; damaged frames that either end found; stream frames that never came
 #: to the board; those that came after their time, and by how much at most; what must not happen.
 _COUNTED: Final = ("frames", "damaged", "lost", "late", "latest_us", "violations")
-
-#: Counts of each interval with at least one count, by number.
-SoakCourse: TypeAlias = dict[int, dict[str, int]]
 
 #: Violations, each with the sentence that holds without it.
 VIOLATIONS: Final = {
@@ -73,8 +70,8 @@ class SoakTally:
         Count of each kind of violation, by name.
     examples : list of str
         The first of them, in words.
-    course : SoakCourse
-        Counts of each interval of virtual time.
+    course : dict of int to dict of str to int
+        Counts of each interval of virtual time with at least one count, by number.
     interval : float
         Number of the interval that counts, which a rig keeps up to date; its whole part.
     hits : list of SoakHit
@@ -89,7 +86,7 @@ class SoakTally:
     totals: Counter[str] = field(default_factory=Counter)
     violations: Counter[str] = field(default_factory=Counter)
     examples: list[str] = field(default_factory=list)
-    course: SoakCourse = field(default_factory=dict)
+    course: dict[int, dict[str, int]] = field(default_factory=dict)
     interval: float = field(default=0.0, compare=False)
     hits: list[SoakHit] = field(default_factory=list, compare=False)
     request_hits: list[SoakHit] = field(default_factory=list, compare=False)
@@ -152,10 +149,7 @@ class SoakTally:
     @property
     def _row(self) -> dict[str, int]:
         """Return the counters of the current time interval."""
-        number = int(self.interval)
-        if number not in self.course:
-            self.course[number] = dict.fromkeys(_COUNTED, 0)
-        return self.course[number]
+        return self.course.setdefault(int(self.interval), dict.fromkeys(_COUNTED, 0))
 
     def found(self) -> dict[str, dict[str, int]]:
         """Return the faults that were found, by kind."""

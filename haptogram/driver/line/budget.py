@@ -117,7 +117,7 @@ class LineBudget:
 
     def unsent_bytes(self, now_ns: int) -> int:
         """Return the number of bytes that have not left the port yet."""
-        return self.bytes_in(max(0, self.free_ns - now_ns))
+        return self.bytes_in(self.free_ns - now_ns) if self.free_ns > now_ns else 0
 
     def bytes_in(self, duration_ns: int) -> int:
         """Return the number of whole bytes that the line carries in *duration_ns*."""

@@ -173,15 +173,17 @@ class BoardConnection(ConnectionInbox):
 
     # --- Stream (HG-5) -------------------------------------------------------------------------
 
-    def stream_event(
-        self, header: m.Header, message: m.Phases | m.Drives | m.Points, t_rx_us: int
-    ) -> BoardEvent:
-        """Return the event of a stream frame that came whole, of whose bytes nobody tells."""
-        self.count("frames")
-        in_session = self.session != 0 and header.session == self.session
-        return self._judge_stream(ReceivedFrame(header, b"", 0, t_rx_us, in_session), message)
+    @property
+    def next_stream_index(self) -> int:
+        """Unwrapped number of the next stream frame, if none is lost."""
+        return self._stream_expected
 
-    def _judge_stream(self, frame: ReceivedFrame, message: Any = None) -> BoardEvent:
+    def skip_stream(self, count: int) -> None:
+        """Count *count* stream frames that came whole, one after the other, without their bytes."""
+        self.count("frames", count)
+        self._stream_expected += count
+
+    def _judge_stream(self, frame: ReceivedFrame) -> BoardEvent:
         header = frame.header
         # HG-5.6: whatever else is wrong with the frame, its number has been used.
         index = self._take_index(header.seq) if frame.in_session else None
@@ -194,7 +196,7 @@ class BoardConnection(ConnectionInbox):
         if header.flags and unknown_received_flags(header):
             return self._drop(frame, "unsupported")
         try:
-            message = message or m.MESSAGES[header.type].deserialize(frame.payload)
+            message: Any = m.MESSAGES[header.type].deserialize(frame.payload)
         except RemoteProtocolError as error:
             return self._drop(frame, error.reason)
         return StreamReceived(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import gc
 import json
 import random
+import sys
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -142,7 +144,7 @@ def test_intervals_are_fine_enough_for_a_picture_and_no_finer() -> None:
 def test_an_event_that_leaves_just_before_a_new_session_is_one_of_the_old_session() -> None:
     board = board_without_a_line(None)(seed=0, baud=BAUD, plan=FaultPlan(), running_us=0)
     tally, met = SoakTally(), 0
-    rig = SoakRig(board, setup(1.0, 0, 0.0), random.Random(0), tally, None)
+    rig = SoakRig(board, setup(1.0, 0, 0.0), random.Random(0), tally)
     for number in range(40):  # the HELLO comes some time before or after a STATUS is due
         rig.new_session()
         met += rig.link.connection.counters["stale_session"]
@@ -150,6 +152,21 @@ def test_an_event_that_leaves_just_before_a_new_session_is_one_of_the_old_sessio
         rig.link.run_until(rig.now_ns() + 50_000_000 - 10_000 * number)
     assert met > 0
     assert tally.violations == {}
+
+
+def test_new_sessions_leave_no_memory_to_the_cycle_collector() -> None:
+    board = board_without_a_line(None)(seed=0, baud=BAUD, plan=FaultPlan(), running_us=0)
+    rig = SoakRig(board, setup(1.0, 0, 0.01), random.Random(0), SoakTally())
+    blocks = []
+    gc.disable()
+    try:
+        for _ in range(3):
+            for _ in range(100):
+                rig.new_session()
+            blocks.append(sys.getallocatedblocks())
+    finally:
+        gc.enable()
+    assert blocks[2] - blocks[1] < 100  # a link alone has some 200
 
 
 def test_a_request_that_an_outage_outlasts_is_given_up_and_another_session_follows(
