@@ -14,7 +14,7 @@ from haptogram.acoustics.field.engines.kernels.blocks import (
     block_kernel,
     padded_block_length,
 )
-from haptogram.acoustics.field.engines.kernels.jit import jit, jit_entry, jit_inline
+from haptogram.acoustics.field.engines.kernels.jit import jit_entry, jit_inline
 from haptogram.acoustics.field.engines.kernels.waves import (
     ONE,
     WAVES,
@@ -117,7 +117,7 @@ def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
         add_waves_kernel(t, m, re, im)
 
 
-@jit
+@jit_inline
 def _lattice_rows_kernel(
     places: F8, gy: F8, careful: bool, rows: F4, depth: F8, height: F4
 ) -> None:  # fmt: skip
@@ -227,7 +227,7 @@ def _free_block_kernel(
     _add_held_kernel(held, t, m, re, im)
 
 
-@jit
+@jit_inline
 def _split_kernel(places: F8, pairs: F4) -> None:
     """Split *places* into (6, B) float32 pairs: high parts, then low parts."""
     for i in range(3):
