@@ -48,6 +48,8 @@ def _numba_jit(
 def inlined(entry: Callable[P, R]) -> Callable[P, R]:
     """Return an entry as another one calls it."""
     loop = cast("Any", entry)
+    if numba.config.DISABLE_JIT:
+        return entry
     options = loop.targetoptions | {"no_cpython_wrapper": True, "forceinline": True}
     return cast("Callable[P, R]", numba.jit(**options)(loop.py_func))
 
