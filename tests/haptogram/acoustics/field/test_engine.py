@@ -4,6 +4,7 @@ import hashlib
 import importlib.util
 import logging
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -479,6 +480,29 @@ assert list(score) == [-1.0, -1.0, -1.0]
 assert "numba" not in sys.modules
 """
     run_python(code)
+
+
+def test_compiled_and_stored_loops_have_the_same_bits(tmp_path):
+    """And no loop has code in it that another one's would replace, where both are loaded."""
+    code = """
+import sys
+from haptogram.acoustics import AcousticModel, NumbaEngine, force_on_disc_n, superpose_foci
+model = AcousticModel.default(6, 6)
+for x in (-0.01, 0.0, 0.02):
+    target = (x, 0.005, 0.1)
+    weights = superpose_foci(model, [target], [1.0], [0.0])
+    print(force_on_disc_n(NumbaEngine(model), weights, target).hex())
+print("numba" in sys.modules)
+"""
+    compiled, stored = (run_python(code, NUMBA_CACHE_DIR=str(tmp_path)).stdout for _ in range(2))
+    assert compiled.split() == [*stored.split()[:-1], "True"]
+    assert stored.split()[-1] == "False"
+    (path,) = tmp_path.rglob("*.loops")
+    loops = read_stored(path)["loops"]
+    assert "disc_stress_kernel" in loops
+    for machine_code, symbol, *_ in loops.values():
+        functions = set(re.findall(rb"\0(_ZN[0-9]+haptogram\w+)", machine_code))
+        assert functions <= {symbol.encode()}
 
 
 def test_code_that_another_process_has_cached_is_stored_under_its_name(tmp_path):

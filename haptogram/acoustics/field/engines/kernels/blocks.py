@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from haptogram.acoustics.field.engines.kernels.jit import jit, jit_checked, jit_checked_entry
+from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_checked_entry, jit_inline
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -79,14 +79,14 @@ def _nearest_square_kernel(point: F8, positions: F8) -> float:
     return nearest
 
 
-@jit
+@jit_inline
 def padded_block_length(count: int) -> int:
     """Return the length of the equal blocks of *count* points: whole vectors of up to 16 values."""
     blocks = max(1, (count + BLOCK - 1) // BLOCK)
     return max(16, (count + 16 * blocks - 1) // (16 * blocks) * 16)
 
 
-@jit
+@jit_inline
 def block_kernel(
     points: F8, frame: F8, constants: F8, careful: bool, places: F8, loss: F4
 ) -> bool:  # fmt: skip
@@ -114,7 +114,7 @@ def block_kernel(
     return careful
 
 
-@jit
+@jit_inline
 def _loss_kernel(absorption: float, near: float, far: float, careful: bool, loss: F4) -> None:
     """Fit a cubic in r to exp(-absorption r) at the Chebyshev nodes of [near, far].
 

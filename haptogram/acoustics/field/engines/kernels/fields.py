@@ -14,7 +14,7 @@ from haptogram.acoustics.field.engines.kernels.blocks import (
     block_kernel,
     padded_block_length,
 )
-from haptogram.acoustics.field.engines.kernels.jit import jit, jit_entry, jit_inline
+from haptogram.acoustics.field.engines.kernels.jit import jit_entry, jit_inline
 from haptogram.acoustics.field.engines.kernels.waves import (
     ONE,
     WAVES,
@@ -23,6 +23,7 @@ from haptogram.acoustics.field.engines.kernels.waves import (
     arctangent_kernel,
     rays_kernel,
     set_waves_kernel,
+    waves_kernel,
 )
 
 # Wavelengths by which rounding may put a point behind an element in whose plane it is.
@@ -117,7 +118,7 @@ def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
         add_waves_kernel(t, m, re, im)
 
 
-@jit
+@jit_inline
 def _lattice_rows_kernel(
     places: F8, gy: F8, careful: bool, rows: F4, depth: F8, height: F4
 ) -> None:  # fmt: skip
@@ -227,7 +228,7 @@ def _free_block_kernel(
     _add_held_kernel(held, t, m, re, im)
 
 
-@jit
+@jit_inline
 def _split_kernel(places: F8, pairs: F4) -> None:
     """Split *places* into (6, B) float32 pairs: high parts, then low parts."""
     for i in range(3):
@@ -247,10 +248,8 @@ def _free_wave_kernel(
     """
     square, low, height, ahead, none = offset[0], offset[1], offset[2], offset[3], offset[4]
     if flat:
-        _flat_offsets_kernel(pairs, s, square)
-        rays_kernel(
-            square, height, none, none, height, amplitude, phase, False, gain, loss, scratch, t, m
-        )  # fmt: skip
+        _flat_lengths_kernel(pairs, s, height, scratch[0], scratch[1])
+        waves_kernel(height, amplitude, phase, False, gain, loss, scratch, t, m)
         return
     if careful:
         _exact_offsets_kernel(places, s, square, low, height, ahead)
@@ -265,13 +264,15 @@ def _free_wave_kernel(
 
 
 @jit_inline
-def _flat_offsets_kernel(pairs: Any, s: Any, square: Any) -> Any:
-    """Set the square of the offset along the plane of the elements."""
+def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) -> Any:
+    """Fill r and 1/r of an element in the plane; *height* holds the squares of the heights."""
     x, y, x_low, y_low = pairs[0], pairs[1], pairs[3], pairs[4]
     sx, sy = np.float32(s[0]), np.float32(s[1])
-    for p in range(x.size):
+    for p in range(r.size):
         dx, dy = (x[p] - sx) + x_low[p], (y[p] - sy) + y_low[p]
-        square[p] = dx * dx + dy * dy
+        square = dx * dx + (dy * dy + height[p])
+        inverse[p] = ONE / np.sqrt(square)
+        r[p] = square * inverse[p]
 
 
 @jit_inline

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics.field.engines.kernels.blocks import F4, F8
-from haptogram.acoustics.field.engines.kernels.jit import jit, jit_entry, jit_inline, jit_sums
+from haptogram.acoustics.field.engines.kernels.jit import jit_entry, jit_inline, jit_sums
 from haptogram.acoustics.field.engines.kernels.waves import (
     ONE,
     ZERO,
@@ -131,7 +131,7 @@ def _normal_equations_kernel(
     sums[10], sums[11], sums[12], sums[13] = ex, ey, ez, ee
 
 
-@jit
+@jit_inline
 def _gauss_newton_kernel(sums: F8, count: int, step: F8) -> None:
     """Solve the normal equations, the common phase eliminated, for the step in wavelengths.
 

@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 
 from haptogram.acoustics.field.engines.kernels.discs import disc_stress_kernel
 from haptogram.acoustics.field.engines.kernels.foci import fit_phases_kernel
-from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_checked_entry, jit_sums
+from haptogram.acoustics.field.engines.kernels.jit import (
+    inlined,
+    jit_checked,
+    jit_checked_entry,
+    jit_sums,
+)
 from haptogram.acoustics.field.engines.kernels.pistons import (
     arrivals_kernel,
     height_kernel,
@@ -31,6 +36,9 @@ PLACE, STD, BOUND, RESIDUAL, COHERENCE, PRESSURE, FORCE = 0, 3, 6, 9, 10, 11, 12
 MEASURES: Final = 13
 _FIT_STEPS: Final = 8  # steps of the fit, which starts at the result of single precision
 _SETTLED_M: Final = 1e-10
+
+_fit_phases_kernel = inlined(fit_phases_kernel)
+_disc_stress_kernel = inlined(disc_stress_kernel)
 
 
 @jit_sums
@@ -110,7 +118,9 @@ def focused_frames_kernel(
     per_radian = 1.0 / (2.0 * math.pi * medium[0] * count)
     for f in range(len(codes)):
         last = (point[0], point[1], point[2])
-        fix = fit_phases_kernel(codes[f], order, single, lags, frame, last, code_steps, count, most)
+        fix = _fit_phases_kernel(
+            codes[f], order, single, lags, frame, last, code_steps, count, most
+        )
         if not (fix[2] <= quick_limits[f] and bounds[0] <= fix[5] <= bounds[1]):
             return f
         point[0], point[1], point[2] = fix[0]
@@ -132,5 +142,5 @@ def focused_frames_kernel(
             found[f, BOUND + i] = sums[i] * per_radian * steps_rad[f] / 2.0
         found[f, RESIDUAL], found[f, COHERENCE] = rms, size / loud
         found[f, PRESSURE] = size / math.sqrt(2.0)
-        found[f, FORCE] = force_per_stress * disc_stress_kernel(drive, point, disc, engine)
+        found[f, FORCE] = force_per_stress * _disc_stress_kernel(drive, point, disc, engine)
     return len(codes)

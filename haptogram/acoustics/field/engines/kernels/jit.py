@@ -1,4 +1,9 @@
-"""Compilation of the loops: flags, and a cache that never returns stale code."""
+"""Compilation of the loops: flags, and a cache that never returns stale code.
+
+All that an entry calls is compiled into it. A function of its own would have one machine code for
+each entry that calls it, whose sums go in other orders; which one serves all of them would depend
+on what the process has compiled, and what it has loaded.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +33,8 @@ def _numba_jit(
     what Python would call, and files of their own, take a third of the time of compilation.
     """
     options |= {"no_cpython_wrapper": not is_entry, "no_cfunc_wrapper": True}
-    compiled = numba.njit(error_model="numpy", cache=is_entry, **options)
+    options |= {"forceinline": not is_entry, "error_model": "numpy"}
+    compiled = numba.njit(cache=is_entry, **options)
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         # numba's cache watches the file of a function, but not those of what is inlined into it;
@@ -39,8 +45,16 @@ def _numba_jit(
     return decorate
 
 
-jit = _numba_jit(fastmath=_STRICT_SUMS)
-jit_inline = _numba_jit(fastmath=_STRICT_SUMS, forceinline=True)
+def inlined(entry: Callable[P, R]) -> Callable[P, R]:
+    """Return an entry as another one calls it."""
+    loop = cast("Any", entry)
+    if numba.config.DISABLE_JIT:
+        return entry
+    options = loop.targetoptions | {"no_cpython_wrapper": True, "forceinline": True}
+    return cast("Callable[P, R]", numba.jit(**options)(loop.py_func))
+
+
+jit_inline = _numba_jit(fastmath=_STRICT_SUMS)
 jit_checked = _numba_jit()  # keeps the meaning of NaN
 jit_sums = _numba_jit(fastmath=True)  # sums may be reordered, and so vectorised
 jit_inline_sums = _numba_jit(fastmath=True, forceinline=True)

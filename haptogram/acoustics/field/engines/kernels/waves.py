@@ -90,17 +90,7 @@ def rays_kernel(
     """
     r, inverse = scratch[0], scratch[1]
     _lengths_kernel(a, b, r, inverse)
-    _waves_kernel(
-        height,
-        phase,
-        _gains_kernel(gain),
-        _losses_kernel(loss, amplitude),
-        careful,
-        r,
-        inverse,
-        t,
-        m,
-    )
+    waves_kernel(height, amplitude, phase, careful, gain, loss, scratch, t, m)
     if careful:
         for p in range(r.size):
             square = a[p] + b[p]
@@ -113,18 +103,19 @@ def rays_kernel(
 
 
 @jit_inline
-def _waves_kernel(
-    height: Any, phase: Any, gain: Any, loss: Any, cubic: Any, r: Any, inverse: Any, t: Any, m: Any
-) -> Any:
-    e0, e1, e2, e3 = loss
+def waves_kernel(
+    height: Any, amplitude: Any, phase: Any, cubic: Any, gain: Any, loss: Any, scratch: Any,
+    t: Any, m: Any,
+) -> Any:  # fmt: skip
+    """Fill phase *t* and magnitude *m* of one element; *scratch* (2, B) holds r and 1/r."""
+    r, inverse, d = scratch[0], scratch[1], _gains_kernel(gain)
+    e0, e1, e2, e3 = _losses_kernel(loss, amplitude)
     for p in range(r.size):
         twice = r[p] + r[p]
         turns = np.rint(twice + phase)
         t[p] = (twice - turns) + phase
         slow = (e3 * r[p] + e2) * r[p] + e1 if cubic else e2 * r[p] + e1
-        level = _gain_at_kernel(height[p] * (inverse[p] * inverse[p]), gain) * (
-            e0 * inverse[p] + slow
-        )
+        level = _gain_at_kernel(height[p] * (inverse[p] * inverse[p]), d) * (e0 * inverse[p] + slow)
         m[p] = flip_sign_kernel(level, turns)
 
 
