@@ -186,7 +186,9 @@ class SuiteConnection:
         """Open a client on a transport."""
         wire = RawFrameClient(transport, self._limits, baudrate=self.baudrate)
         self._connected_us = wire.now_us()
-        self._board, self._transport = BoardClient(wire, self._random, booted=booted), transport
+        before, self._transport = self._board, transport
+        self._board = BoardClient(wire, self._random, booted=booted)
+        self._board.dialogue = before.dialogue if before is not None else None
         self._board.nonces = self.nonces
         self._board.thorough = self._depth > Depth.QUICK
         self._board.exhaustive = self._depth > Depth.DEFAULT
