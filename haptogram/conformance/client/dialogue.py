@@ -26,8 +26,7 @@ def full_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
     The first case that asks holds the dialogue; the others judge the same one, and show its bytes.
     """
     if board.dialogue is None:
-        pieces = _run_client_dialogue(board)
-        board.dialogue = pieces, board.wire.recording
+        board.dialogue = _run_client_dialogue(board), board.wire.recording
     pieces, board.wire.recording = board.dialogue
     return pieces
 

@@ -164,6 +164,7 @@ class SuiteConnection:
         identity = getattr(before, "identity", None)
         board.last_boot_id = identity.boot_id if identity else None
         board.last_config = getattr(before, "config", None)
+        board.dialogue = before.dialogue if before else None
         board.link.expect_boot(self._access.boot_timeout_s)
         return board
 
@@ -186,9 +187,7 @@ class SuiteConnection:
         """Open a client on a transport."""
         wire = RawFrameClient(transport, self._limits, baudrate=self.baudrate)
         self._connected_us = wire.now_us()
-        before, self._transport = self._board, transport
-        self._board = BoardClient(wire, self._random, booted=booted)
-        self._board.dialogue = before.dialogue if before is not None else None
+        self._board, self._transport = BoardClient(wire, self._random, booted=booted), transport
         self._board.nonces = self.nonces
         self._board.thorough = self._depth > Depth.QUICK
         self._board.exhaustive = self._depth > Depth.DEFAULT

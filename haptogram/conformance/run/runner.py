@@ -32,8 +32,6 @@ _DOUBTFUL: Final = (Behaviour.FAILED, Behaviour.INCONCLUSIVE)
 _TRIES: Final = 3
 _LEAST_BAUD: Final = 115_200  # slowest line that every case allows for
 _MEASURED_SHARE: Final = 0.95  # least measured rate of a line, relative to the true one
-_FAST_BAUD: Final = 1_000_000
-_SLOWNESS: Final = 3  # times as long a case may take on a slower line, and on a busy machine
 _EARLY_US: Final = 1_800_000  # how long a case may wait for the wrap of the clock
 
 
@@ -171,8 +169,8 @@ class SuiteRunner:
     def _is_wrap_near(self, case: Case) -> bool:
         """Return True if the device clock wraps within the time that a case needs."""
         until_us = self._connection.until_wrap_us
-        slowly = self._lead_factor > 1 or self._connection.baudrate < _FAST_BAUD
-        before_us = case.before_wrap_us * (_SLOWNESS if slowly else 1)
+        is_slow = self._lead_factor > 1 or self._connection.baudrate < 10 * _LEAST_BAUD
+        before_us = case.before_wrap_us * (3 if is_slow else 1)
         return before_us <= until_us < before_us + _EARLY_US
 
     def _settings(self) -> dict[str, object]:

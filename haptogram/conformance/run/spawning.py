@@ -18,7 +18,7 @@ from haptogram.machine.interrupts import DelayedInterrupts
 from .access import access_fault_raiser, open_access_port
 
 DEFAULT_PORT_REGEX: Final = r"(?:listening on|redirected to|PTY is|pty:?) +((?:socket:/)?/\S+)"
-_POLL_S: Final = 0.02
+_POLL_S: Final = 0.002
 _STOP_S: Final = 5.0
 _LAST_WORDS_S: Final = 1.0
 _KEPT_BYTES: Final = 1 << 16
@@ -33,7 +33,6 @@ class _SpawnAccessOutput:
     def __init__(self, stream: IO[bytes]) -> None:
         self._first = self._last = b""
         self._stream = stream
-        self._grown = threading.Event()
         self._thread = threading.Thread(target=self._drain, name="haptogram-spawn", daemon=True)
         self._thread.start()
 
@@ -43,18 +42,12 @@ class _SpawnAccessOutput:
                 room = _KEPT_BYTES - len(self._first)
                 self._first += data[:room]
                 self._last = (self._last + data[room:])[-_KEPT_BYTES:]
-                self._grown.set()
 
     def find(self, pattern: re.Pattern[str]) -> re.Match[str] | None:
         """Return the first match of *pattern* in the kept text."""
         return pattern.search(self._first.decode(errors="replace")) or pattern.search(
             self._last.decode(errors="replace")
         )
-
-    def wait(self, timeout_s: float) -> None:
-        """Wait until the process has printed more since the last call, or the time is over."""
-        self._grown.wait(timeout_s)
-        self._grown.clear()
 
     def end(self, timeout_s: float) -> str:
         """Wait for the end of the text; return its last 200 characters on one line."""
@@ -158,7 +151,7 @@ class SpawnAccess:
                     f"{self._regex.pattern!r}; it printed: {last}; --port-regex says how a port "
                     "is named, --boot-timeout how long it may take"
                 )
-            output.wait(_POLL_S)
+            time.sleep(_POLL_S)
 
     def last_words(self) -> str:
         """Return the end of the process, with the last that it printed; empty if it runs."""

@@ -302,9 +302,7 @@ def _judge_ramp_with_settings(
 def _length_of_long_ramp_ms(board: BoardClient) -> int:
     """Return a ramp in which many frames can be sent."""
     reads = 25 * (2 * board.identity.transducers + 150)
-    lengths_ms = (_LONG_MS // 4, _LONG_MS // 2)
-    fit = (ms for ms in lengths_ms if board.wire.carries(reads, ms * _MS // 4))
-    return next(fit, _LONG_MS)
+    return _LONG_MS // 4 if board.wire.carries(reads, _LONG_MS * _MS // 16) else _LONG_MS
 
 
 # --- How a ramp ends ---------------------------------------------------------------------------

@@ -50,7 +50,6 @@ _LOOK_MS: Final = 30  # how long the board is watched for a timer that wrapped
 _WRAP_US: Final = 2**32
 _SEQUENCE: Final = 4
 _SILENT_MS: Final = 70
-_FADED_MS: Final = 120  # of a ramp that has begun
 _HELD_MS: Final = 120  # a hold, and a ramp that lasts longer than a host is held up
 _FADING_MS: Final = 2000
 _MOST_HOLD_MS: Final = 7000
@@ -194,13 +193,11 @@ def _timer_stays(board: BoardClient, timer: TimerKind, length_ms: int) -> None:
     """FAILED if a timer ends within the first tens of milliseconds."""
     since = board.link.mark()
     start_us = timer.start(board, length_ms)
-    look_ms = min(_LOOK_MS, length_ms - 2 * _OVER_MS)
-    board.wire.idle_beyond(look_ms * _MS)
+    board.wire.idle_beyond(min(_LOOK_MS, length_ms - 2 * _OVER_MS) * _MS)
     for header, event in board.link.events(m.StateChanged, since):
         # By the board's own clock: a host that was held up may have let the whole length pass.
         took_us = board.clock.unwrap(header.time_us) - start_us
-        reason = event.reason.name
-        text = f"{timer.name} = {length_ms}: {reason} within {took_us / _MS:.1f} ms"
+        text = f"{timer.name} = {length_ms}: {event.reason.name} within {took_us / _MS:.1f} ms"
         check(took_us >= length_ms * _MS - EXACT_US, text)
     board.mute()
 
@@ -485,9 +482,9 @@ def every_latch_ends_the_ramp_of_a_hold(board: BoardClient) -> None:
     for way in ways:
         board.hello()
         board.arm(hold_ms=_HELD_MS, ramp_ms=_FADING_MS, late_window_us=100_000)
-        board.clock.require_horizon((_HELD_MS + _FADED_MS + 8000 * way.endswith("it")) * _MS)
+        board.clock.require_horizon((2 * _HELD_MS + 8000 * way.endswith("it")) * _MS)
         start_us = latching.latch_timed(board)
-        at_us = board.clock.on_carrier(start_us + (_HELD_MS + _FADED_MS) * _MS)
+        at_us = board.clock.on_carrier(start_us + 2 * _HELD_MS * _MS)
         if way.startswith("queued"):
             number = 3 if "others" in way else 1
             times = [at_us + 4_000_000 * place for place in range(number)]
