@@ -26,8 +26,7 @@ def full_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
     The first case that asks holds the dialogue; the others judge the same one, and show its bytes.
     """
     if board.dialogue is None:
-        pieces = _run_client_dialogue(board)
-        board.dialogue = pieces, board.wire.recording
+        board.dialogue = _run_client_dialogue(board), board.wire.recording
     pieces, board.wire.recording = board.dialogue
     return pieces
 
@@ -42,7 +41,7 @@ def _run_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
     for feature, mode in TRACE_MODES:
         if board.has(feature | m.Feature.CONFIG):
             board.configure(trace_mode=mode, status_period_ms=board.quick_status_ms)
-            _stream_frames(board)
+            _stream_frames(board, since)
     if board.has(m.Feature.SEQUENCE_PHASES):
         _play_sequence(board)
     _send_refused_requests(board)
@@ -60,7 +59,8 @@ def _send_read_requests(board: BoardClient) -> None:
     board.link.ask(m.GetGeometry(0, 0xFFFF))
 
 
-def _stream_frames(board: BoardClient) -> None:
+def _stream_frames(board: BoardClient, since: int) -> None:
+    """Latch and read back drives, and wait for the first STATUS from piece *since* on."""
     # No zero in the registers, nor in the amplitudes: the longest runs that COBS has to cut.
     latch_now(board, board.flat_phases(0x88))
     latch_now(board, board.phases(board.random_registers()))
@@ -68,7 +68,7 @@ def _stream_frames(board: BoardClient) -> None:
         board.link.ask(m.ReadDrive(kind, 0, 0xFFFF))
     if board.has(m.Feature.TRACE_RING):
         board.link.ask(m.ReadTrace(0, 0xFFFF))
-    board.wire.idle(1200 * board.quick_status_ms)  # for a STATUS
+    board.link.await_event(m.Status, since, 1200 * board.quick_status_ms)
 
 
 def _play_sequence(board: BoardClient) -> None:

@@ -164,6 +164,7 @@ class SuiteConnection:
         identity = getattr(before, "identity", None)
         board.last_boot_id = identity.boot_id if identity else None
         board.last_config = getattr(before, "config", None)
+        board.dialogue = before.dialogue if before else None
         board.link.expect_boot(self._access.boot_timeout_s)
         return board
 

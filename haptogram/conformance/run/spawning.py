@@ -18,7 +18,7 @@ from haptogram.machine.interrupts import DelayedInterrupts
 from .access import access_fault_raiser, open_access_port
 
 DEFAULT_PORT_REGEX: Final = r"(?:listening on|redirected to|PTY is|pty:?) +((?:socket:/)?/\S+)"
-_POLL_S: Final = 0.02
+_POLL_S: Final = 0.002
 _STOP_S: Final = 5.0
 _LAST_WORDS_S: Final = 1.0
 _KEPT_BYTES: Final = 1 << 16

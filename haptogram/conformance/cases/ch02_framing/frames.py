@@ -47,8 +47,8 @@ _CHUNK: Final = 8
 _TOO_LONG: Final = 5_000
 _HOLD_MS: Final = 450
 _STATUS_MS: Final = 220
-_LEASE_MS: Final = 300
-_STEP_MS: Final = 20
+_LEASE_MS: Final = 160
+_STEP_MS: Final = 10
 #: Bytes that the line pauses in, with both delimiters: name, counter that they move by one, maker.
 Paused: TypeAlias = tuple[str, str, Callable[[], bytes]]
 
@@ -298,7 +298,7 @@ def every_timer_goes_on_in_a_pause(board: BoardClient) -> None:
 def every_byte_of_a_frame_renews_no_lease(board: BoardClient) -> None:
     """a frame renews the lease when it is complete, not with its first bytes; half a frame never"""
     board.configure(host_timeout_ms=_LEASE_MS)
-    for name, late_ms in (("bytes that make no frame yet", None), ("a PING in two parts", 200)):
+    for name, late_ms in (("bytes that make no frame yet", None), ("a PING in two parts", 100)):
         since = board.link.mark()
         board.arm()
         start_us = board.clock.device_us()

@@ -48,7 +48,7 @@ def request_sequence_numbers_wrap(board: BoardClient) -> None:
 @case(
     "HG-3.6/1-time",
     needs_reset=True,
-    before_wrap_us=1_000_000,
+    before_wrap_us=600_000,
     evidence=SELF_REPORTED,
     depth=Depth.DEFAULT,
 )

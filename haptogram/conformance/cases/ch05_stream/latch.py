@@ -169,7 +169,7 @@ def holds_the_last_latched_drive(board: BoardClient) -> None:
 def immediate_frames_flush_the_queue(board: BoardClient) -> None:
     """IMMEDIATE flushes 3 queued frames and is latched at once"""
     board.arm()
-    t_us = board.clock.soon_us(board.bytes_of_frames(4), ahead_us=50_000)
+    t_us = board.clock.soon_us(board.bytes_of_frames(4), ahead_us=10_000)
     board.require_hold(t_us + 5000 - board.clock.device_us(), "a slow line")
     with board.counting(flushed=3, latched=1):
         latching.queue_frames(board, t_us, 3)

@@ -93,7 +93,7 @@ def drops_stream_frames_unless_armed(board: BoardClient) -> None:
 def queue_keeps_its_order(board: BoardClient) -> None:
     """frames not after the last queued one are counted in dropped_order"""
     board.arm()
-    t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=20_000)
+    t_us = board.clock.soon_us(board.bytes_of_frames(5), ahead_us=10_000)
     good = board.flat_phases()
     with board.counting(dropped_order=3, latched=2):
         board.link.stream(good, t_us)

@@ -64,7 +64,7 @@ def output_clock_keeps_time(board: BoardClient) -> None:
         board.wire.idle(duration_us // _SAMPLES)
 
 
-@case("HG-6.9/1-wrap", needs_reset=True, before_wrap_us=1_000_000, depth=Depth.DEFAULT)
+@case("HG-6.9/1-wrap", needs_reset=True, before_wrap_us=400_000, depth=Depth.DEFAULT)
 def output_clock_crosses_the_wrap(board: BoardClient) -> None:
     """the clock goes on across 2^32, 10 s after a reset"""
     board.prepare()

@@ -336,7 +336,7 @@ def _output_with_queue(board: BoardClient) -> None:
 def _output_in_ramp(board: BoardClient) -> None:
     """Queue frames, and be silent until the ramp of hold or lease has begun."""
     _output_with_queue(board)
-    board.wire.idle(120 * _MS)
+    board.wire.idle(70 * _MS)
 
 
 def _output_of_playback(board: BoardClient) -> None:
@@ -346,7 +346,7 @@ def _output_of_playback(board: BoardClient) -> None:
 
 def _output_of_playback_in_ramp(board: BoardClient) -> None:
     playback.play_now(board, STORED, loops=0, unattended_ms=40)
-    board.wire.idle(100 * _MS)
+    board.wire.idle(70 * _MS)
 
 
 def _ramp_moment(

@@ -59,7 +59,7 @@ def mutes_in_every_output_state(board: BoardClient) -> None:
 def check_flushes(board: BoardClient, end: Callable[[], object]) -> None:
     """FAILED unless *end* of the output flushes queued frames."""
     board.arm()
-    t_us = board.clock.soon_us(bytes(2000), ahead_us=20_000)
+    t_us = board.clock.soon_us(bytes(2000), ahead_us=10_000)
     with board.counting(flushed=3, latched=0):
         latching.queue_frames(board, t_us, 3)
         board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
@@ -91,9 +91,9 @@ def disarm_flushes_the_output(board: BoardClient) -> None:
 def mute_takes_the_reason(board: BoardClient) -> None:
     """MUTE, with and without a session, after a timer has muted: the reason becomes MUTE"""
     for session in (board.link.session, 0):
-        board.arm(hold_ms=20)
+        since = board.arm(hold_ms=20)
         latching.latch_now(board)
-        board.wire.idle_beyond(40_000)
+        board.link.await_event(m.StateChanged, since, 40_000)
         board.check_status("the hold ran out", reason=MuteReason.HOLD_EXPIRED)
         board.mute(session=session)
         board.check_status("MUTE while MUTED", reason=MuteReason.MUTE)
@@ -136,6 +136,6 @@ def output_is_off_unless_armed(board: BoardClient) -> None:
         board.link.ask(message)
         for _ in range(3):
             latching.check_silent(board, f"after {message.TYPE.name}")
-            board.wire.idle(20_000)
+            board.wire.idle(10_000)
         latching.latch_now(board)
         latching.check_silent(board, f"after {message.TYPE.name} and a stream frame")

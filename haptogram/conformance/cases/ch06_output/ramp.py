@@ -113,7 +113,7 @@ def output_ramps_are_renewed(board: BoardClient) -> None:
     """a latch ends the ramp of the hold, a request does not; any frame ends the lease's ramp"""
     board.arm(hold_ms=_HOLD_MS, ramp_ms=600)
     latching.latch_now(board)
-    board.wire.idle(300 * _MS)
+    board.wire.idle(200 * _MS)
     board.link.barrier()
     check(
         latching.read_back_radiated(board).loudest < latching.FULL,
@@ -125,7 +125,7 @@ def output_ramps_are_renewed(board: BoardClient) -> None:
     )
     since = board.arm(host_timeout_ms=100, ramp_ms=600)
     latching.latch_now(board)
-    board.wire.idle(400 * _MS)
+    board.wire.idle(250 * _MS)
     check_fields(
         latching.read_back_radiated(board),
         "a frame in the ramp of the lease",
@@ -154,7 +154,7 @@ def output_ramps_go_on_as_they_began(board: BoardClient) -> None:
     """a higher ceiling and another ramp_ms, set during a ramp, leave its line; a lower one cuts
     it
     """
-    steps = [{"ramp_ms": 500, "amplitude_ceiling": ceiling} for ceiling in (latching.FULL, 20)]
+    steps = [{"ramp_ms": 300, "amplitude_ceiling": ceiling} for ceiling in (latching.FULL, 20)]
     _judge_ramp_with_settings(board, 100, steps, plays=False)
 
 
@@ -302,7 +302,7 @@ def _judge_ramp_with_settings(
 def _length_of_long_ramp_ms(board: BoardClient) -> int:
     """Return a ramp in which many frames can be sent."""
     reads = 25 * (2 * board.identity.transducers + 150)
-    return _LONG_MS // 2 if board.wire.carries(reads, _LONG_MS * _MS // 4) else _LONG_MS
+    return _LONG_MS // 4 if board.wire.carries(reads, _LONG_MS * _MS // 16) else _LONG_MS
 
 
 # --- How a ramp ends ---------------------------------------------------------------------------
@@ -341,7 +341,7 @@ def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: i
         latched = _latch_before_ramp(board, plays=False)
     latch_us = board.last_latch_us()
     frame_us = board.clock.device_us()
-    board.wire.idle(5 * _SHORT_MS * _MS)
+    board.wire.idle(4 * _SHORT_MS * _MS)
     board.configure(**long | {"amplitude_ceiling": then})
     if timer == "hold":
         latching.latch_now(board, m.Drives(bytes(len(latched)) + latched))

@@ -40,7 +40,7 @@ _SPEEDS_MM_S: Final = (300_000, 380_000, 331_300)
 _DIVIDER: Final = 3
 _QUEUED_US: Final = 40_000
 _BEFORE_MS: Final = 30  # from the start of a timer to the new configuration
-_LENGTH_MS: Final = 130
+_LENGTH_MS: Final = 100
 _NEVER_MS: Final = 10_000
 _RAMP_MS: Final = 30
 

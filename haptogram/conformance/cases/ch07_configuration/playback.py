@@ -29,7 +29,7 @@ _LOOK_MS: Final = 60
 _SLOW_US: Final = 9_500_000
 _FRAMES: Final = 3
 _AHEAD_US: Final = 3_000_000
-_ALONE_MS: Final = 200
+_ALONE_MS: Final = 120
 _SHORT_LEASE_MS: Final = 60
 PlaybackAct: TypeAlias = Callable[[BoardClient], object]
 #: What ends a playback, but for its last frame and the timers.
@@ -109,7 +109,7 @@ def playback_flushes_the_queue(board: BoardClient) -> None:
     playback.send_phases_to_store(board, 1, frames=2)
     for plays_later in (False, True):
         board.arm_anew()
-        t_us = board.clock.soon_us(bytes(2000), ahead_us=30_000)
+        t_us = board.clock.soon_us(bytes(2000), ahead_us=10_000)
         with board.counting(flushed=3, latched=2):
             for number in range(3):
                 board.link.stream(board.flat_phases(), t_us + 1000 * number)
@@ -166,7 +166,7 @@ def judge_playback(
 @case("HG-7.6/5", needs=_NEEDS | m.Feature.CONFIG)
 def playback_may_be_left_alone(board: BoardClient) -> None:
     """a playback outlives host_timeout_ms, and is muted after unattended_ms: UNATTENDED"""
-    alone_ms = min(200, board.identity.max_unattended_ms)
+    alone_ms = min(120, board.identity.max_unattended_ms)
     require(alone_ms > 100, "max_unattended_ms is too short to tell it from host_timeout_ms")
     UNATTENDED.judge_whole(board, alone_ms, host_timeout_ms=60)
 
@@ -206,7 +206,7 @@ def judge_ended_playback(
     judge_end_told(board, since, 1, frames, event.frames, name)
     board.arm()
     with board.counting(latched=0):
-        playback.wait_for_no_latch(board, 20 * _MS)
+        playback.wait_for_no_latch(board, 10 * _MS)
     return event
 
 

@@ -27,7 +27,7 @@ _FRAMES: Final = 2
 _LOOPS: Final = 2
 _LATE_US: Final = 5 * _MS
 _WINDOW_US: Final = 100_000
-_HOLD_MS: Final = 300
+_HOLD_MS: Final = 100
 _HEADERS_BYTES: Final = 100  # of a PING and two stream frames
 _COUNTED: Final = ("accepted", "latched", "late", "flushed")
 
@@ -346,6 +346,7 @@ def every_latch_restarts_the_hold(board: BoardClient) -> None:
     # Two latches of a playback.
     wait_us = 2 * playback.period_to_play(board) + 4 * board.clock.lead_us
     size = 8 * len(board.flat_phases().serialize())
+    wait_us += 5 * board.wire.limits.lead_us
     hold_ms = min(10_000, board.clock.timer_ms(_HOLD_MS + wait_us // _MS, size))
     board.configure(hold_ms=hold_ms, late_window_us=_WINDOW_US)
     for path in _paths_of_latches(board):

@@ -83,7 +83,7 @@ def error_refusals_change_nothing(board: BoardClient) -> None:
     """refused requests leave state, configuration, queue and stream numbers alone"""
     board.arm()
     config = board.link.call(m.GetConfig(), m.ConfigReply)
-    t_us = board.clock.soon_us(bytes(2000), ahead_us=40_000)
+    t_us = board.clock.soon_us(bytes(2000), ahead_us=10_000)
     with board.counting(latched=2):
         board.link.stream(board.flat_phases(), t_us)
         board.link.refused_raw(0x43, b"\x00", m.ErrorCode.BAD_LENGTH, 0)

@@ -42,7 +42,7 @@ from ..ch05_stream.every_drop import DROPS, Drop
 
 _MS: Final = 1000
 #: Leases, and the times after which a frame renews them: at first short ones.
-_LEASES_MS: Final = ((30, 10), (60, 20), (240, 100), (240, 100))
+_LEASES_MS: Final = ((20, 10), (60, 20), (240, 100), (240, 100))
 _OTHER_MS: Final = 200  # by which the lease is longer that an unattended time replaces
 #: The same for lease and ramp together, of equal lengths, with the frame in the ramp.
 _LEASES_IN_RAMPS_MS: Final = ((40, 30), (80, 60), (320, 240), (320, 240))
@@ -57,12 +57,12 @@ _STRANGE_TYPES: Final = {
     "an unknown event": 0xEE,
 }
 STORED: Final = 2  # sequence that is played
-TIMER_MS: Final = 300  # of a timer that nothing renews
+TIMER_MS: Final = 200  # of a timer that nothing renews
 SLOW_US: Final = 9_000_000  # period of a playback of which one frame is seen
 
 
 # --- What renews nothing -----------------------------------------------------------------------
-_LENGTH_MS: Final = 150  # of a timer, and what the frames take on the line
+_LENGTH_MS: Final = 100  # of a timer, and what the frames take on the line
 _RAMP_MS: Final = 80
 _MOMENTS: Final = (0.4, 0.8, 1.3)  # of the length: the last one in the ramp
 _STALE: Final = 0x0F0F
@@ -112,8 +112,8 @@ def waits_unattended(board: BoardClient) -> None:
     playback.send_phases_that_fit(board, STORED, frames=2)
     board.configure(host_timeout_ms=80, hold_ms=10_000)
     for name, ahead_ms, alone_ms in (
-        ("its start comes", 250, 400),
-        ("muted before its start", 700, 250),
+        ("its start comes", 120, 240),
+        ("muted before its start", 400, 160),
     ):
         since = board.arm()
         play_later_than_timer(board, ahead_ms, alone_ms)
