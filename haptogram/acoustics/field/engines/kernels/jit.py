@@ -8,6 +8,7 @@ on what the process has compiled, and what it has loaded.
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import FunctionType
 from typing import Any, Final, ParamSpec, TypeVar, cast
 
 import numba
@@ -48,7 +49,7 @@ def _numba_jit(
 def inlined(entry: Callable[P, R]) -> Callable[P, R]:
     """Return an entry as another one calls it."""
     loop = cast("Any", entry)
-    if numba.config.DISABLE_JIT:
+    if isinstance(entry, FunctionType):  # numba is told not to compile
         return entry
     options = loop.targetoptions | {"no_cpython_wrapper": True, "forceinline": True}
     return cast("Callable[P, R]", numba.jit(**options)(loop.py_func))
