@@ -111,8 +111,9 @@ class Simulation:
         self.settings = settings
         self.dialect: VirtualDialect = parts.assemble(settings)
         self._recorders = recorders
-        is_healthy = self._injector is None
-        self._plays_on = is_healthy and isinstance(self.dialect, VirtualHaptogramDialect)
+        # A frame of our own wire begins nothing before its end; others may lose their beginning.
+        self._takes_whole_frames = isinstance(self.dialect, VirtualHaptogramDialect)
+        self._plays_on = self._takes_whole_frames and self._injector is None
         self._line = settings.line if paced else LineSettings()
         self._down, self._up = uart_to_board(self._line), uart_to_host(self._line)
         if self.dialect.ahead is not None:
@@ -327,9 +328,10 @@ class Simulation:
         if self._injector is not None and self._injector.has_left(t_ns):
             self.unplug()
         t_us = self._clock.device_us(t_ns)
-        down_ns = self._down.next_event_ns(self.dialect.next_frame_end)
-        # Not before the end of a message, and only on whole microseconds: never before it came.
-        has_come = down_ns is not None and down_ns <= t_ns and t_ns % NS_PER_US == 0
+        has_come = t_ns % NS_PER_US == 0  # only on whole microseconds: never before it came
+        if has_come and self._takes_whole_frames:
+            end_ns = self._down.next_event_ns(self.dialect.next_frame_end)
+            has_come = end_ns is not None and end_ns <= t_ns
         if has_come and (data := self._down.receive(t_ns)):
             self.dialect.receive(data, t_us)
         else:
