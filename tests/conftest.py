@@ -5,6 +5,7 @@ import functools
 import gc
 import os
 import signal
+import sys
 from collections import Counter, defaultdict
 from pathlib import Path
 
@@ -57,7 +58,8 @@ def pytest_collection(session):
 def _one_compiles_for_all(folder):
     """In a new clone, keep the other processes waiting until the first has compiled every test."""
     compiled = Path(__file__).with_name("__pycache__").glob("test_start.*pytest*.pyc")
-    if "PYTEST_XDIST_WORKER" not in os.environ or next(compiled, None) is not None:
+    kept = not sys.dont_write_bytecode and sys.pycache_prefix is None
+    if "PYTEST_XDIST_WORKER" not in os.environ or not kept or next(compiled, None) is not None:
         yield
         return
     import fcntl  # ci/test runs on POSIX

@@ -20,12 +20,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Mapping
-from concurrent.futures import as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from haptogram.campaigns.sweep.workers import process_workers
 from haptogram.conformance.cases import all_cases
 
 from .building import HEALTHY, Bug, BuildError, build, digest, read_bugs
@@ -115,8 +114,8 @@ def _parser() -> argparse.ArgumentParser:
 def _judge_all(bugs: Iterable[Bug], work: Any, jobs: int) -> dict[str, dict[str, Any]]:
     """Return the verdict of each bug by its name, and print it as soon as it is there."""
     found = {}
-    with process_workers(jobs) as workers:
-        futures = {workers.executor.submit(work, bug): bug for bug in bugs}
+    with ProcessPoolExecutor(jobs) as pool:
+        futures = {pool.submit(work, bug): bug for bug in bugs}
         for future in as_completed(futures):
             name = futures[future].name
             verdict = found[name] = future.result()

@@ -262,6 +262,24 @@ def test_the_stream_crosses_the_wrap_and_counts_gaps_and_duplicates(link: Link) 
     assert (counters["gap"], counters["duplicate"]) == (3, 3)
 
 
+def test_frames_that_are_skipped_count_as_those_that_came(link: Link) -> None:
+    came, skipped = link, Link()
+    skipped.open()
+    board = skipped.bench.connection
+    for number in range(40):
+        frames = [one.host.stream_frame(PHASES, t_apply_us=number)[1] for one in (came, skipped)]
+        if number == 30:
+            continue  # lost
+        came.exchange(frames[0])
+        if 5 <= number < 25:
+            board.skip_stream(1)
+        else:
+            skipped.exchange(frames[1])
+        assert board.next_stream_index == came.bench.connection.next_stream_index
+    assert board.counters == came.bench.connection.counters
+    assert board.counters["gap"] == 1
+
+
 def test_the_stream_survives_two_wraps(link: Link) -> None:
     step = 65_504  # the longest cut that is no copy: 65 503 frames are missing (HG-5.5/2)
     for number in range(2 * step + 1):

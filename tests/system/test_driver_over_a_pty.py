@@ -41,8 +41,8 @@ def board():
 
 
 @pytest.fixture
-def mortal_board():
-    """A board of one test, which kills it."""
+def own_board():
+    """A board of one test, which kills it or reads its counters."""
     with VirtualBoard("8x8", reconstruct=False, clock="wall") as board:
         yield board
 
@@ -64,12 +64,12 @@ def assert_nothing_wrong_was_latched(pairs):
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("mode", ["phases", "points"])
-def test_a_stream_latches_what_was_intended_and_names_the_rest(board, mode):
-    with Driver(board.url, trace=TraceMode.CRC) as driver:
+def test_a_stream_latches_what_was_intended_and_names_the_rest(own_board, mode):
+    with Driver(own_board.url, trace=TraceMode.CRC) as driver:
         driver.arm()
         report = driver.stream(CIRCLE, 500, mode=mode)
         counters = report.status.counters
-    pairs = joined(board, driver)
+    pairs = joined(own_board, driver)
     assert_nothing_wrong_was_latched(pairs)
     lost = counters.dropped_late + counters.dropped_state + len(report.skipped)
     assert len(pairs) + lost == report.frames == 300
@@ -79,19 +79,19 @@ def test_a_stream_latches_what_was_intended_and_names_the_rest(board, mode):
     assert all(traced[i.key] == i.drive.digest() for i, _ in pairs if i.key in traced)
 
 
-def test_a_board_killed_in_mid_stream_is_a_lost_link_and_keeps_what_was_sent(mortal_board):
+def test_a_board_killed_in_mid_stream_is_a_lost_link_and_keeps_what_was_sent(own_board):
     def kill(done, _):
         if done == 100:
-            mortal_board.kill()
+            own_board.kill()
 
-    driver = Driver(mortal_board.url)
+    driver = Driver(own_board.url)
     driver.arm()
     with pytest.raises(LinkLostError) as caught, driver:
         driver.stream(np.tile(CIRCLE, (10, 1)), 500, progress=kill)
     assert "\n" not in str(caught.value)
     assert "did not confirm that it is mute" in caught.value.__notes__[0]
     assert 100 <= len(driver.intended) < 3000
-    assert_nothing_wrong_was_latched(joined(mortal_board, driver))
+    assert_nothing_wrong_was_latched(joined(own_board, driver))
 
 
 CLIENT = """
@@ -153,8 +153,8 @@ def test_a_port_held_by_another_program_is_busy_and_its_stream_undisturbed(board
 
 
 @pytest.mark.nightly
-def test_garbage_before_and_between_frames_costs_no_frame_but_those_it_hits(board):
-    with serial.Serial(board.url, exclusive=True) as port:
+def test_garbage_before_and_between_frames_costs_no_frame_but_those_it_hits(own_board):
+    with serial.Serial(own_board.url, exclusive=True) as port:
         port.write(np.random.default_rng(1).bytes(5000))
 
     class Noisy:
@@ -173,10 +173,10 @@ def test_garbage_before_and_between_frames_costs_no_frame_but_those_it_hits(boar
             self._transport.write_some(noise)
             return self._transport.write_some(data)
 
-    with Driver(Noisy(open_transport(board.url))) as driver:
+    with Driver(Noisy(open_transport(own_board.url))) as driver:
         driver.arm()
         report = driver.stream(CIRCLE, 500)
-    pairs = joined(board, driver)
+    pairs = joined(own_board, driver)
     assert_nothing_wrong_was_latched(pairs)
     counters = report.status.counters
     lost = counters.dropped_late + counters.dropped_state + len(report.skipped)
@@ -199,9 +199,9 @@ def test_a_shell_on_the_port_is_the_wrong_protocol():
         os.close(slave)
 
 
-def test_every_failure_is_one_line(mortal_board):
-    mortal_board.kill()
-    for url in (mortal_board.url, "/dev/no-such-port", "socket://127.0.0.1:1"):
+def test_every_failure_is_one_line(own_board):
+    own_board.kill()
+    for url in (own_board.url, "/dev/no-such-port", "socket://127.0.0.1:1"):
         with pytest.raises((LinkError, HaptogramError)) as caught:
             Driver(url, timeout_s=0.2)
         assert "\n" not in str(caught.value)

@@ -143,3 +143,27 @@ def test_classes_of_both_kinds_are_bases_of_each_other():
     for kind in (Kept, Theirs, Ours):
         with pytest.raises((dataclasses.FrozenInstanceError, TypeError)):
             kind(1).x = 2
+
+
+def test_a_base_that_is_not_frozen_is_refused_and_a_failure_leaves_a_frozen_base():
+    @dataclasses.dataclass
+    class Open:
+        x: int
+
+    with pytest.raises(TypeError, match="non-frozen"):
+
+        @frozen.dataclass(frozen=True)
+        class _Wrong(Open):
+            y: int
+
+    with pytest.raises(ValueError, match="mutable default"):
+
+        @frozen.dataclass(frozen=True)
+        class _Failed(Kept):
+            z: list = []  # noqa: RUF012
+
+    with pytest.raises(TypeError, match="non-frozen"):
+
+        @dataclasses.dataclass
+        class _Open(Kept):
+            z: int = 0

@@ -58,6 +58,5 @@ def inlined(entry: Callable[P, R]) -> Callable[P, R]:
 jit_inline = _numba_jit(fastmath=_STRICT_SUMS)
 jit_checked = _numba_jit()  # keeps the meaning of NaN
 jit_sums = _numba_jit(fastmath=True)  # sums may be reordered, and so vectorised
-jit_inline_sums = _numba_jit(fastmath=True, forceinline=True)
 jit_entry = _numba_jit(is_entry=True, fastmath=_STRICT_SUMS)
 jit_checked_entry = _numba_jit(is_entry=True)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
 
-from haptogram.acoustics.field.engines.kernels.jit import jit_inline, jit_inline_sums, jit_sums
+from haptogram.acoustics.field.engines.kernels.jit import jit_inline, jit_sums
 
 F8 = NDArray[np.float64]
 
@@ -142,10 +142,10 @@ def nearest_kernel(places: F8, point: F8) -> float:
     return math.sqrt(least)
 
 
-@jit_inline_sums
+@jit_sums
 def mean_outer_kernel(
-    places: Any, point: Any, loud: Any, medium: Any, middle: Any, matrix: Any
-) -> Any:
+    places: F8, point: F8, loud: bool, medium: F8, middle: tuple[float, float, float], matrix: F8
+) -> None:
     """Set *matrix* (9,): the covariance of the unit vectors to a point (xx, xy, xz, yy, yz, zz).
 
     Then their mean. They count by the magnitudes that arrive where *loud*, a constant. *middle* is
