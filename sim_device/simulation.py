@@ -111,7 +111,7 @@ class Simulation:
         self.settings = settings
         self.dialect: VirtualDialect = parts.assemble(settings)
         self._recorders = recorders
-        # A frame of our own wire begins nothing before its end; others may lose their beginning.
+        # Nothing of our own wire acts before the end of a frame; first bytes of others may.
         self._takes_whole_frames = isinstance(self.dialect, VirtualHaptogramDialect)
         self._plays_on = self._takes_whole_frames and self._injector is None
         self._line = settings.line if paced else LineSettings()
@@ -177,6 +177,8 @@ class Simulation:
     def unplug(self) -> None:
         """Lose what is on the line and what the host has not read: it has closed the port."""
         self._idle_until_ns = 0
+        if data := self._down.receive(self.now_ns):
+            self.dialect.receive(data, self._clock.device_us(self.now_ns))
         self._down.cut()
         self._up.cut()
         if self._probe is not None:

@@ -25,7 +25,7 @@ from .refusal import RefusalError
 from .registers import BoardFocuser, Content
 from .settings import BoardSettings
 from .stream_queue import BoardQueue, QueueEntry, StreamFrame
-from .timers import NEVER_US, BoardTimers
+from .timers import BoardTimers
 from .uploads import BoardUploads, Upload
 
 
@@ -198,7 +198,8 @@ class Board:
         if self.output.state is not OutputState.ARMED or self.output.is_ramping or self.is_playing:
             return 0
         timer = self.output.next_timer()
-        return NEVER_US if timer is None else timer[0]
+        held_us = self.output.now_us + 1000 * self.output.config.hold_ms  # a latch begins a hold
+        return held_us if timer is None else min(timer[0], held_us)
 
     def take_run(self, frames: Sequence[tuple[int, StreamFrame]]) -> list[QueueEntry]:
         """Queue frames, each when it came, as :meth:`submit` does; return latches passed over.

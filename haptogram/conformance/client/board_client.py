@@ -455,13 +455,8 @@ class BoardClient:
         return list(items) if self.wire.is_virtual else list(items)[:at_wall]
 
     def check_status(self, text: str, **due: object) -> m.StatusReply:
-        """Return the status; FAILED, with *text*, unless the fields named have these values.
-
-        Margins are not judged of a board that sends STATUS, which empties them.
-        """
+        """Return the status; FAILED, with *text*, unless the fields named have these values."""
         status = self.status()
-        if "margins" in due and self.config.status_period_ms:
-            del due["margins"]
         check_fields(status, f"{text}: STATUS_REPLY", **due)
         return status
 

@@ -56,11 +56,11 @@ def header_times_wrap(board: BoardClient) -> None:
     """frames for times on both sides of 2^32 µs are latched, each at its time"""
     board.prepare()
     board.configure(hold_ms=10_000)
-    lead_us = board.wire.limits.lead_us
-    board.clock.wait_until(_WRAP - 4 * lead_us - 200_000)
+    number = min(6, board.identity.queue_depth)  # 4 at least, on both sides of the wrap
+    sent_us = board.wire.line_us(len(board.bytes_of_frames(number)))
+    board.clock.wait_until(_WRAP - 4 * board.wire.limits.lead_us - 200_000 - sent_us)
     board.arm()
     start_us = board.clock.on_carrier(_WRAP - 20_000)
-    number = min(6, board.identity.queue_depth)  # 4 at least, on both sides of the wrap
     times = [board.clock.on_carrier(start_us + 10_000 * place) for place in range(number)]
     board.clock.require_horizon(times[-1] - board.clock.device_estimate_us())
     with board.counting(latched=len(times)):

@@ -70,6 +70,7 @@ def output_clock_crosses_the_wrap(board: BoardClient) -> None:
     board.prepare()
     watch = _OutputClockWatch(board)
     watch.look()
+    board.clock.require_before(2**32, "a look before the wrap")
     board.wire.idle(max(0, _clock_to_the_wrap_us(board) - 200_000))
     for _ in range(_SAMPLES):
         watch.look()

@@ -300,9 +300,10 @@ def _judge_ramp_with_settings(
 
 
 def _length_of_long_ramp_ms(board: BoardClient) -> int:
-    """Return a ramp in which many frames can be sent."""
+    """Return a ramp in which 25 settings can be changed, and as many drives read."""
     reads = 25 * (2 * board.identity.transducers + 150)
-    return _LONG_MS // 4 if board.wire.carries(reads, _LONG_MS * _MS // 16) else _LONG_MS
+    needed_us = 4 * board.wire.line_us(reads) + 50 * board.wire.trip_us
+    return _LONG_MS // 4 if needed_us <= _LONG_MS // 4 * _MS else _LONG_MS
 
 
 # --- How a ramp ends ---------------------------------------------------------------------------

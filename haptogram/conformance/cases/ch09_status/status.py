@@ -342,8 +342,8 @@ def _check_traces(
 def every_latch_restarts_the_hold(board: BoardClient) -> None:
     """a latch of every path begins the hold anew: it ends hold_ms behind the last latch"""
     stored = _last_stored_frame(board)
-    # A path waits for two frames, twice as long as the line needs, behind a third of the hold.
-    # Two latches of a playback.
+    # Behind a third of the hold a path waits for two frames, twice as long as the line needs, or
+    # for two latches of a playback; each of its exchanges has a lead.
     wait_us = 2 * playback.period_to_play(board) + 4 * board.clock.lead_us
     size = 8 * len(board.flat_phases().serialize())
     wait_us += 5 * board.wire.limits.lead_us
