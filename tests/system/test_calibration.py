@@ -166,7 +166,7 @@ def test_the_file_may_be_named_in_the_settings(tmp_path: Path) -> None:
 def test_a_board_at_a_port_is_judged_by_the_calibration(tmp_path: Path, compensate: bool) -> None:
     path = file_of(tmp_path, unequal(ARRAYS["16x16"]))
     config = VerifyConfig.of(
-        object="circle", radius_mm=20, resolution_mm=4, port="virtual://", calibration=path,
+        object="circle", radius_mm=20, resolution_mm=12, port="virtual://", calibration=path,
         compensate=compensate,
     )  # fmt: skip
     board = PortBoardUnderTest("virtual://", baudrate=BAUD, rate_hz=1000, board_computes=False)
