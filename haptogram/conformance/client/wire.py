@@ -29,13 +29,13 @@ _HOUR_US: Final = 3_600_000_000
 _FLOOD_BYTES: Final = 2 << 20  # limit for one case: a board that sends more cannot be judged
 _FLOOD_FRAMES: Final = 50_000
 _PARTIAL_BYTES: Final = 16 * MAX_ENCODED_BYTES
-_TRIPS_IN_LEAD: Final = 3  # a case may ask the board so often before a t_apply
+_TRIPS_IN_LEAD: Final = 4  # a case may ask the board so often before a t_apply
 _STATUS: Final = (m.Status, m.StatusReply)
 CLIENT_COBS: Final = fastest_cobs()
 encoded_frame: Final = partial(encode_frame, stuff=CLIENT_COBS.encode)
 #: Time from sending a frame to its t_apply, at a wall clock.
-WALL_LEAD_US: Final = 15_000
-DELAYED_LEAD_FACTOR: Final = 4  # of that time, once host or board was delayed; a retry has more
+WALL_LEAD_US: Final = 20_000
+DELAYED_LEAD_FACTOR: Final = 3  # of that time, once host or board was delayed; a retry has more
 HELD_UP_US: Final = 5000  # without the processor: too long to judge a timer of the board
 
 

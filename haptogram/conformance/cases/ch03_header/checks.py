@@ -68,6 +68,7 @@ def checks_queue_in_order(board: BoardClient) -> None:
         board.link.barrier()  # or MUTE may overtake them
         board.clock.end_exchange()
         board.mute()
+        board.clock.require_before(times[0], "MUTE of frames that wait")
 
 
 @case("HG-3.8/2")

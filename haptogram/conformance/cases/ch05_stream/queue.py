@@ -14,7 +14,7 @@ from ...case import Depth, case
 from ...client import latching, playback
 from ...client.board_client import BoardClient
 from ...client.stream_kinds import StreamKind, points_of_stream_kind, stream_kinds
-from ...outcome import SELF_REPORTED, check, check_equal, require
+from ...outcome import SELF_REPORTED, check, check_equal, check_fields, require
 from .every_drop import judge_first_drop
 
 _MAX_LATE_US: Final = 100_000  # HG-7.1
@@ -139,9 +139,10 @@ def queue_holds_its_depth(board: BoardClient) -> None:
     good = board.shortest_stream()
     times = board.times_in_queue(depth + 1)
     with board.counting(dropped_full=1, latched=depth):
-        for t_us in times:
-            board.link.stream(good, t_us)
-        board.check_status(f"{depth} frames wait", queued=depth)
+        board.link.send(*(board.link.stream_wire(good, t_us) for t_us in times))
+        found = board.status()
+        board.clock.require_before(times[0], "a look at frames that wait")
+        check_fields(found, f"{depth} frames wait: STATUS_REPLY", queued=depth)
         board.clock.wait_until(times[-1])
 
 
