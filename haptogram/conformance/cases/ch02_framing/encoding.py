@@ -302,15 +302,16 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
     if is_played:
         playback.play_now(board, _SEQUENCE, loops=0)
         board.clock.wait_latched()
-    since, waits_until_us, latched_us = board.link.mark(), 0, board.wire.now_us()
-    latch_in_us = min(_AHEAD_US // 2, 500 * board.config.hold_ms)
+    since, waits_until_us = board.link.mark(), 0
+    latched_us = renewed_us = board.wire.now_us()
+    latch_in_us = min(_AHEAD_US // 2, 250 * board.config.hold_ms)
     for name, piece in _bytes_like_mute(board):
         if not board.wire.carries(len(piece), latch_in_us // 2):
             continue  # a hold that nothing extends may end meanwhile
         if is_played:
-            latched_us = board.wire.now_us()
+            latched_us = renewed_us = board.wire.now_us()
         elif waits_until_us - board.clock.device_estimate_us() < _AHEAD_US - latch_in_us:
-            latched_us = board.wire.now_us()
+            renewed_us = board.wire.now_us()
             latching.latch_now(board)  # which flushes the frame that waits
             waits_until_us = board.clock.ahead_us(_AHEAD_US)
             board.link.stream(board.flat_phases(), waits_until_us)
@@ -327,4 +328,5 @@ def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
             (not told, f"the board tells {told[0][1] if told else ''}"),
         ):
             judge_within_hold(board, latched_us, holds, f"a MUTE with {name}: {wrong}")
+        latched_us = renewed_us
     board.disarm()

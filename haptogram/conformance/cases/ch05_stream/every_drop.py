@@ -183,7 +183,7 @@ def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[in
     if drop.armed:
         board.arm()
     board.link.stream(board.flat_phases())  # the first number is used
-    board.clock.wait_latched()
+    board.clock.wait_latched(points=0)
     last_us = fill_queue(board, queued) if queued else 0
     board.link.barrier()
     waiting = board.status().queued
