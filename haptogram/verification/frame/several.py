@@ -46,7 +46,7 @@ _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # factor on the first-order bound
 _EXACT: Final = 1.0 + 1e-4
 _FLAT: Final = 1.02  # factor on the distance to a peak that was found: it may be so flat
-_MOST_SLACK: Final = 2.0  # of an amplitude, times the limit of the phases of a host that was found
+_MOST_SLACK: Final = 2.0  # of an amplitude, times the phase error of a host that was found
 _MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
 _OTHER_AMPLITUDES: Final = "the amplitudes are off by more than the solver makes of the tolerance"
@@ -213,7 +213,7 @@ class SeveralFociFrame:
         found = self._judge_strictly(
             ideal.of_host(self.intended, host),
             host.error_rad / _EXACT,
-            _MOST_SLACK * host.limit_rad,
+            _MOST_SLACK * max(host.error_rad, host.rounding_rad),
         )
         target = ideal.targets[0]
         beyond = host.is_beyond(scale_of_tolerance(target.tolerance, target.model))

@@ -78,6 +78,21 @@ def test_a_drive_passes_up_to_the_tolerance(foci, solver, share, passes):
     assert found.status is not FrameStatus.NOT_VERIFIED
 
 
+@pytest.mark.parametrize("known", [None, Uncertainty(phase_rad=0.1), Uncertainty(position_mm=0.1)])
+@pytest.mark.parametrize("level", [0.0, 0.5, np.repeat([0.0, 1.0], 60), np.arange(120) != 7])
+def test_no_tolerance_lets_silence_or_a_lower_level_pass(level, known):
+    """A place and air within it change phases, and amplitudes only as far as these."""
+    weights, tolerance = frame_weights(MODEL, PAIR, "naive"), Tolerance(miss_mm=0.5)
+    assert judge(MODEL, PAIR, weights, tolerance=tolerance, uncertainty=known)
+    assert not judge(MODEL, PAIR, level * weights, tolerance=tolerance, uncertainty=known)
+
+
+def test_a_tolerance_of_nothing_is_none():
+    weights = frame_weights(MODEL, PAIR, "naive")
+    full = weights / np.abs(weights)  # as a board without amplitudes has it
+    assert judge(MODEL, PAIR, full, tolerance=Tolerance()) == judge(MODEL, PAIR, full)
+
+
 @pytest.mark.parametrize("count", [15, pytest.param(60, marks=pytest.mark.nightly)])
 def test_a_tolerated_host_is_found_where_a_miss_hardly_shows(count):
     """A row tells nothing of one direction: the nearest host may be anywhere along it."""
@@ -143,6 +158,7 @@ def test_a_right_drive_passes_and_its_mirror_fails(target, weights, changes):
         (TARGET, WEIGHTS[1:], {}, "drive of 119, array of 120 elements"),
         (TARGET, 2 * WEIGHTS, {}, "must be 1 at most"),
         (TARGET, WEIGHTS, {"amplitudes": [1.0]}, "amplitudes has shape"),
+        (TARGET, WEIGHTS, {"amplitudes": TAPER - 0.5}, "amplitudes is -0.3, must be 0 to 1"),
         (TARGET, WEIGHTS, {"solver": "best"}, "solver"),
         (TARGET, WEIGHTS, {"tolerance": Tolerance(miss_mm=10.0)}, "half of that at most"),
     ],
