@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import takewhile
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,6 +61,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number
 from haptogram.settings.frozen import dataclass
 
+_Found = TypeVar("_Found")
 _MIN_TRACKED: Final = 4
 _AT_ONCE: Final = 512  # drives of a call of compiled code
 _SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude step
@@ -168,20 +169,28 @@ class Reconstructor:
 
         Those that are beside the one before are found at once, in compiled code where it serves.
         """
-        found: list[Reconstruction] = []
+        return self._all_of(asked, self._reconstruct)
+
+    def reconstruct_all_quickly(self, asked: Sequence[DriveToFind]) -> list[Reconstruction | None]:
+        """Return those foci; None as of :meth:`reconstruct_quickly`."""
+        return self._all_of(asked, self._reconstruct_quickly)
+
+    def _all_of(
+        self,
+        asked: Sequence[DriveToFind],
+        reconstruct: Callable[[ComplexArray, float, float], _Found],
+    ) -> list[Reconstruction | _Found]:
+        found: list[Reconstruction | _Found] = []
         while len(found) < len(asked):
             beside = self._foci_beside_last(asked[len(found) : len(found) + self._at_once])
             found += beside
             # Where one has jumped the next one may: not to prepare many in vain.
             self._at_once = min(_AT_ONCE, 2 * self._at_once) if beside else 1
             if not beside:
-                found.append(self._focus_of(asked[len(found)]))
+                drive, *how = asked[len(found)]
+                muted = drive.is_muted
+                found.append(NoFocus("muted") if muted else reconstruct(drive.weights(), *how))
         return found
-
-    def _focus_of(self, asked: DriveToFind) -> Reconstruction:
-        if asked.drive.is_muted:
-            return NoFocus("muted")
-        return self._reconstruct(asked.drive.weights(), asked.step_rad, asked.slack_rad)
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
         """Return the foci of the leading drives that a fit warm-started at the last focus finds."""
@@ -244,7 +253,12 @@ class Reconstructor:
         :meth:`reconstruct_weights`.
         """
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
-        radiated = self._radiated(as_weights(weights), step_rad, slack_rad)
+        return self._reconstruct_quickly(as_weights(weights), step_rad, slack_rad)
+
+    def _reconstruct_quickly(
+        self, weights: ComplexArray, step_rad: float, slack_rad: float
+    ) -> Reconstruction | None:
+        radiated = self._radiated(weights, step_rad, slack_rad)
         return radiated if isinstance(radiated, NoFocus) else self._locate_quickly(radiated)[0]
 
     def _reconstruct(
@@ -254,11 +268,7 @@ class Reconstructor:
         if isinstance(radiated, NoFocus):
             return radiated
         found, tried = self._locate_quickly(radiated)
-        if found is None:
-            found = self._search(tried, radiated)
-        if isinstance(found, SingleFocus) and step_rad >= COARSE_RAD:
-            return self._best_of_rivals(found, radiated)
-        return found
+        return self._search(tried, radiated) if found is None else found
 
     def _best_of_rivals(self, found: SingleFocus, radiated: _ReconstructedDrive) -> SingleFocus:
         """Return the best-fitting focus, with the equally good alternatives.
@@ -310,17 +320,17 @@ class Reconstructor:
         if start is not None:
             fit = self._fit(radiated, start, radiated.active)
             if self._explains(fit, radiated):
-                return self._single(fit, radiated, way), []
+                return self._focus(fit, radiated, way), []
         tried: list[PhaseFit] = []
         if self._last_focus is not None:
             tried.append(self._fit(radiated, self._last_focus, radiated.active))
             if self._explains(tried[0], radiated):
-                return self._single(tried[0], radiated, "warm"), tried
+                return self._focus(tried[0], radiated, "warm"), tried
             jumped = self._acquisition_for(radiated.active).widening_fit(
                 radiated.phases_rad, radiated.active, radiated.step_rad, self._last_focus
             )
             if self._explains(jumped, radiated):
-                return self._single(jumped, radiated, "warm"), tried
+                return self._focus(jumped, radiated, "warm"), tried
             partial = self._fit_most(tried[0], radiated)
             if partial is not None:
                 return self._all_or_most(partial, radiated), tried
@@ -355,7 +365,7 @@ class Reconstructor:
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
         ):
             if self._explains(fit, radiated):
-                return self._single(fit, radiated, "global")
+                return self._focus(fit, radiated, "global")
             tried.append(fit)
         # Only when no start explains all elements may some be wrong: from a bad start, a correct
         # drive looks like one with outliers.
@@ -370,7 +380,7 @@ class Reconstructor:
         """Return a focus fitted to all elements, else to most of them."""
         whole = self._fit(radiated, partial.position_m, radiated.active)
         if self._explains(whole, radiated):
-            return self._single(whole, radiated, "global")
+            return self._focus(whole, radiated, "global")
         return self._mostly_single(partial, radiated)
 
     def _acquisition_for(self, active: BoolArray) -> FocusAcquisition:
@@ -418,6 +428,14 @@ class Reconstructor:
         low_m = min(0.0, focus_target_heights_m(array)[0])
         above = height_m > low_m and CLEARANCE_M <= nearest <= REACH_M
         return bool(above and points_in_front(self._model, position[None])[0])
+
+    def _focus(
+        self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]
+    ) -> SingleFocus:
+        """Return the focus of a fit that explains the phases; of coarse ones with its rivals."""
+        found = self._single(fit, radiated, acquired)
+        is_coarse = radiated.step_rad >= COARSE_RAD
+        return self._best_of_rivals(found, radiated) if is_coarse else found
 
     def _single(
         self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]

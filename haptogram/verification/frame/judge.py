@@ -156,7 +156,7 @@ class FrameJudge:
             DriveToFind(intended.drive, criteria.judged_frame_step_rad(intended))
             for intended, _ in pairs
         ]
-        found = self._reconstructor(steps).reconstruct_all(asked)
+        found = self._reconstructor(steps).reconstruct_all_quickly(asked)
         return [
             (intended, dataclasses.replace(latch, reconstruction=focus))
             for (intended, latch), focus in zip(pairs, found, strict=True)
