@@ -81,6 +81,11 @@ class Judged:
         return self.verdict.exit_status
 
 
+def is_share_reached(count: int, share: float, total: int) -> bool:
+    """Return True if *count* is a *share* of *total*, whatever the rounding of 0.55 times 100."""
+    return count >= (share - 1e-12) * total
+
+
 @dataclass(frozen=True, slots=True)
 class Cut:
     """Interruption of a run before its end.
@@ -151,7 +156,7 @@ class FrameVerdict:
     smallest_miss_mm : float or None
         Length of that bound, and the tolerance: a shorter miss does not show.  None where a miss in
         some direction would never show.
-    uncertainty_mm : PlaceUncertainty or None
+    uncertainty_mm : VerdictUncertainty or None
         How well the place is known, for what is not known of air and elements.
     phase_error_rad : float or None
         S1: half the range of the element residuals.
