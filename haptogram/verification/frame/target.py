@@ -324,7 +324,7 @@ def check_frame_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: 
     Raises
     ------
     ConfigurationError
-        As :meth:`FrameTarget.check_frame_tolerance`.
+        As :meth:`FrameTarget.check_tolerance`.
     """
     if tolerance.is_strict:
         return

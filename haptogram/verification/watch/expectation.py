@@ -1,7 +1,8 @@
 """The foci that a user expects, and the verdict on a latch by them.
 
 Criteria and bounds are those of :mod:`haptogram.verification.frame`: S1 to S4, for phases of the
-steps that the board has. Amplitudes are taken as radiated, so there is no S5.
+steps that the board has. Amplitudes are taken as radiated, so there is no S5; of several foci in a
+frame there is S2 alone.
 """
 
 from __future__ import annotations
