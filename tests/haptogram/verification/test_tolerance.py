@@ -341,6 +341,19 @@ def test_humidity_changes_the_speed_of_sound():
     )
 
 
+@pytest.mark.parametrize(("temperature_c", "percent"), [(2.0, 0.0), (0.0, 30.0), (2.0, 30.0)])
+def test_standard_uncertainties_of_the_air_add_up_by_their_squares(temperature_c, percent):
+    known, air = (
+        Uncertainty(temperature_c=temperature_c, humidity_percent=percent),
+        Medium.air(20.0),
+    )
+    parts = [  # whoever draws both at random, each by itself, finds this spread
+        (Medium.air(20.0 + temperature_c).sound_speed_m_s / air.sound_speed_m_s - 1.0),
+        (Medium.air(20.0, 50.0 + percent).sound_speed_m_s / air.sound_speed_m_s - 1.0),
+    ]
+    assert known.speed_share(air) == pytest.approx(math.hypot(*parts), rel=0.02)
+
+
 def test_a_real_board_is_known_less_well_than_a_virtual_one():
     assert uncertainty_of(VerifyConfig().uncertainty, at_port=False) == Uncertainty()
     real = VerifyConfig.of(port="/dev/ttyUSB0", uncertainty_c=0.5)
