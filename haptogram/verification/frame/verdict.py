@@ -142,7 +142,7 @@ class FrameVerdict:
     evidence : Evidence or None
         Who saw it; None if nobody did.
     target_m : tuple
-        First focus that was intended, in metres.
+        First focus that was intended, in metres; of a board that is watched, the one farthest off.
     measured_m : tuple or None
         Where the focus was found; None for a coordinate that this array cannot observe.
     lateral_error_mm, axial_error_mm : float or None

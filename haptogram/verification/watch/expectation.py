@@ -32,7 +32,6 @@ from ..frame.verdict import FrameStatus, FrameVerdict, Vector
 from ..tolerance import Tolerance, Uncertainty
 from .latch import SeenLatch
 
-_MM: Final = 1e3
 _FINEST_STEPS: Final = 256
 _ROUNDING_RAD: Final = 1e-6
 _SOUNDING: Final = 1e-6
@@ -173,10 +172,11 @@ class Expectation:
         off_m = places - foci[nearest]
         ok = criteria.are_foci_within(off_m, bounds, self.tolerance.miss_mm)
         worst = int(np.linalg.norm(off_m, axis=1).argmax())
+        target_m, levels = foci[nearest[worst]], np.ones(self._model.array.count)
         return dataclasses.replace(
             seen,
             status=FrameStatus.ON_TARGET if ok else FrameStatus.OFF_TARGET,
             criteria={"S2": ok},
-            measured_m=as_vector(places[worst]),
-            lateral_error_mm=_MM * float(np.linalg.norm(off_m[worst])),
+            target_m=as_vector(target_m),
+            **FrameTarget(self._model, target_m, levels, 0.0, Tolerance()).miss(off_m[worst]),
         )

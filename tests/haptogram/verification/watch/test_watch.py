@@ -3,6 +3,7 @@
 import dataclasses
 import doctest
 import json
+import math
 import re
 
 import numpy as np
@@ -145,6 +146,13 @@ def test_several_foci_are_expected_together():
         seen
     )
     assert off.verdict.status is FrameStatus.OFF_TARGET
+    for found in (right, off.verdict):
+        miss_mm = 1e3 * np.subtract(found.measured_m, found.target_m)
+        beam = np.array(found.target_m) - array.positions_m.mean(axis=0)
+        along_mm = miss_mm @ beam / np.linalg.norm(beam)
+        assert found.axial_error_mm == pytest.approx(along_mm, abs=1e-9)
+        across_mm = math.sqrt(miss_mm @ miss_mm - along_mm**2)
+        assert found.lateral_error_mm == pytest.approx(across_mm, abs=1e-6)
     one = Watch(model, expectation=Expectation(model, [frame[:1]])).take(seen)
     assert one.verdict.faults == ("several foci where one focus was expected",)
 
