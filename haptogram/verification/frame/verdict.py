@@ -250,7 +250,7 @@ class FrameVerdict:
     @property
     def is_silence(self) -> bool:
         """True if the frame was to radiate nothing: there is no focus to miss."""
-        return [*self.criteria] == ["S5"]
+        return [*self.criteria] == ["S5"] and self.phase_error_rad is None
 
     @property
     def target_pressure_rms_pa(self) -> float | None:

@@ -11,7 +11,7 @@ from haptogram.acoustics import AcousticModel, Drive, focus_phases, superpose_fo
 from haptogram.acoustics.solvers.several import frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey
-from haptogram.verification import FrameJudge, Tolerance, Uncertainty
+from haptogram.verification import FrameJudge, RunVerdict, Tolerance, Uncertainty, Verdict
 from haptogram.verification.frame.verdict import FrameStatus
 from latched_drives import drive_of, intend, registers, seen
 
@@ -85,6 +85,18 @@ def test_no_tolerance_lets_silence_or_a_lower_level_pass(level, known):
     weights, tolerance = frame_weights(MODEL, PAIR, "naive"), Tolerance(miss_mm=0.5)
     assert judge(MODEL, PAIR, weights, tolerance=tolerance, uncertainty=known)
     assert not judge(MODEL, PAIR, level * weights, tolerance=tolerance, uncertainty=known)
+
+
+@pytest.mark.parametrize(
+    ("foci", "drive", "is_silence"),
+    [(Focus(TARGET, 0.0), 0.0 * WEIGHTS, True), (PAIR, np.exp(2.0j * PHASES**2), False)],
+)
+def test_of_a_drive_of_no_foci_no_miss_shows_and_it_is_no_silence(foci, drive, is_silence):
+    found = judge(MODEL, foci, drive, solver="wgs", tolerance=Tolerance(miss_mm=0.5))
+    assert (found.is_silence, found.smallest_miss_mm) == (is_silence, None)
+    right = judge(MODEL, TARGET, WEIGHTS)
+    run = RunVerdict(Verdict.PASS, (), [right, found], [], 0.5)
+    assert run.smallest_miss_mm == (right.smallest_miss_mm if is_silence else None)
 
 
 def test_a_tolerance_of_nothing_is_none():
