@@ -18,7 +18,7 @@ from haptogram.settings.arguments import check_argument_kind, check_choice, chec
 
 from ..tolerance import Tolerance, Uncertainty
 from .judge import FrameJudge
-from .verdict import FrameStatus, FrameVerdict
+from .verdict import FrameVerdict
 
 _KEY: Final = FrameKey(0, 0, 0, 0)
 
@@ -105,11 +105,10 @@ def judge(
     verdict = judged(wanted)
     # Nobody sent another drive, and a tolerance has many; of several foci with other amplitudes.
     others = len(foci) > 1 and amplitudes is None and not (tolerance or Tolerance()).is_strict
-    if verdict.status is FrameStatus.CORRUPT or (
-        others and not verdict.passed and not latched.is_muted
-    ):
+    is_another = verdict.is_wrong and all(verdict.criteria.values())
+    if is_another or (others and not verdict.passed and not latched.is_muted):
         own = judged(latched)
-        verdict = own if own.passed or verdict.status is FrameStatus.CORRUPT else verdict
+        verdict = own if own.passed or is_another else verdict
     return verdict
 
 

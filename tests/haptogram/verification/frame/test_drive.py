@@ -11,7 +11,14 @@ from haptogram.acoustics import AcousticModel, Drive, focus_phases, superpose_fo
 from haptogram.acoustics.solvers.several import frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey
-from haptogram.verification import FrameJudge, RunVerdict, Tolerance, Uncertainty, Verdict
+from haptogram.verification import (
+    FrameJudge,
+    RunConsequences,
+    RunVerdict,
+    Tolerance,
+    Uncertainty,
+    Verdict,
+)
 from haptogram.verification.frame.verdict import FrameStatus
 from latched_drives import drive_of, intend, registers, seen
 
@@ -97,6 +104,19 @@ def test_of_a_drive_of_no_foci_no_miss_shows_and_it_is_no_silence(foci, drive, i
     right = judge(MODEL, TARGET, WEIGHTS)
     run = RunVerdict(Verdict.PASS, (), [right, found], [], 0.5)
     assert run.smallest_miss_mm == (right.smallest_miss_mm if is_silence else None)
+
+
+def test_another_drive_whose_foci_do_not_show_is_wrong():
+    """The focus is not known to be in its place: the drive is not just a damaged one."""
+    drive = Drive.from_weights(np.exp(2.0j * PHASES**2))
+    wanted = Drive.from_weights(frame_weights(MODEL, PAIR, "wgs"))
+    frame = intend(MODEL, TARGET, drive=wanted, foci=PAIR, solver="wgs")
+    found = FrameJudge(MODEL, carrier_us=25, tolerance=Tolerance(miss_mm=0.5)).judge(
+        frame, seen(frame, drive)
+    )
+    assert found.criteria == {"S5": True}
+    assert found.status is FrameStatus.WRONG_DRIVE
+    assert RunConsequences.of([found, dataclasses.replace(found, t_apply_us=1000)]).away_ms > 0.0
 
 
 def test_a_tolerance_of_nothing_is_none():
