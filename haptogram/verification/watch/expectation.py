@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import FloatArray, as_point_array
+from haptogram.acoustics.field.reference import check_field_points
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.estimates import as_vector
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
@@ -53,7 +54,7 @@ class Expectation:
     Raises
     ------
     ConfigurationError
-        No frame, or a point that is no place.
+        No frame, or a point that is no place, behind the array or at one of its elements.
 
     Examples
     --------
@@ -73,6 +74,7 @@ class Expectation:
             raise ConfigurationError("frames_m holds no frame, must be at least 1")
         self._model = model
         self._frames = [as_point_array("frames_m", np.atleast_2d(np.asarray(f))) for f in frames_m]
+        check_field_points(model, np.concatenate(self._frames))
         self.tolerance = Tolerance() if tolerance is None else tolerance
         self._target = functools.lru_cache(_REMEMBERED)(self._make_target)
 

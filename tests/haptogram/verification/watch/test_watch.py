@@ -11,7 +11,7 @@ import pytest
 
 import pattern_drives as drives
 from dialect_boards import SENT, DialectBoard
-from haptogram.acoustics import Calibration, focus_phases
+from haptogram.acoustics import AcousticModel, Calibration, focus_phases
 from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
 from haptogram.records.remark import About
@@ -177,9 +177,18 @@ def test_nothing_latched_is_inconclusive():
     assert run.result("the board was killed").verdict is Verdict.INCONCLUSIVE
 
 
-def test_an_expectation_needs_a_frame():
-    with pytest.raises(ConfigurationError, match="frames_m holds no frame"):
-        Expectation(model_of(LAYOUTS["sonicsurface"].array()), [])
+@pytest.mark.parametrize(
+    ("frames_m", "message"),
+    [
+        ([], "frames_m holds no frame"),
+        ([(0.0, 0.0, 0.1), (0.0, 0.0, -0.1)], "point 1 is 100 mm behind the baffle"),
+        ([[(0.0, 0.0, 0.1), (0.0, 0.0, 0.0)]], "point 1 is .* mm from element"),
+    ],
+)
+def test_an_expectation_needs_frames_of_places_with_a_field(frames_m, message):
+    """The board that is watched would go on without a verdict from its first latch on."""
+    with pytest.raises(ConfigurationError, match=message):
+        Expectation(AcousticModel.default(3, 3), frames_m)
 
 
 # --- mistakes, with an expectation ----------------------------------------------------------------
