@@ -27,7 +27,7 @@ from haptogram.records.frame import FrameKey
 
 from ..frame import criteria
 from ..frame.status import frame_status_of
-from ..frame.target import FrameTarget
+from ..frame.target import FrameTarget, check_frame_tolerance
 from ..frame.tolerated import ToleratedHost
 from ..frame.verdict import FrameStatus, FrameVerdict, Vector
 from ..tolerance import Tolerance, Uncertainty
@@ -54,7 +54,8 @@ class Expectation:
     Raises
     ------
     ConfigurationError
-        No frame, or a point that is no place, behind the array or at one of its elements.
+        No frame; a point that is no place, behind the array or at one of its elements; a tolerance
+        of more than half of the focus.
 
     Examples
     --------
@@ -74,8 +75,9 @@ class Expectation:
             raise ConfigurationError("frames_m holds no frame, must be at least 1")
         self._model = model
         self._frames = [as_point_array("frames_m", np.atleast_2d(np.asarray(f))) for f in frames_m]
-        check_field_points(model, np.concatenate(self._frames))
         self.tolerance = Tolerance() if tolerance is None else tolerance
+        check_field_points(model, np.concatenate(self._frames))
+        check_frame_tolerance(model, np.concatenate(self._frames), self.tolerance)
         self._target = functools.lru_cache(_REMEMBERED)(self._make_target)
 
     @property
@@ -153,10 +155,7 @@ class Expectation:
     def _make_target(self, place_m: Vector, amplitudes: bytes, steps: int) -> FrameTarget:
         limit_rad = math.pi / min(steps, _FINEST_STEPS) + _ROUNDING_RAD
         levels = np.frombuffer(amplitudes, np.float64)
-        target = FrameTarget(self._model, np.array(place_m), levels, limit_rad, self.tolerance)
-        if not self.tolerance.is_strict:
-            target.check_tolerance()
-        return target
+        return FrameTarget(self._model, np.array(place_m), levels, limit_rad, self.tolerance)
 
     def _judge_several(
         self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern

@@ -16,6 +16,7 @@ from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
 from haptogram.records.remark import About
 from haptogram.verification import FrameStatus, Tolerance, Verdict
+from haptogram.verification.frame.target import FrameTarget
 from haptogram.verification.watch import (
     Defect,
     Diagnosis,
@@ -189,6 +190,19 @@ def test_an_expectation_needs_frames_of_places_with_a_field(frames_m, message):
     """The board that is watched would go on without a verdict from its first latch on."""
     with pytest.raises(ConfigurationError, match=message):
         Expectation(AcousticModel.default(3, 3), frames_m)
+
+
+def test_a_tolerance_is_refused_at_the_begin_and_not_for_what_is_latched():
+    """Where only the rim sounds, the focus is narrower."""
+    model, target = AcousticModel.default(8, 8), (0.0, 0.0, 0.1)
+    with pytest.raises(ConfigurationError, match="half of that at most"):
+        Expectation(model, [target], tolerance=Tolerance(miss_mm=10.0))
+    half_mm = FrameTarget(model, np.array(target), np.ones(64), 0.0, Tolerance()).width_m * 5e2
+    expected = Expectation(model, [target], tolerance=Tolerance(miss_mm=0.99 * half_mm))
+    rim = np.ones((8, 8))
+    rim[2:-2, 2:-2] = 0.0
+    seen = SeenLatch(1, rim.ravel() * np.exp(1j * focus_phases(model, target)), 256)
+    assert Watch(model, expectation=expected).take(seen).verdict.passed
 
 
 # --- mistakes, with an expectation ----------------------------------------------------------------
