@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.acoustics import AcousticModel, Medium, TransducerArray, focus_phases
+from haptogram.acoustics import AcousticModel, Drive, Medium, TransducerArray, focus_phases
 from haptogram.acoustics.model.medium import air_speed_uncertainty
-from haptogram.acoustics.solvers.several import weights_for_foci
+from haptogram.acoustics.solvers.several import frame_weights, weights_for_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
 from haptogram.settings.run.verify import VerifyConfig
@@ -32,6 +32,7 @@ from latched_drives import field_of, intend, registers, seen, working_volume
 pytestmark = pytest.mark.sampled(3)
 
 MODEL = AcousticModel.default()
+SMALL = AcousticModel.default(8, 8)
 TARGET = (0.013, -0.021, 0.11)
 
 
@@ -266,6 +267,22 @@ def test_what_is_no_focus_fails_at_the_largest_tolerance_that_is_accepted(name, 
     tolerance = {"miss_mm": 0.95 * widest_mm} if foci == 1 else {"miss_mm": 0.3 * widest_mm}
     found = judged(intended, wrong, model=model, **tolerance)
     assert found.status in (FrameStatus.OFF_TARGET, FrameStatus.WRONG_DRIVE), found
+
+
+@pytest.mark.parametrize("other", [(-0.03, 0.02, 0.09), (0.0, 0.015, 0.12), (0.02, 0.03, 0.1)])
+def test_a_tolerance_that_is_accepted_before_a_run_is_not_refused_after_it(other):
+    """Amplitudes of two foci make each of them narrower than that of the whole array."""
+    points = [(-0.012, -0.005, 0.08), other]
+    narrowest_mm = min(1e3 * field_of(SMALL, point).width_m for point in points)
+    tolerance = Tolerance(miss_mm=0.4999 * narrowest_mm)
+    check_frame_tolerance(SMALL, points, tolerance)
+    foci = tuple(Focus.at(point, 0.5) for point in points)
+    drive = Drive.from_weights(frame_weights(SMALL, foci, "naive"))
+    frame = intend(SMALL, points[0], foci=foci, drive=drive)
+    levels = drive.amplitude_codes / 255.0
+    assert min(1e3 * field_of(SMALL, p, amplitudes=levels).width_m for p in points) < narrowest_mm
+    run = verify_run([frame], [seen(frame)], model=SMALL, tolerance=tolerance)
+    assert run.verdict is Verdict.PASS
 
 
 @pytest.mark.sampled(1)
