@@ -13,7 +13,6 @@ the fast field engine (1e-4 of it).
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -169,16 +168,14 @@ class Reconstructor:
 
         Those that are beside the one before are found at once, in compiled code where it serves.
         """
-        return self._all_of(asked, self._reconstruct)
+        return self._all_of(asked, self.reconstruct_weights)
 
     def reconstruct_all_quickly(self, asked: Sequence[DriveToFind]) -> list[Reconstruction | None]:
         """Return those foci; None as of :meth:`reconstruct_quickly`."""
-        return self._all_of(asked, self._reconstruct_quickly)
+        return self._all_of(asked, self.reconstruct_quickly)
 
     def _all_of(
-        self,
-        asked: Sequence[DriveToFind],
-        reconstruct: Callable[[ComplexArray, float, float], _Found],
+        self, asked: Sequence[DriveToFind], reconstruct: Callable[..., _Found]
     ) -> list[Reconstruction | _Found]:
         found: list[Reconstruction | _Found] = []
         while len(found) < len(asked):
@@ -187,9 +184,12 @@ class Reconstructor:
             # Where one has jumped the next one may: not to prepare many in vain.
             self._at_once = min(_AT_ONCE, 2 * self._at_once) if beside else 1
             if not beside:
-                drive, *how = asked[len(found)]
-                muted = drive.is_muted
-                found.append(NoFocus("muted") if muted else reconstruct(drive.weights(), *how))
+                drive, step_rad, slack_rad = asked[len(found)]
+                found.append(
+                    NoFocus("muted")
+                    if drive.is_muted
+                    else reconstruct(drive.weights(), step_rad=step_rad, slack_rad=slack_rad)
+                )
         return found
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
@@ -240,8 +240,11 @@ class Reconstructor:
         """
         if step_rad is None:
             step_rad = phase_step_rad(self._phase_bits or REGISTER_BITS)
-        check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
-        return self._reconstruct(as_weights(weights), step_rad, slack_rad)
+        radiated = self._radiated(weights, step_rad, slack_rad)
+        if isinstance(radiated, NoFocus):
+            return radiated
+        found, tried = self._locate_quickly(radiated)
+        return self._search(tried, radiated) if found is None else found
 
     def reconstruct_quickly(
         self, weights: ArrayLike, *, step_rad: float, slack_rad: float = 0.0
@@ -252,32 +255,18 @@ class Reconstructor:
         as long where there is no focus. Parameters and errors are those of
         :meth:`reconstruct_weights`.
         """
-        check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
-        return self._reconstruct_quickly(as_weights(weights), step_rad, slack_rad)
-
-    def _reconstruct_quickly(
-        self, weights: ComplexArray, step_rad: float, slack_rad: float
-    ) -> Reconstruction | None:
         radiated = self._radiated(weights, step_rad, slack_rad)
         return radiated if isinstance(radiated, NoFocus) else self._locate_quickly(radiated)[0]
 
-    def _reconstruct(
-        self, weights: ComplexArray, step_rad: float, slack_rad: float
-    ) -> Reconstruction:
-        radiated = self._radiated(weights, step_rad, slack_rad)
-        if isinstance(radiated, NoFocus):
-            return radiated
-        found, tried = self._locate_quickly(radiated)
-        return self._search(tried, radiated) if found is None else found
-
-    def _best_of_rivals(self, found: SingleFocus, radiated: _ReconstructedDrive) -> SingleFocus:
-        """Return the best-fitting focus, with the equally good alternatives.
+    def _best_of_rivals(
+        self, here: PhaseFit, radiated: _ReconstructedDrive
+    ) -> tuple[PhaseFit, list[FloatArray]]:
+        """Return the best fit of a focus, and the places of the equally good alternatives.
 
         Rounding to a step leaves its twelfth in the mean square, with a deviation of
         sqrt(1 / 180 / N): three of them above count as equal, and what fits worse is no rounding.
         """
         active, step_rad = radiated.active, radiated.step_rad
-        here = self._fit(radiated, np.array(found.position_m), active)
         others = self._acquisition_for(active).fits(
             radiated.phases_rad, active, step_rad, _MAX_RIVAL_STARTS
         )
@@ -292,12 +281,13 @@ class Reconstructor:
             apart_m = min(float(np.linalg.norm(fit.position_m - place)) for place in known)
             if fit.residual_rms_rad <= limit_rad and apart_m > self._model.wavelength_m / 4.0:
                 rivals.append(fit.position_m)
-        single = self._single(best, radiated, found.acquired) if best is not here else found
-        return dataclasses.replace(single, rivals_m=tuple(as_vector(place) for place in rivals))
+        return best, rivals
 
     def _radiated(
-        self, weights: ComplexArray, step_rad: float, slack_rad: float
+        self, given: ArrayLike, step_rad: float, slack_rad: float
     ) -> _ReconstructedDrive | NoFocus:
+        check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
+        weights = as_weights(given)
         if weights.shape != (self._model.array.count,):
             raise ConfigurationError(
                 f"drive has shape {weights.shape}, array has {self._model.array.count} elements"
@@ -320,17 +310,17 @@ class Reconstructor:
         if start is not None:
             fit = self._fit(radiated, start, radiated.active)
             if self._explains(fit, radiated):
-                return self._focus(fit, radiated, way), []
+                return self._single(fit, radiated, way), []
         tried: list[PhaseFit] = []
         if self._last_focus is not None:
             tried.append(self._fit(radiated, self._last_focus, radiated.active))
             if self._explains(tried[0], radiated):
-                return self._focus(tried[0], radiated, "warm"), tried
+                return self._single(tried[0], radiated, "warm"), tried
             jumped = self._acquisition_for(radiated.active).widening_fit(
                 radiated.phases_rad, radiated.active, radiated.step_rad, self._last_focus
             )
             if self._explains(jumped, radiated):
-                return self._focus(jumped, radiated, "warm"), tried
+                return self._single(jumped, radiated, "warm"), tried
             partial = self._fit_most(tried[0], radiated)
             if partial is not None:
                 return self._all_or_most(partial, radiated), tried
@@ -365,7 +355,7 @@ class Reconstructor:
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
         ):
             if self._explains(fit, radiated):
-                return self._focus(fit, radiated, "global")
+                return self._single(fit, radiated, "global")
             tried.append(fit)
         # Only when no start explains all elements may some be wrong: from a bad start, a correct
         # drive looks like one with outliers.
@@ -380,7 +370,7 @@ class Reconstructor:
         """Return a focus fitted to all elements, else to most of them."""
         whole = self._fit(radiated, partial.position_m, radiated.active)
         if self._explains(whole, radiated):
-            return self._focus(whole, radiated, "global")
+            return self._single(whole, radiated, "global")
         return self._mostly_single(partial, radiated)
 
     def _acquisition_for(self, active: BoolArray) -> FocusAcquisition:
@@ -429,17 +419,12 @@ class Reconstructor:
         above = height_m > low_m and CLEARANCE_M <= nearest <= REACH_M
         return bool(above and points_in_front(self._model, position[None])[0])
 
-    def _focus(
-        self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]
-    ) -> SingleFocus:
-        """Return the focus of a fit that explains the phases; of coarse ones with its rivals."""
-        found = self._single(fit, radiated, acquired)
-        is_coarse = radiated.step_rad >= COARSE_RAD
-        return self._best_of_rivals(found, radiated) if is_coarse else found
-
     def _single(
         self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]
     ) -> SingleFocus:
+        rivals: list[FloatArray] = []
+        if radiated.step_rad >= COARSE_RAD:
+            fit, rivals = self._best_of_rivals(fit, radiated)
         self._last_focus = fit.position_m
         pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
         return SingleFocus(
@@ -453,6 +438,7 @@ class Reconstructor:
             level_db_spl=level_db_spl(pressure),
             force_n=self._force_n(radiated.weights, fit.position_m),
             acquired=acquired,
+            rivals_m=tuple(map(as_vector, rivals)),
         )
 
     def _force_n(self, weights: ComplexArray, position: FloatArray) -> float:
