@@ -309,6 +309,24 @@ def test_a_share_of_the_frames_must_be_verified(held_up, min_verified, verdict):
         assert run.reasons == (f"{10 - held_up} of 10 frames were verified; {needed}",)
 
 
+@pytest.mark.parametrize(
+    ("drive", "verdict"), [(lambda _: None, Verdict.PASS), (elsewhere, Verdict.FAIL)]
+)
+def test_a_latch_of_the_board_counts_whatever_was_seen_on_the_wire_before(drive, verdict):
+    frames = intended_frames(3)
+    seen_twice = [
+        latch
+        for frame in frames
+        for latch in (
+            seen(frame, evidence=Evidence.WIRE, t_latch_us=frame.t_apply_us - 100),
+            seen(frame, drive(frame)),
+        )
+    ]
+    run = verify(frames, seen_twice)
+    assert run.verdict is verdict
+    assert (run.counts["latched"], run.counts["duplicated"], run.counts["early"]) == (3, 0, 0)
+
+
 @pytest.mark.parametrize("count", [100, 300])
 def test_a_share_in_percent_is_reached_by_as_many_of_a_hundred(count):
     for percent in range(1, 101):
