@@ -94,7 +94,8 @@ class Driver(ClosedByWith):
     intended : KeptRecords of Intended
         Frames that were sent or due, in order; ``intended.dropped`` counts those not kept.
     observations : KeptRecords of Observation
-        Latches that the board reported.
+        Latches that the board reported; ``observations.dropped`` counts those not kept, here or in
+        its trace ring.
     events : KeptRecords of EventReceived
         Other events of the board, without the periodic status.
     warnings : list of str

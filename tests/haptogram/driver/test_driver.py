@@ -409,6 +409,26 @@ def test_the_boards_own_word_joins_what_was_intended(port, mode):
         assert (observation.drive == intended.drive) == (mode is TraceMode.DRIVE)
 
 
+def test_latches_that_the_trace_ring_kept_no_longer_are_counted():
+    with Driver(small_board(trace_ring=60), trace=TraceMode.RING) as driver:
+        driver.arm()
+        driver.stream(CIRCLE[:100], 500)
+        assert (len(driver.observations), driver.observations.dropped) == (60, 40)
+        driver.stream(CIRCLE[:30], 500)
+        assert (len(driver.observations), driver.observations.dropped) == (90, 40)
+
+
+@pytest.mark.parametrize("minutes", [1, 40, 69])
+def test_a_latch_of_long_ago_is_read_back_with_its_own_time(port, minutes):
+    with Driver(port, trace=TraceMode.RING) as driver:
+        driver.arm()
+        driver.focus((0.01, 0.0, 0.15))
+        port.stall(minutes * 60_000_000_000)
+        driver.collect_ring()
+        told = driver.read_drive(), *driver.observations
+    assert {latch.t_latch_us for latch in told} == {latch.t_latch_us for latch in port.latches}
+
+
 def test_read_back_shows_latched_and_radiated(driver):
     intended = driver.focus((0.01, 0.0, 0.15))
     driver.correct_phases(bytes(range(16)))
