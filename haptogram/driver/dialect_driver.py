@@ -159,7 +159,7 @@ class DialectDriver(ClosedByWith):
         port_baud = _WITHOUT_A_LINE_BAUD if self._baudrate is None else self._baudrate
         check_port(port, port_baud, timeout_s)
         check_air_of_identity(model, medium)
-        check_kept_records(keep)
+        keep = check_kept_records(keep)
         arguments.check_callable("sink", sink)
         self.model = (
             dialect_frames.assumed_dialect_frames_model(dialect, medium) if model is None else model
@@ -302,7 +302,7 @@ class DialectDriver(ClosedByWith):
         check_dialect_rate(
             self.dialect, self.boards, baudrate=self._baudrate, rate_hz=schedule.rate_hz
         )
-        limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
+        loops, spin_us = limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
         once = self._builder().frames_of(targets, solver)
         total = limits.check_streamed_frames(loops * len(once))
         period_ns, stride = int(schedule.period_us * 1000), max(1, int(rate_hz / _PROGRESS_HZ))

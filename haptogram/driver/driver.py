@@ -138,7 +138,7 @@ class Driver(ClosedByWith):
         check_air_of_identity(model, medium)
         if trace is not None:
             check_argument_kind("trace", trace, messages.TraceMode, "a TraceMode, or None")
-        check_kept_records(keep)
+        keep = check_kept_records(keep)
         check_callable("sink", sink)
         elements = None if calibration is None else Calibration.of(calibration)
         self.session = choose_session_nonce(nonce, seed)
@@ -388,7 +388,7 @@ class Driver(ClosedByWith):
             then.
         """
         schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=self.identity.queue_depth)
-        limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
+        loops, spin_us = limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
         check_number("miss_share", miss_share, 0.0, 1.0)
         check_argument_kind("trim", trim, bool, "True or False")
         once = self._builder().frames_of(targets, mode, solver)
@@ -436,20 +436,20 @@ class Driver(ClosedByWith):
         """
         check_callable("progress", progress)
         period_us = playback_period_us(rate_hz, self.identity)
-        timing = PlaybackTiming(period_us, loops, lead_us, unattended_ms)
-        timing.check(self.identity)
+        timing = PlaybackTiming.checked(self.identity, period_us, loops, lead_us, unattended_ms)
         frames = self._builder().frames_of(targets, mode, solver)
-        check_whole("number of frames, all loops of them", loops * len(frames), 1, MOST_PLAYED)
+        total = timing.loops * len(frames)
+        check_whole("number of frames, all loops of them", total, 1, MOST_PLAYED)
         data = SequenceData.of(frames)
         data.check(self.identity)
         timing.check_frames(frames, self.identity)
         self._make_ready(frames, timing.lead_us)
         self._player.store(data)
-        self._session.control.rearm_if_timed_out(lead_us)  # an upload takes longer than a hold
+        self._session.control.rearm_if_timed_out(timing.lead_us)  # an upload takes longer than a hold
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
         status = self._ended()
         return PlayReport(
-            frames=loops * len(frames),
+            frames=total,
             latched=None if end is None else end.frames,
             t0_us=t0_us,
             clock_uncertainty_us=self.clock.uncertainty_us,

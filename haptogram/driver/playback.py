@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Self
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
@@ -69,12 +69,23 @@ class PlaybackTiming:
     lead_us: int
     unattended_ms: int
 
-    def check(self, identity: messages.HelloReply) -> None:
+    @classmethod
+    def checked(
+        cls,
+        identity: messages.HelloReply,
+        period_us: int,
+        loops: int,
+        lead_us: int,
+        unattended_ms: int,
+    ) -> Self:
         """Refuse times that the board does not play, before the first byte is sent."""
-        check_whole("loops", self.loops, 1, MOST_PLAYED)
-        check_whole("lead_us", self.lead_us, 1, identity.max_horizon_us)
         least_ms = _LEAST_UNATTENDED_MS  # two pings of the host
-        check_whole("unattended_ms", self.unattended_ms, least_ms, identity.max_unattended_ms)
+        return cls(
+            period_us,
+            check_whole("loops", loops, 1, MOST_PLAYED),
+            check_whole("lead_us", lead_us, 1, identity.max_horizon_us),
+            check_whole("unattended_ms", unattended_ms, least_ms, identity.max_unattended_ms),
+        )
 
     def check_frames(self, frames: list[Frame], identity: messages.HelloReply) -> None:
         """Refuse times in which the board cannot make *frames* ready.

@@ -103,6 +103,16 @@ def test_a_weight_is_rounded_by_half_a_step_of_phase_and_amplitude(weights, bits
     assert np.abs(rounded - weights).max() <= limit + 1e-12
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("bits", [1, 8, 16])
+def test_bits_that_are_a_number_of_numpy_are_those_of_python(bits):
+    codes = quantise_phase([1.0, -2.0, 3.0], bits)
+    short = np.uint8(bits)
+    assert quantise_phase([1.0, -2.0, 3.0], short).tolist() == codes.tolist()
+    assert dequantise_phase(codes, short).tolist() == dequantise_phase(codes, bits).tolist()
+    assert phase_step_rad(short) == phase_step_rad(bits)
+
+
 def test_a_weight_above_one_is_refused_or_saturated_and_zero_has_phase_code_zero():
     weights = [3j, 0.0, complex(-0.0, -0.0), -0.25]
     with pytest.raises(ConfigurationError, match=r"weights\[0\] has the magnitude 3, must be 1"):
