@@ -24,7 +24,7 @@ def test_element_number_counts_along_y_first():
 
 @pytest.mark.filterwarnings("error")
 def test_sides_that_are_numbers_of_numpy_are_those_of_python():
-    array = TransducerArray.grid(np.uint8(20), np.int8(20))
+    array = TransducerArray.grid(np.uint8(20), np.uint8(20))
     assert array.digest() == TransducerArray.grid(20, 20).digest()
 
 
