@@ -78,7 +78,7 @@ class Driver(ClosedByWith):
         :attr:`events` keep, each.  None keeps all, which is 1 GB an hour at 1 kHz.  A verdict over
         frames that were dropped is no pass.
     sink : callable, optional
-        Called with every :class:`Intended` and :class:`Observation`, kept or not.
+        Called with every :class:`Intended` and :class:`Observation`, kept or not; it may mute.
 
     Attributes
     ----------

@@ -18,6 +18,7 @@ from haptogram_protocol import NEED_DATA, VERSION_MAJOR, HostConnection, message
 from haptogram_protocol.connection import (
     EventReceived,
     FrameDropped,
+    HostEvent,
     ReplyReceived,
     RequestRefused,
     RequestTimedOut,
@@ -30,6 +31,7 @@ BURST_NS: Final = 1_800_000  # line time that may be unsent: two frames of 276 B
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 
 _UNASKED: Final = (EventReceived, FrameDropped)
+_FAILED: Final = (RequestRefused, RequestTimedOut)
 _Outcome: TypeAlias = ReplyReceived | RequestRefused | RequestTimedOut
 Handler: TypeAlias = Callable[[EventReceived | ReplyReceived | FrameDropped], None]
 _M = TypeVar("_M", bound=Message)
@@ -89,7 +91,8 @@ class Link:
         self._unwritten = b""
         self._refusing_since_ns: int | None = None
         self._awaited: dict[int, _Outcome | None] = {}
-        self._undelivered = False  # events that came with one that raised
+        self._untold: deque[HostEvent] = deque()  # for the handler
+        self._telling = False
 
     @property
     def url(self) -> str:
@@ -124,7 +127,7 @@ class Link:
         self._push()
         self.idle_since_ns = self.now_ns()
         data = self._transport.read_available(self._wake_ns(deadline_ns))
-        if not (data or self._unwritten or self._undelivered or self.connection.outstanding):
+        if not (data or self._unwritten or self._untold or self.connection.outstanding):
             return  # most turns of a stream
         now_us = self.now_us()
         if data:
@@ -167,18 +170,27 @@ class Link:
             )
 
     def _dispatch(self) -> None:
-        """Pass events to the handler; keep replies that a caller awaits."""
-        self._undelivered = True  # if one of them raises
+        """Keep replies that a caller awaits; pass all else to the handler, one after the other.
+
+        A handler may use the link itself: what comes meanwhile is told after it.
+        """
         while (event := self.connection.next_event()) is not NEED_DATA:
-            if isinstance(event, _UNASKED):
-                self.handler(event)
-            elif event.seq in self._awaited:
+            if not isinstance(event, _UNASKED) and event.seq in self._awaited:
                 self._awaited[event.seq] = event
-            elif isinstance(event, ReplyReceived):
-                self.handler(event)
             else:
-                self._reply_of(event)  # raises: nobody else would tell
-        self._undelivered = False
+                self._untold.append(event)
+        while self._untold and not self._telling:
+            self._telling = True
+            try:
+                self._tell(self._untold.popleft())
+            finally:
+                self._telling = False
+
+    def _tell(self, event: HostEvent) -> None:
+        if isinstance(event, _FAILED):
+            self._reply_of(event)  # raises: nobody else would tell
+        else:
+            self.handler(event)
 
     # --- stream --------------------------------------------------------------------------------
 
@@ -240,7 +252,8 @@ class Link:
         self._awaited.clear()
         self.connection.data_to_send()
         seq = self.connection.send_mute(self.now_us())
-        return self.wait_for(seq, reply, self.now_ns() + timeout_ns)
+        outcome = self._wait_for_outcome(seq, self.now_ns() + timeout_ns)
+        return self.mute(reply, timeout_ns) if outcome is None else self._message(outcome, reply)
 
     def wait_idle(self, deadline_ns: int) -> None:
         """Wait until no request waits for its answer."""
@@ -257,18 +270,31 @@ class Link:
         return seq
 
     def answered(self, seq: int) -> bool:
-        """Return True if an awaited request has its answer."""
-        return self._awaited.get(seq) is not None
+        """Return True if an awaited request has its answer, or none any more: after a MUTE."""
+        return seq not in self._awaited or self._awaited[seq] is not None
+
+    def answer_of(self, seq: int, reply: type[_M]) -> _M:
+        """Return the reply to an awaited request that was answered; see :meth:`request`."""
+        return self._message(self._awaited.pop(seq, None), reply)
 
     def wait_for(self, seq: int, reply: type[_M], deadline_ns: int) -> _M:
         """Return the reply to the request *seq*; see :meth:`request`."""
-        self._awaited.setdefault(seq, None)
+        return self._message(self._wait_for_outcome(seq, deadline_ns), reply)
+
+    def _wait_for_outcome(self, seq: int, deadline_ns: int) -> _Outcome | None:
+        """Return the outcome of a request; None: the handler sent a MUTE meanwhile."""
+        self._awaited[seq] = None
         try:
-            while (outcome := self._awaited[seq]) is None:
+            while not self.answered(seq):
                 self._check_time(deadline_ns, "the last request")
                 self.turn(deadline_ns)
+            return self._awaited.get(seq)
         finally:
-            del self._awaited[seq]
+            self._awaited.pop(seq, None)
+
+    def _message(self, outcome: _Outcome | None, reply: type[_M]) -> _M:
+        if outcome is None:
+            raise errors.NoAnswerError(f"{self.url}: a request was given up for a MUTE")
         message = self._reply_of(outcome).message
         assert isinstance(message, reply)  # the connection pairs requests with their replies
         return message
