@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium
-from haptogram.acoustics.arrays import as_float_array
+from haptogram.acoustics.arrays import as_float_vector, check_array_magnitudes
 from haptogram.acoustics.solvers.several import Method
 from haptogram.driver.frames import dialect_frames
 from haptogram.driver.frames.targets import Targets, as_frame_foci
@@ -28,10 +28,9 @@ from haptogram.driver.line.port import Transport, check_port, open_transport
 from haptogram.driver.timing import limits
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.driver.timing.schedule import Schedule
-from haptogram.errors import ConfigurationError
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.process import real_time_process
-from haptogram.records.frame import Evidence, Focus, Intended, Observation
+from haptogram.records.frame import MAX_PHASE_RAD, Evidence, Focus, Intended, Observation
 from haptogram.records.kept import MOST_KEPT, KeptRecords, check_kept_records
 from haptogram.settings import arguments
 from haptogram_protocol.dialects.codec import Dialect
@@ -240,13 +239,10 @@ class DialectDriver(ClosedByWith):
         Parameters
         ----------
         phases_rad : (N,) array_like
-            Lag of each element, in radians; rounded to the steps of the boards.
+            Lag of each element, in radians, a million at most; rounded to the steps of the boards.
         """
-        phases = as_float_array("phases_rad", phases_rad)
-        if phases.shape != (self.model.array.count,):
-            raise ConfigurationError(
-                f"phases_rad has shape {phases.shape}, must be ({self.model.array.count},)"
-            )
+        phases = as_float_vector("phases_rad", phases_rad, self.model.array.count)
+        check_array_magnitudes("phases_rad", phases, MAX_PHASE_RAD)
         frame = self._builder().of_phases(phases)
         self._send(frame)
         return frame.codes

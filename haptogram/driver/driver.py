@@ -362,8 +362,8 @@ class Driver(ClosedByWith):
         miss_share : float
             Share of the frames that may then be late, 0 to 1.
         spin_us : int
-            How long before its deadline the loop stops sleeping and watches the clock; cut to a
-            quarter of the period.
+            How long before its deadline the loop stops sleeping and watches the clock; a quarter of
+            the period at most.
         realtime : bool
             Ask for fixed priority, locked memory and a frozen collector; what is not permitted is
             in the report and in :attr:`warnings`.

@@ -203,9 +203,7 @@ def quantise_phase(phases_rad: ArrayLike, bits: int) -> PhaseCodes:
     """
     bits = check_phase_bits(bits)
     phases = as_float_array("phases_rad", phases_rad)
-    if phases.size and np.abs(phases).max() > _MAX_PHASE_RAD:
-        worst = float(np.abs(phases).max())
-        raise ConfigurationError(f"a phase is {worst:g} rad, at most {_MAX_PHASE_RAD:g}")
+    check_array_magnitudes("phases_rad", phases, _MAX_PHASE_RAD)
     steps = np.floor(phases * ((1 << bits) / _TURN_RAD) + 0.5).astype(np.int64)
     # The remainder is taken among integers: casting a negative float is undefined.
     return (steps & ((1 << bits) - 1)).astype(_phase_code_type(bits))

@@ -226,6 +226,8 @@ def test_phases_of_a_caller_are_rounded_to_the_steps_of_the_board():
             driver.hold(0.05)
             with pytest.raises(ConfigurationError, match=r"shape \(3,\), must be \(256,\)"):
                 driver.phases([0.0, 1.0, 2.0])
+            with pytest.raises(ConfigurationError, match=r"phases_rad.* is 1e\+300, must be"):
+                driver.phases([1e300] * 256)
             driver.mute()
         assert codes[0] == codes[-1] == 0
         assert set(codes) == set(range(32))
