@@ -182,16 +182,20 @@ class Streamer:
             coming = self._encoded(frames, schedule, t0_us)
             ready = deque(islice(coming, _AHEAD))
             stride = max(1, int(schedule.rate_hz / _PROGRESS_HZ))
-            for number in range(1, len(frames) + 1):
-                frame, index, due_us, wire = ready.popleft()
-                run.wait(due_us)
-                times_us = run.send(wire, due_us - frame.ready_after_us(self._identity))
-                noted = self._note(frame, index, due_us, *times_us)
-                if noted.t_sent_us is None:
-                    run.skipped.append(noted.number)
-                ready.extend(islice(coming, 1))
-                if progress is not None and number % stride == 0:
-                    progress(number, len(frames))
+            try:
+                for number in range(1, len(frames) + 1):
+                    frame, index, due_us, wire = ready.popleft()
+                    run.wait(due_us)
+                    times_us = run.send(wire, due_us - frame.ready_after_us(self._identity))
+                    noted = self._note(frame, index, due_us, *times_us)
+                    if noted.t_sent_us is None:
+                        run.skipped.append(noted.number)
+                    ready.extend(islice(coming, 1))
+                    if progress is not None and number % stride == 0:
+                        progress(number, len(frames))
+            finally:
+                if ready:  # cut short: the board would count them as lost
+                    self.link.connection.withdraw_frames(ready[0][1])
             run.wait_for_queue(due_us)
         if progress is not None:
             progress(len(frames), len(frames))

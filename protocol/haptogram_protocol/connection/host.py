@@ -165,6 +165,10 @@ class HostConnection(ConnectionInbox):
         self._stream_index += 1
         return index, wire
 
+    def withdraw_frames(self, index: int) -> None:
+        """Number the next stream frame *index*: that one was never sent, nor was any after it."""
+        self._stream_index = index
+
     def data_to_send(self) -> bytes:
         """Return the bytes of the requests that are due, without stream frames."""
         if not self._output:

@@ -130,6 +130,17 @@ def test_an_interrupted_stream_mutes_before_anything_else_that_waits(port):
     assert 100 <= len(driver.intended) < 200
 
 
+def test_frames_of_an_interrupted_stream_that_were_not_sent_are_not_missed(driver):
+    def interrupt(done, _):
+        if done >= 100:
+            raise ZeroDivisionError
+
+    with contextlib.suppress(ZeroDivisionError):
+        driver.stream(CIRCLE, 1000, loops=5, progress=interrupt)
+    counters = driver.stream(CIRCLE, 1000).status.counters
+    assert (counters.latched, counters.gap) == (len(driver.intended), 0)
+
+
 def test_a_board_that_does_not_confirm_its_mute_is_an_error_in_bounded_time(port):
     driver = Driver(port)
     driver.arm()
