@@ -1,5 +1,6 @@
 """The driver on boards of other dialects: every one, real ports, wrong boards, and none."""
 
+import base64
 import contextlib
 import dataclasses
 import doctest
@@ -162,6 +163,40 @@ def test_a_port_that_says_nothing_gives_evidence_of_the_wire(name):
 def test_a_link_that_does_not_answer_is_told():
     with SwallowingPort() as far, pytest.raises(NoAnswerError, match="no answer to Hello within"):
         DialectDriver(far.path, dialect="autd3", timeout_s=0.2)
+
+
+class CutPort:
+    """A port that takes one byte at a time, and the user interrupts after some of them."""
+
+    def __init__(self, port):
+        self.url, self.now_ns = port.url, port.now_ns
+        self.read_available, self.close = port.read_available, port.close
+        self._write = port.write_some
+        self.bytes_until_cut = None
+
+    def write_some(self, data):
+        if self.bytes_until_cut is None:
+            return self._write(data)
+        if self.bytes_until_cut <= 0:
+            self.bytes_until_cut = None
+            raise KeyboardInterrupt
+        self.bytes_until_cut -= 1
+        return self._write(data[:1])
+
+
+@every_dialect
+@pytest.mark.parametrize("share", [0.1, 0.6, 0.9])
+def test_every_channel_is_off_after_an_interrupt_within_a_frame(name, share):
+    with in_virtual_time(name) as (port, records):
+        cut = CutPort(port)
+        with contextlib.suppress(KeyboardInterrupt), DialectDriver(cut, dialect=name) as driver:
+            driver.focus(targets(driver)[0])
+            driver.hold(0.05)
+            cut.bytes_until_cut = share * DIALECTS[name].frame_bytes(driver.boards)
+            driver.focus(targets(driver)[1])
+            pytest.fail("the frame was not cut")
+    *_, last = (record for record in records if record["kind"] == "pulses")
+    assert not any(base64.b64decode(last["widths"]))
 
 
 def test_devices_that_are_not_there_are_refused_in_the_words_of_the_board():
