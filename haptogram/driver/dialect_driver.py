@@ -208,6 +208,7 @@ class DialectDriver(ClosedByWith):
             return
         self._closed = True
         try:
+            self._wake()
             self._line.send([*self._display.off(), *self._display.closing()])
             self._line.run_until(self._line.free_ns + _SETTLING_NS)
         finally:
@@ -249,6 +250,7 @@ class DialectDriver(ClosedByWith):
 
     def mute(self) -> None:
         """Switch every channel off."""
+        self._wake()
         self._line.send(self._display.off())
         self._shown_ns = self._line.now_ns()
 
@@ -345,10 +347,14 @@ class DialectDriver(ClosedByWith):
         return intended
 
     def _send(self, frame: dialect_frames.DialectFrame) -> list[int | None] | None:
-        """Send a frame; first the off-frame if the board may have lost its state."""
-        silent_ns = self._line.now_ns() - self._shown_ns
-        if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:
-            self._line.send(self._display.off())
+        """Send a frame, and return the codes that its bytes show."""
+        self._wake()
         seen = self._line.send(self._display.frame(frame.codes))
         self._shown_ns = self._line.now_ns()
         return seen
+
+    def _wake(self) -> None:
+        """Send the off-frame ahead of another one if the boards may lose the beginning of it."""
+        silent_ns = self._line.now_ns() - self._shown_ns
+        if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:
+            self._line.send(self._display.off())

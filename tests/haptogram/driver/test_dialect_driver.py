@@ -199,6 +199,27 @@ def test_every_channel_is_off_after_an_interrupt_within_a_frame(name, share):
     assert not any(base64.b64decode(last["widths"]))
 
 
+@pytest.mark.parametrize("seconds", [0.98, 1.0, 2.01])
+def test_a_board_that_forgets_the_beginning_of_a_frame_falls_silent_when_it_is_told(seconds):
+    """InteractLab clears its FIFO after every second of silence, and a frame that has begun."""
+
+    def is_silent():
+        *_, last = (record for record in records if record["kind"] == "pulses")
+        return not any(base64.b64decode(last["widths"]))
+
+    with in_virtual_time("interactlab") as (port, records):
+        with DialectDriver(port, dialect="interactlab") as driver:
+            driver.focus(targets(driver)[0])
+            driver.hold(seconds)
+            driver.mute()
+            driver.hold(0.05)
+            assert is_silent()
+            driver.focus(targets(driver)[0])
+            driver.hold(seconds)
+            assert not is_silent()
+        assert is_silent()
+
+
 def test_devices_that_are_not_there_are_refused_in_the_words_of_the_board():
     with (
         in_virtual_time("autd3", dialect_option=("devices=2",)) as (port, _),
