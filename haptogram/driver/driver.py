@@ -21,7 +21,6 @@ from haptogram.driver.playback import (
     DriverPlayback,
     PlaybackTiming,
     PlayReport,
-    playback_period_us,
 )
 from haptogram.driver.session import DriverSession, Sink, choose_session_nonce
 from haptogram.driver.stream import Streamer, StreamPacing, StreamReport, stream_preparation_ns
@@ -435,8 +434,7 @@ class Driver(ClosedByWith):
             How long the board plays on without hearing from this host.
         """
         check_callable("progress", progress)
-        period_us = playback_period_us(rate_hz, self.identity)
-        timing = PlaybackTiming.checked(self.identity, period_us, loops, lead_us, unattended_ms)
+        timing = PlaybackTiming.checked(self.identity, rate_hz, loops, lead_us, unattended_ms)
         frames = self._builder().frames_of(targets, mode, solver)
         total = timing.loops * len(frames)
         check_whole("number of frames, all loops of them", total, 1, MOST_PLAYED)
@@ -445,7 +443,7 @@ class Driver(ClosedByWith):
         timing.check_frames(frames, self.identity)
         self._make_ready(frames, timing.lead_us)
         self._player.store(data)
-        self._session.control.rearm_if_timed_out(timing.lead_us)  # an upload takes longer than a hold
+        self._session.control.rearm_if_timed_out(timing.lead_us)  # an upload outlasts a hold
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
         status = self._ended()
         return PlayReport(

@@ -17,6 +17,7 @@ from haptogram.settings.arguments import Progress, check_number, check_whole
 from haptogram.settings.frozen import dataclass
 from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
+from haptogram_protocol.messages import HelloReply
 
 _SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
 US_PER_S: Final = 1_000_000
@@ -25,7 +26,7 @@ MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz
 _LEAST_UNATTENDED_MS: Final = 2 * PING_PERIOD_NS // 1_000_000
 
 
-def playback_period_us(rate_hz: float, identity: messages.HelloReply) -> int:
+def _playback_period_us(rate_hz: float, identity: HelloReply) -> int:
     """Return the period of *rate_hz* in whole microseconds, as PLAY carries it.
 
     Raises
@@ -33,7 +34,7 @@ def playback_period_us(rate_hz: float, identity: messages.HelloReply) -> int:
     ConfigurationError
         If it is not whole, or the board does not play as fast.
     """
-    check_number("rate_hz", rate_hz, LEAST_RATE_HZ, 1e6)
+    rate_hz = check_number("rate_hz", rate_hz, LEAST_RATE_HZ, 1e6)
     if rate_hz > identity.max_playback_rate_hz:
         raise ConfigurationError(
             f"rate is {rate_hz:g} Hz; the board plays up to {identity.max_playback_rate_hz} "
@@ -71,23 +72,18 @@ class PlaybackTiming:
 
     @classmethod
     def checked(
-        cls,
-        identity: messages.HelloReply,
-        period_us: int,
-        loops: int,
-        lead_us: int,
-        unattended_ms: int,
+        cls, identity: HelloReply, rate_hz: float, loops: int, lead_us: int, unattended_ms: int
     ) -> Self:
         """Refuse times that the board does not play, before the first byte is sent."""
+        period_us = _playback_period_us(rate_hz, identity)
+        loops = check_whole("loops", loops, 1, MOST_PLAYED)
+        lead_us = check_whole("lead_us", lead_us, 1, identity.max_horizon_us)
         least_ms = _LEAST_UNATTENDED_MS  # two pings of the host
-        return cls(
-            period_us,
-            check_whole("loops", loops, 1, MOST_PLAYED),
-            check_whole("lead_us", lead_us, 1, identity.max_horizon_us),
-            check_whole("unattended_ms", unattended_ms, least_ms, identity.max_unattended_ms),
-        )
+        most_ms = identity.max_unattended_ms
+        unattended_ms = check_whole("unattended_ms", unattended_ms, least_ms, most_ms)
+        return cls(period_us, loops, lead_us, unattended_ms)
 
-    def check_frames(self, frames: list[Frame], identity: messages.HelloReply) -> None:
+    def check_frames(self, frames: list[Frame], identity: HelloReply) -> None:
         """Refuse times in which the board cannot make *frames* ready.
 
         Raises
@@ -181,7 +177,7 @@ class DriverPlayback:
         self,
         link: Link,
         pinger: Pinger,
-        identity: messages.HelloReply,
+        identity: HelloReply,
         *,
         events: KeptRecords[EventReceived],
     ) -> None:

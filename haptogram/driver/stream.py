@@ -195,7 +195,7 @@ class Streamer:
                         progress(number, len(frames))
             finally:
                 if ready:  # cut short: the board would count them as lost
-                    self.link.connection.withdraw_frames(ready[0][1])
+                    self.link.connection.stream_index = ready[0][1]
             run.wait_for_queue(due_us)
         if progress is not None:
             progress(len(frames), len(frames))

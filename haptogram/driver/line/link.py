@@ -188,7 +188,7 @@ class Link:
 
     def _tell(self, event: HostEvent) -> None:
         if isinstance(event, _FAILED):
-            self._reply_of(event)  # raises: nobody else would tell
+            self._message(event, Message)  # raises: nobody else would tell
         else:
             self.handler(event)
 
@@ -292,20 +292,15 @@ class Link:
         finally:
             self._awaited.pop(seq, None)
 
-    def _message(self, outcome: _Outcome | None, reply: type[_M]) -> _M:
-        if outcome is None:
-            raise errors.NoAnswerError(f"{self.url}: a request was given up for a MUTE")
-        message = self._reply_of(outcome).message
-        assert isinstance(message, reply)  # the connection pairs requests with their replies
-        return message
-
     def _check_time(self, deadline_ns: int, what: str) -> None:
         if self.now_ns() >= deadline_ns:
             raise errors.NoAnswerError(
                 f"{self.url}: {what} was not answered within {self._timeout_ns / NS_PER_S:g} s"
             )
 
-    def _reply_of(self, outcome: _Outcome) -> ReplyReceived:
+    def _message(self, outcome: _Outcome | None, reply: type[_M]) -> _M:
+        if outcome is None:
+            raise errors.NoAnswerError(f"{self.url}: a request was given up for a MUTE")
         if isinstance(outcome, RequestTimedOut):
             raise errors.NoAnswerError(
                 f"{self.url}: {outcome.request.name} was sent {outcome.attempts} times and not "
@@ -320,7 +315,8 @@ class Link:
                 code=error.code,
                 detail=error.detail,
             )
-        return outcome
+        assert isinstance(outcome.message, reply)  # the connection pairs requests and replies
+        return outcome.message
 
     def close(self) -> None:
         """Close the port, and forget what waits for it; never raises."""

@@ -249,10 +249,8 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
             return PyserialTransport(port, url)
         except NotImplementedError as error:  # of rfc2217://
             port.close()
-            raise errors.ConfigurationError(
-                f"port {url!r}: {error} by pyserial; where the server has a raw port as well, take "
-                "socket://HOST:PORT"
-            ) from error
+            text = f"port {url!r}: {error}; take socket://HOST:PORT"
+            raise errors.ConfigurationError(text) from error
     _send_at_once(port)
     return FdTransport(port, url)
 
