@@ -188,11 +188,11 @@ class DialectDriver(ClosedByWith):
         )
         try:
             self._line.send(display.opening())
+            self._shown_ns = self._line.now_ns()
             self._line.run_until(self._line.free_ns + round(display.settle_s * _NS_PER_S))
         except BaseException:
             self._line.close()
             raise
-        self._shown_ns = self._line.now_ns()
 
     # --- life ----------------------------------------------------------------------------------
 

@@ -220,6 +220,23 @@ def test_a_board_that_forgets_the_beginning_of_a_frame_falls_silent_when_it_is_t
         assert is_silent()
 
 
+def test_the_first_frame_is_shown_by_a_board_that_forgets_while_the_host_lets_it_settle():
+    with in_virtual_time("interactlab") as (port, records):
+        write, late_ns = port.write_some, iter([1_000_000])  # the frame that opens, on its way
+        port.read_available(port.now_ns() + 2_000_000_000)  # the board is up
+
+        def write_late(data):
+            port.read_available(port.now_ns() + next(late_ns, 0))
+            return write(data)
+
+        port.write_some = write_late
+        with DialectDriver(port, dialect="interactlab") as driver:
+            driver.focus(targets(driver)[0])
+            driver.hold(0.05)
+            *_, last = (record for record in records if record["kind"] == "pulses")
+            assert any(base64.b64decode(last["widths"]))
+
+
 def test_devices_that_are_not_there_are_refused_in_the_words_of_the_board():
     with (
         in_virtual_time("autd3", dialect_option=("devices=2",)) as (port, _),
