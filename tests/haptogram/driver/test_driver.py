@@ -130,14 +130,15 @@ def test_an_interrupted_stream_mutes_before_anything_else_that_waits(port):
     assert 100 <= len(driver.intended) < 200
 
 
-def test_frames_of_an_interrupted_stream_that_were_not_sent_are_not_missed(driver):
+@pytest.mark.parametrize("lead_us", [5_000, 96_000])
+def test_an_interrupted_stream_takes_no_frame_from_the_next_one(driver, lead_us):
     def interrupt(done, _):
         if done >= 100:
             raise ZeroDivisionError
 
     with contextlib.suppress(ZeroDivisionError):
         driver.stream(CIRCLE, 1000, loops=5, progress=interrupt)
-    counters = driver.stream(CIRCLE, 1000).status.counters
+    counters = driver.stream(CIRCLE, 1000, lead_us=lead_us).status.counters
     assert (counters.latched, counters.gap) == (len(driver.intended), 0)
 
 
