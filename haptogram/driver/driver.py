@@ -402,6 +402,7 @@ class Driver(ClosedByWith):
             self._session.control.refresh_ns,
         )
         every = once * loops
+        self._session.pinger.refresh()
         self._make_ready(once, schedule.lead_us + stream_preparation_ns(len(every)) // 1000)
         report = self._streamer.stream(every, schedule, pacing, progress, self._ended)
         for text in report.not_permitted:
@@ -443,6 +444,7 @@ class Driver(ClosedByWith):
         timing.check_frames(frames, self.identity)
         self._make_ready(frames, timing.lead_us)
         self._player.store(data)
+        self._session.pinger.refresh()
         self._session.control.rearm_if_timed_out(timing.lead_us)  # an upload outlasts a hold
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
         status = self._ended()

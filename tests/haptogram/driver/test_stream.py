@@ -235,6 +235,18 @@ def test_a_trim_that_cannot_work_is_refused(options, text):
 # --- clocks --------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("ppm", [-100, 30, 100])
+@pytest.mark.parametrize("way", ["stream", "play"])
+def test_a_host_that_did_nothing_for_an_hour_knows_the_time_again(way, ppm):
+    port = Jittery(ppm=ppm)
+    with Driver(port, seed=1) as driver:
+        driver.arm()
+        port.stall(3_600_000_000_000)
+        getattr(driver, way)(CIRCLE, 1000, lead_us=5_000)
+    for latch, intended in zip(port.latches, driver.intended, strict=True):
+        assert 0 <= latch.t_latch_us - intended.t_apply_us < CARRIER_US
+
+
 @pytest.mark.parametrize("ppm", [-100, 37, 100])
 def test_the_estimate_stays_within_its_bound(ppm):
     port = Jittery(ppm=ppm)
