@@ -23,12 +23,18 @@ from haptogram_protocol.connection import (
     RequestRefused,
     RequestTimedOut,
 )
-from haptogram_protocol.messages import Error, ErrorCode, HelloReply, Message, UploadChunk
+from haptogram_protocol.messages import ErrorCode, HelloReply, Message, UploadChunk
 
 NS_PER_S: Final = 1_000_000_000
 _SILENCE_NS: Final = 20_000_000  # the shortest lease of a board
 BURST_NS: Final = 1_800_000  # line time that may be unsent: two frames of 276 B at 3 Mbaud
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
+
+#: Why a request was refused, by code and whether there is a detail: HG-4.12.
+_REASONS: Final = {
+    (ErrorCode.STALE_SESSION, True): "; another host has opened a session",
+    (ErrorCode.STALE_SESSION, False): "; the board has been started anew, and has no session",
+}
 
 _UNASKED: Final = (EventReceived, FrameDropped)
 _FAILED: Final = (RequestRefused, RequestTimedOut)
@@ -308,10 +314,10 @@ class Link:
             )
         if isinstance(outcome, RequestRefused):
             error = outcome.error
-            other = "; another host has opened a session" if _link_is_taken_over(error) else ""
+            why = _REASONS.get((error.code, error.detail != 0), "")
             raise errors.DeviceError(
                 f"{outcome.request.name} was refused: {_link_error_name(error.code)}, "
-                f"detail {error.detail}{other}",
+                f"detail {error.detail}{why}",
                 code=error.code,
                 detail=error.detail,
             )
@@ -327,11 +333,6 @@ class Link:
     def _check_open(self) -> None:
         if isinstance(self._transport, ClosedTransport):
             raise self._transport.error()
-
-
-def _link_is_taken_over(error: Error) -> bool:
-    """Return True if the board has the session of another host, which *error* names: HG-4.12."""
-    return error.code == ErrorCode.STALE_SESSION and error.detail != 0
 
 
 def _link_error_name(code: int) -> str:

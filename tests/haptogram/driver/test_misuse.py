@@ -125,6 +125,15 @@ def test_a_host_whose_session_another_host_took_is_told_of_it():
         first.status()
 
 
+def test_a_host_whose_board_was_started_anew_is_told_of_it():
+    port, anew = BoardPort(model=MODEL), BoardPort(model=MODEL)
+    driver = Driver(port, seed=1)
+    anew.stall(port.now_ns())
+    port.simulation = anew.simulation
+    with pytest.raises(DeviceError, match="STALE_SESSION, detail 0; the board has been started"):
+        driver.focus(PLACE)
+
+
 @pytest.mark.pty
 def test_frames_of_two_sessions_are_not_one_run():
     with VirtualBoard("4x4", reconstruct=False) as board:
