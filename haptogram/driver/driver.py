@@ -432,7 +432,7 @@ class Driver(ClosedByWith):
         mode : str
             ``phases`` (the default) or ``points``; frames that are ready are all of one of the two.
         unattended_ms : int
-            How long the board plays on without hearing from this host.
+            How long the board plays on without hearing from this host, 1000 or more.
         """
         check_callable("progress", progress)
         timing = PlaybackTiming.checked(self.identity, rate_hz, loops, lead_us, unattended_ms)

@@ -7,7 +7,7 @@ from typing import Final, Self
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import next_boundary_on_device_clock_us
-from haptogram.driver.timing.pings import PING_PERIOD_NS, Pinger
+from haptogram.driver.timing.pings import Pinger
 from haptogram.driver.timing.schedule import LEAST_RATE_HZ
 from haptogram.driver.upload import SequenceData, upload_by_driver
 from haptogram.errors import ConfigurationError
@@ -23,7 +23,8 @@ _SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
 US_PER_S: Final = 1_000_000
 _TURN_NS: Final = 100_000_000
 MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz
-_LEAST_UNATTENDED_MS: Final = 2 * PING_PERIOD_NS // 1_000_000
+_LEAST_UNATTENDED_MS: Final = 1000  # which every board allows: SPEC.md chapter 4
+_NS_BETWEEN_PINGS: Final = 333_333  # for each millisecond of that time: three pings in it
 
 
 def _playback_period_us(rate_hz: float, identity: HelloReply) -> int:
@@ -78,9 +79,8 @@ class PlaybackTiming:
         period_us = _playback_period_us(rate_hz, identity)
         loops = check_whole("loops", loops, 1, MOST_PLAYED)
         lead_us = check_whole("lead_us", lead_us, 1, identity.max_horizon_us)
-        least_ms = _LEAST_UNATTENDED_MS  # two pings of the host
         most_ms = identity.max_unattended_ms
-        unattended_ms = check_whole("unattended_ms", unattended_ms, least_ms, most_ms)
+        unattended_ms = check_whole("unattended_ms", unattended_ms, _LEAST_UNATTENDED_MS, most_ms)
         return cls(period_us, loops, lead_us, unattended_ms)
 
     def check_frames(self, frames: list[Frame], identity: HelloReply) -> None:
@@ -242,7 +242,7 @@ class DriverPlayback:
             score.note(due)
             if progress is not None:
                 progress(due, total)
-            self._pinger.keep()
+            self._pinger.keep(score.timing.unattended_ms * _NS_BETWEEN_PINGS)
             self._link.turn(min(now_ns + _TURN_NS, last_ns))
         if progress is not None:
             progress(total, total)
