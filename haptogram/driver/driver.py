@@ -45,7 +45,6 @@ from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.state import OutputState
 
 DEFAULT_PLAY_LEAD_US: Final = 100_000  # time from PLAY to the first frame
-DEFAULT_UNATTENDED_MS: Final = 3000  # time that a sequence plays on without the host
 
 
 class Driver(ClosedByWith):
@@ -418,7 +417,7 @@ class Driver(ClosedByWith):
         mode: Mode | None = None,
         solver: Method | None = None,
         lead_us: int = DEFAULT_PLAY_LEAD_US,
-        unattended_ms: int = DEFAULT_UNATTENDED_MS,
+        unattended_ms: int | None = None,
         progress: Progress | None = None,
     ) -> PlayReport:
         """Upload *targets* as a sequence, play it on the board's clock, and wait for the end.
@@ -431,8 +430,9 @@ class Driver(ClosedByWith):
             How often, 1 or more; 100 million frames in all at most.
         mode : str
             ``phases`` (the default) or ``points``; frames that are ready are all of one of the two.
-        unattended_ms : int
-            How long the board plays on without hearing from this host, 1000 or more.
+        unattended_ms : int, optional
+            How long the board plays on without hearing from this host, 1000 or more; by default
+            3000, or what the board allows if that is less.
         """
         check_callable("progress", progress)
         timing = PlaybackTiming.checked(self.identity, rate_hz, loops, lead_us, unattended_ms)

@@ -24,6 +24,7 @@ US_PER_S: Final = 1_000_000
 _TURN_NS: Final = 100_000_000
 MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz
 _LEAST_UNATTENDED_MS: Final = 1000  # which every board allows: SPEC.md chapter 4
+_DEFAULT_UNATTENDED_MS: Final = 3000
 _NS_BETWEEN_PINGS: Final = 333_333  # for each millisecond of that time: three pings in it
 
 
@@ -50,6 +51,11 @@ def _playback_period_us(rate_hz: float, identity: HelloReply) -> int:
     return period_us
 
 
+def default_unattended_ms(identity: HelloReply) -> int:
+    """Return how long a sequence plays on without the host unless the caller says otherwise."""
+    return min(_DEFAULT_UNATTENDED_MS, identity.max_unattended_ms)
+
+
 @dataclass(frozen=True, slots=True)
 class PlaybackTiming:
     """When the frames of a sequence are due.
@@ -73,12 +79,19 @@ class PlaybackTiming:
 
     @classmethod
     def checked(
-        cls, identity: HelloReply, rate_hz: float, loops: int, lead_us: int, unattended_ms: int
+        cls,
+        identity: HelloReply,
+        rate_hz: float,
+        loops: int,
+        lead_us: int,
+        unattended_ms: int | None,
     ) -> Self:
         """Refuse times that the board does not play, before the first byte is sent."""
         period_us = _playback_period_us(rate_hz, identity)
         loops = check_whole("loops", loops, 1, MOST_PLAYED)
         lead_us = check_whole("lead_us", lead_us, 1, identity.max_horizon_us)
+        if unattended_ms is None:
+            unattended_ms = default_unattended_ms(identity)
         most_ms = identity.max_unattended_ms
         unattended_ms = check_whole("unattended_ms", unattended_ms, _LEAST_UNATTENDED_MS, most_ms)
         return cls(period_us, loops, lead_us, unattended_ms)

@@ -141,7 +141,7 @@ METHODS = {
     "play": {
         **{name: STREAM[name] for name in ("targets", "rate_hz", "loops", "mode", "solver")},
         "lead_us": (None, *WHOLE, 0),
-        "unattended_ms": (None, *WHOLE, 0),
+        "unattended_ms": (*WHOLE, 0),
         "progress": CALLABLE,
     },
     "correct_phases": {"codes": (None, 5, NAN, "x" * 16, [0] * 16, b"", bytes(15), bytes(17))},
