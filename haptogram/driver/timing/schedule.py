@@ -81,9 +81,9 @@ class Schedule:
             raise ConfigurationError(
                 f"lead is {self.lead_us} µs; the board looks {identity.max_horizon_us} µs ahead"
             )
-        waiting = -(-self.lead_us // self.period_us)
+        waiting = -(-self.lead_us // self.period_us) + 1  # one, until the carrier lets it latch
         if waiting > identity.queue_depth:
-            longest_us = int(identity.queue_depth * self.period_us)
+            longest_us = int((identity.queue_depth - 1) * self.period_us)
             raise ConfigurationError(
                 f"a lead of {self.lead_us} µs at {self.rate_hz:g} Hz keeps {waiting} frames "
                 f"waiting; the board's queue holds {identity.queue_depth}: lead up to "

@@ -275,7 +275,7 @@ def test_a_mute_waits_for_no_more_than_two_frames(writes):
         ({"rate_hz": 0}, "rate_hz is 0, must be 0.001 to 1000000"),
         ({"rate_hz": float("nan")}, "rate_hz is nan"),
         ({"lead_us": 0}, "lead_us is 0, must be 1"),
-        ({"lead_us": 150_000}, "keeps 150 frames waiting; the board's queue holds 128"),
+        ({"lead_us": 150_000}, "keeps 151 frames waiting; the board's queue holds 128"),
         ({"rate_hz": 1, "lead_us": 11_000_000}, "10000000 µs ahead"),
         ({"lead_us": 100}, "lead is 100 µs"),
         ({"mode": "colours"}, "mode is 'colours'"),

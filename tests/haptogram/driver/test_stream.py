@@ -235,6 +235,18 @@ def test_a_trim_that_cannot_work_is_refused(options, text):
 # --- clocks --------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("rate_hz", [1000, 1003.7, 3999])
+def test_the_longest_lead_fills_no_queue(rate_hz):
+    """On a line that takes no time, as a pseudo-terminal."""
+    settings = {"ppm": -50, "baud": 50_000_000, "queue_depth": 16}
+    options = {"rate_hz": rate_hz, "baudrate": 50_000_000}
+    longest_us = int(15e6 / rate_hz)
+    with pytest.raises(ConfigurationError, match=f"lead up to {longest_us} µs"):
+        stream(Jittery(**settings), **options, lead_us=longest_us + 1)
+    _, report = stream(Jittery(**settings), **options, lead_us=longest_us)
+    assert report.status.counters.latched == report.frames
+
+
 @pytest.mark.parametrize("ppm", [-100, 30, 100])
 @pytest.mark.parametrize("way", ["stream", "play"])
 def test_a_host_that_did_nothing_for_an_hour_knows_the_time_again(way, ppm):
