@@ -30,10 +30,14 @@ _SILENCE_NS: Final = 20_000_000  # the shortest lease of a board
 BURST_NS: Final = 1_800_000  # line time that may be unsent: two frames of 276 B at 3 Mbaud
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 
-#: Why a request was refused, by code and whether there is a detail: HG-4.12.
+#: Why a request was refused, by code and whether there is a detail: HG-4.9, HG-4.12.
 _REASONS: Final = {
     (ErrorCode.STALE_SESSION, True): "; another host has opened a session",
     (ErrorCode.STALE_SESSION, False): "; the board has been started anew, and has no session",
+    (
+        ErrorCode.SEQUENCE_REUSED,
+        True,
+    ): "; the last session had this nonce: take another one, or seed",
 }
 
 _UNASKED: Final = (EventReceived, FrameDropped)

@@ -134,6 +134,14 @@ def test_a_host_whose_board_was_started_anew_is_told_of_it():
         driver.focus(PLACE)
 
 
+def test_a_host_that_takes_the_nonce_of_the_last_session_is_told_of_it():
+    port = BoardPort(model=MODEL)
+    Driver(port, seed=1).close()
+    port.closed = False
+    with pytest.raises(DeviceError, match="SEQUENCE_REUSED, detail 1; the last session had this"):
+        Driver(port, seed=1)
+
+
 @pytest.mark.pty
 def test_frames_of_two_sessions_are_not_one_run():
     with VirtualBoard("4x4", reconstruct=False) as board:
