@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -43,8 +43,6 @@ from haptogram_protocol import HostConnection, messages
 from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.state import OutputState
-
-DEFAULT_PLAY_LEAD_US: Final = 100_000  # time from PLAY to the first frame
 
 
 class Driver(ClosedByWith):
@@ -354,7 +352,8 @@ class Driver(ClosedByWith):
             How often, 1 or more; 10 million frames in all at most.
         lead_us : int, optional
             How long before its time a frame is sent: a stall of the host that is shorter reaches
-            nobody.  By default 100 ms, or what three quarters of the board's queue hold.
+            nobody.  By default 100 ms, or what three quarters of the board's queue hold, or three
+            quarters of what it looks ahead.
         trim : bool
             Shorten the lead as far as the arrival margins that the board reports permit.
         miss_share : float
@@ -385,7 +384,10 @@ class Driver(ClosedByWith):
             The link broke, or the board's clock jumped; :attr:`intended` holds what was sent until
             then.
         """
-        schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=self.identity.queue_depth)
+        limit = self.identity
+        schedule = Schedule.at_rate(
+            rate_hz, lead_us, queue_depth=limit.queue_depth, horizon_us=limit.max_horizon_us
+        )
         loops, spin_us = limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
         check_number("miss_share", miss_share, 0.0, 1.0)
         check_argument_kind("trim", trim, bool, "True or False")
@@ -416,7 +418,7 @@ class Driver(ClosedByWith):
         loops: int = 1,
         mode: Mode | None = None,
         solver: Method | None = None,
-        lead_us: int = DEFAULT_PLAY_LEAD_US,
+        lead_us: int | None = None,
         unattended_ms: int | None = None,
         progress: Progress | None = None,
     ) -> PlayReport:

@@ -7,8 +7,9 @@ from typing import Final, Self
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import next_boundary_on_device_clock_us
+from haptogram.driver.timing.lead import default_lead_us
 from haptogram.driver.timing.pings import Pinger
-from haptogram.driver.timing.schedule import LEAST_RATE_HZ
+from haptogram.driver.timing.schedule import LEAST_RATE_HZ, longest_lead_us
 from haptogram.driver.upload import SequenceData, upload_by_driver
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey, Intended
@@ -83,13 +84,15 @@ class PlaybackTiming:
         identity: HelloReply,
         rate_hz: float,
         loops: int,
-        lead_us: int,
+        lead_us: int | None,
         unattended_ms: int | None,
     ) -> Self:
         """Refuse times that the board does not play, before the first byte is sent."""
         period_us = _playback_period_us(rate_hz, identity)
         loops = check_whole("loops", loops, 1, MOST_PLAYED)
-        lead_us = check_whole("lead_us", lead_us, 1, identity.max_horizon_us)
+        if lead_us is None:
+            lead_us = default_lead_us(identity.max_horizon_us)
+        lead_us = check_whole("lead_us", lead_us, 1, longest_lead_us(identity))
         if unattended_ms is None:
             unattended_ms = default_unattended_ms(identity)
         most_ms = identity.max_unattended_ms

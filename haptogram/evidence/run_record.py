@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, cast
 from haptogram import verification
 from haptogram.acoustics import AcousticModel, Calibration, TransducerArray
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, Driver
+from haptogram.driver.driver import Driver
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.line.port import open_transport
 from haptogram.driver.playback import PlayReport, default_unattended_ms
@@ -378,7 +378,7 @@ def _display_run(
             frames,
             config.pace.rate_hz,
             loops=config.pace.repeat,
-            lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
+            lead_us=lead_us,
             progress=progress,
         )
     return driver.stream(

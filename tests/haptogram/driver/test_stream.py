@@ -212,7 +212,7 @@ def test_a_trimmed_lead_stays_in_its_limits_and_keeps_the_laws(stalls_us, share)
     port = Jittery(stalls_us)
     driver, report = stream(port, np.tile(CIRCLE, (10, 1)), trim=True, miss_share=share)
     assert_the_laws_hold(port, driver, report)
-    assert report.lead_us <= default_lead_us(1000, 128)
+    assert report.lead_us <= default_lead_us(128_000)
     assert report.lead_moves <= 12
 
 
@@ -233,6 +233,19 @@ def test_a_trim_that_cannot_work_is_refused(options, text):
 
 
 # --- clocks --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lead_us", [None, 99_000])
+@pytest.mark.parametrize("way", ["stream", "play"])
+def test_no_lead_is_beyond_what_a_board_looks_ahead(way, lead_us):
+    """The least that a board may, by a clock that the host knows to some microseconds."""
+    port = Jittery(ppm=-50, baud=50_000_000, queue_depth=256, max_horizon_us=100_000)
+    with Driver(port, seed=1, baudrate=50_000_000) as driver:
+        driver.arm()
+        show = getattr(driver, way)
+        with pytest.raises(ConfigurationError, match="lead.* 99000"):
+            show(CIRCLE, 500, lead_us=99_001)
+        assert show(CIRCLE, 500, lead_us=lead_us).status.counters.latched == len(CIRCLE)
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 1003.7, 3999])

@@ -140,7 +140,7 @@ METHODS = {
     "stream": STREAM,
     "play": {
         **{name: STREAM[name] for name in ("targets", "rate_hz", "loops", "mode", "solver")},
-        "lead_us": (None, *WHOLE, 0),
+        "lead_us": (*WHOLE, 0),
         "unattended_ms": (*WHOLE, 0),
         "progress": CALLABLE,
     },
