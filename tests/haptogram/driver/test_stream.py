@@ -243,7 +243,7 @@ def test_no_lead_is_beyond_what_a_board_looks_ahead(way, lead_us):
     with Driver(port, seed=1, baudrate=50_000_000) as driver:
         driver.arm()
         show = getattr(driver, way)
-        with pytest.raises(ConfigurationError, match="lead.* 99000"):
+        with pytest.raises(ConfigurationError, match=r"lead.* 99000"):
             show(CIRCLE, 500, lead_us=99_001)
         assert show(CIRCLE, 500, lead_us=lead_us).status.counters.latched == len(CIRCLE)
 
