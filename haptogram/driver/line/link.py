@@ -31,7 +31,7 @@ BURST_NS: Final = 1_800_000  # line time that may be unsent: two frames of 276 B
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 
 #: Why a request was refused, by code and whether there is a detail: HG-4.9, HG-4.12.
-_REASONS: Final = {
+_REASONS: Final[dict[tuple[int, bool], str]] = {
     (ErrorCode.STALE_SESSION, True): "; another host has opened a session",
     (ErrorCode.STALE_SESSION, False): "; the board has been started anew, and has no session",
     (

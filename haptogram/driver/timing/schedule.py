@@ -52,7 +52,7 @@ class Schedule:
         exact_hz = Fraction(check_number("rate_hz", rate_hz, LEAST_RATE_HZ, US_PER_S))
         period_us = US_PER_S / exact_hz.limit_denominator(1_000_000)
         if lead_us is None:
-            lead_us = default_lead_us(min(queue_depth * period_us, horizon_us))
+            lead_us = default_lead_us(min(queue_depth * period_us, Fraction(horizon_us)))
         return cls(period_us, check_whole("lead_us", lead_us, 1, 2**31 - 1))
 
     @property
