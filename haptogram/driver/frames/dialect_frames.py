@@ -119,8 +119,7 @@ class DialectFrameBuilder:
             return self.build(as_frame_foci(cast("Targets", targets)), solver)
         ours = len(self._channels), self._display.channels, self._display.steps
         for number, frame in enumerate(targets):
-            made = frame.drive.count, len(frame.codes), frame.steps
-            if made != ours or self.drive_of(frame.codes) != frame.drive:  # of other channels
+            if (frame.drive.count, len(frame.codes), frame.steps) != ours:
                 raise ConfigurationError(
                     f"frame {number} was made for other boards; make it anew with frames()"
                 )

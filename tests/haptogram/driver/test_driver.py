@@ -613,7 +613,7 @@ def test_streams_that_follow_each_other_at_once_leave_no_silence(driver, port):
         ({"rate_hz": -1}, "rate_hz is -1"),
         ({"mode": "drives"}, "hold phases or points, not drives"),
         ({"unattended_ms": 100}, "unattended_ms is 100"),
-        ({"lead_us": 20_000_000}, "lead_us is 20000000, must be 1 to 10000000"),
+        ({"lead_us": 20_000_000}, "lead_us is 20000000, must be 1 to 9999000"),
         (
             {"targets": [[Focus((0, 0, 0.1))], [Focus((0, 0, 0.1))] * 2], "mode": "points"},
             "as many",
