@@ -53,7 +53,7 @@ def _playback_period_us(rate_hz: float, identity: HelloReply) -> int:
 
 
 def default_unattended_ms(identity: HelloReply) -> int:
-    """Return how long a sequence plays on without the host unless the caller says otherwise."""
+    """Return the time that a sequence plays on without the host, unless the caller sets another."""
     return min(_DEFAULT_UNATTENDED_MS, identity.max_unattended_ms)
 
 

@@ -22,7 +22,7 @@ _CLOCK_ERROR_US: Final = 1000  # of the estimate, and of a start that waits for 
 
 
 def longest_lead_us(identity: HelloReply) -> int:
-    """Return how far ahead the board certainly looks, as the host knows its clock."""
+    """Return the longest lead within what the board looks ahead, whatever the clocks' error."""
     return identity.max_horizon_us - _CLOCK_ERROR_US
 
 
