@@ -39,8 +39,8 @@ def _fault_places(count: int, chance: float, source: random.Random) -> Iterator[
         return
     place = -1
     while True:
-        gap = 0 if chance >= 1 else int(math.log(1 - source.random()) / math.log1p(-chance))
-        place += 1 + gap
+        gap = 0.0 if chance >= 1 else math.log(1 - source.random()) / math.log1p(-chance)
+        place += 1 + int(min(gap, count))  # the gap of the least chance is infinite
         if place >= count:
             return
         yield place
