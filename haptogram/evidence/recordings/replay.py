@@ -171,13 +171,6 @@ def _noted_as_excerpt(opening: _Opening, result: ReplayResult) -> bool:
     return bool(opening.excerpt)
 
 
-def recorded_facts(recording: Recording) -> LineFacts:
-    """Return the facts that the frames of the first board tell."""
-    return next(
-        (_collect_facts(part) for _, part in _recorded_parts(recording, _FRAMES)), LineFacts()
-    )
-
-
 def _recorded_lines(
     recording: Recording,
 ) -> Iterator[tuple[_Opening, LineFacts, Iterator[RecordingEntry]]]:
@@ -436,7 +429,8 @@ def replay_to_port(recording: Recording, url: str, *, baudrate: int) -> ReplayRe
         If the port does not open or breaks, or the board does not answer.
     """
     result = ReplayResult()
-    hello = recorded_facts(recording).hello
+    facts = (_collect_facts(part) for _, part in _recorded_parts(recording, _FRAMES))
+    hello = next(facts, LineFacts()).hello
     parts = _recorded_parts(recording, _FRAMES)
     port = open_transport(url, baudrate=baudrate)
     with contextlib.closing(port):
