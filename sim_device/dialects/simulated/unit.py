@@ -149,16 +149,19 @@ class SimulatedUnit:
             self._is_lost = True  # unless it answers
             text, sent = self._process.grant(until_ns)
             self._take_pins(text)
-            self._is_lost = False
-            self._sent += sent
             if self._capture is not None:
                 self._write_capture(self._capture, text, sent)
+            self._is_lost = False
+            self._sent += sent
             if sent and stops:
                 return
 
     def _write_capture(self, capture: SimulatedCapture, text: bytes, sent: list[SentByte]) -> None:
         """Write pin changes and sent bytes of the simulator to the capture."""
-        capture.changed(text)
+        try:
+            capture.changed(text)
+        except ValueError as error:  # a period that ends within a line
+            self._process.fail(f"wrote {error}")
         for t_ns, value in sent:
             capture.carried("to_host", t_ns - self._byte_ns, value)
         capture.write(self._process.now_ns)
