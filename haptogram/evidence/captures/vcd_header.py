@@ -77,10 +77,10 @@ def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
             scopes.append(body[-1] if body else "")
         elif keyword == "$upscope" and scopes:
             scopes.pop()
-        elif keyword == "$var" and len(body) >= 4 and body[1] == "1":
-            found.append((scopes.copy(), body[3:], (_packed_vcd_code(path, body[2]), 0)))
         elif keyword == "$var" and len(body) >= 4 and body[0] not in _NO_BITS:
-            if _WIDTH.fullmatch(body[1]):
+            if body[1] == "1":
+                found.append((scopes.copy(), body[3:], (_packed_vcd_code(path, body[2]), 0)))
+            elif _WIDTH.fullmatch(body[1]):
                 buses.append((scopes.copy(), body))
     if tick_s is None:
         raise ConfigurationError(f"{path}: no $timescale; the times of its edges are unknown")

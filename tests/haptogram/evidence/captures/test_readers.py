@@ -45,8 +45,9 @@ TYPED = {
     "vectors of one bit, and identifiers like other tokens": (
         "$timescale 10 ns $end $scope module top $end $var wire 1 b A [0] $end\n"
         "$var wire 1 # B $end $var real 64 $ R $end $var wire 8 1 V [7:0] $end\n"
+        "$var real 1 & S $end $var event 1 ' E $end\n"
         "$upscope $end $enddefinitions $end\n"
-        "#0 b0 b b1 # r1.5 $ b10 1\n#3 b1 b\n#4 0# 0b\n#5 b11 1\n",
+        "#0 b0 b b1 # r1.5 $ b10 1 r2 & 1'\n#3 b1 b\n#4 0# 0b\n#5 b11 1\n",
         {"A": (False, [3, 4]), "B": (True, [4])}
         | {"V[0]": (False, [5]), "V[1]": (True, [])}
         | {f"V[{bit}]": (False, []) for bit in range(2, 8)},
