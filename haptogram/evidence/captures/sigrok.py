@@ -101,9 +101,7 @@ def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
         raise ConfigurationError(f"{path}: no logic channel, or a sampling rate of 0")
     ((name, count),) = Counter(probes.values()).most_common(1)
     if count > 1:
-        raise ConfigurationError(
-            f"{path}: {count} channels are named {name!r}; give each its own"
-        )
+        raise ConfigurationError(f"{path}: {count} channels are named {name!r}; give each its own")
     return _Metadata(prefix, rate_hz, unit_size, probes)
 
 

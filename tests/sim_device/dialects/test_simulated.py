@@ -157,10 +157,11 @@ def test_what_is_no_simulator_of_this_board_is_refused(simulator, seen):
 
 #: What stands between the lines of a simulator that is not quite one.
 ODD = [
-    *(b"R 5 41\n", b"R 99 1ff\n", b"R\n", b"= 3\n", b"= -1\n", b"= 99999999999999999999\n", b"= 3|\n"),
-    *(b"|\n", b" |\n", b"P|\n", b"P 5 01|\n", b"P 0 0\n", b"P 0 ff\n", b"P 24999 1f\n", b"P 25000 01\n"),
-    *(b"\n", b" ", b". 5\n", b"x", b"\xff", "\N{ARABIC-INDIC DIGIT FOUR}".encode(), b"9" * 5000),
-]  # fmt: skip
+    *(b"R 5 41\n", b"R 99 1ff\n", b"R\n", b"= 3\n", b"= -1\n", b"= 99999999999999999999\n"),
+    *(b"= 3|\n", b"|\n", b" |\n", b"P|\n", b"P 5 01|\n", b"P 0 0\n", b"P 0 ff\n"),
+    *(b"P 24999 1f\n", b"P 25000 01\n", b"\n", b" ", b". 5\n", b"x", b"\xff", b"9" * 5000),
+    "\N{ARABIC-INDIC DIGIT FOUR}".encode(),
+]
 
 
 class OddProcess:
@@ -189,7 +190,9 @@ def test_whatever_a_simulator_says_is_read_or_refused(is_captured, tmp_path_fact
     for said in odd:
         file = tmp_path_factory.mktemp("odd") / "pins.vcd" if is_captured else None
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(process, "LineProcess", lambda *_, said=said: OddProcess([(0, b""), said]))
+            patch.setattr(
+                process, "LineProcess", lambda *_, said=said: OddProcess([(0, b""), said])
+            )
             unit = SimulatedUnit(
                 dataclasses.replace(settings, simulator="odd", simulator_capture=file)
             )
@@ -199,11 +202,15 @@ def test_whatever_a_simulator_says_is_read_or_refused(is_captured, tmp_path_fact
         unit.power_down()
 
 
-@pytest.mark.parametrize("content", [b"# notes\n", b"\xff#5\xfe", b"text", b"#" + b"9" * 99 + b"\n"])
+@pytest.mark.parametrize(
+    "content", [b"# notes\n", b"\xff#5\xfe", b"text", b"#" + b"9" * 99 + b"\n"]
+)
 def test_a_file_that_is_no_capture_is_left_alone(content, tmp_path):
     file = tmp_path / "notes.md"
     file.write_bytes(content)
-    with pytest.raises(ConfigurationError, match=r"notes\.md: it is no capture that ends in a time"):
+    with pytest.raises(
+        ConfigurationError, match=r"notes\.md: it is no capture that ends in a time"
+    ):
         opened(command(PINS), simulator_capture=file)
     assert file.read_bytes() == content
 
