@@ -13,6 +13,7 @@ from typing import Any, Final, TypeAlias
 
 from haptogram.records.latch import Codes, LatchRecord
 from haptogram_protocol.annotation.frames import Annotated
+from haptogram_protocol.connection import INITIAL_RTO_US
 from haptogram_protocol.messages import EVENT_RANGE, MessageType, signed_difference
 
 Fields: TypeAlias = Mapping[str, Any]
@@ -154,16 +155,18 @@ class ReplayComparison:
     def forget_replayed(self, *, frames: bool) -> None:
         """Leave out the frames that the recorded host did not come to read, or all but frames.
 
-        An answer that left before the last frame in the recording is not left out.
+        An answer is not left out that left so long before the last frame in the recording that the
+        host would have asked again.
         """
         waiting = self._waiting[REPLAYED]
         for key in [key for key in waiting if (key[0] == "frames") is frames]:
             waiting[key] = deque(one for one in waiting[key] if self._is_extra_reply(key, one))
 
     def _is_extra_reply(self, key: _Key, entry: _Entry) -> bool:
-        """Return True for an answer that left before the last frame in the recording."""
-        is_reply = key[-1] == _REPLY and self._read_us is not None
-        return is_reply and signed_difference(entry.t_us, self._read_us or 0, 32) < 0
+        """Return True for an answer that the host of the recording would have asked for again."""
+        if key[-1] != _REPLY or self._read_us is None:
+            return False
+        return signed_difference(self._read_us, entry.t_us, 32) > INITIAL_RTO_US
 
     def close(self, end_us: int) -> None:
         """Count the entries that only one account has.

@@ -138,16 +138,16 @@ def changed_one_by_one(one, other):
 
 @given(st.sets(st.integers(0, 9), min_size=1), st.sets(st.integers(0, 9)), st.integers(0, 2**32))
 def test_an_answer_that_the_recorded_board_owed_is_a_difference(recorded, replayed, begin_us):
-    """What comes behind the last frame that was read, the host of the recording did not read."""
+    """What came within 250 ms of the last frame that was read, the host may not have read."""
     for is_exact in (True, False):
         comparison = ReplayComparison(exact=is_exact)
         for side, numbers in ((RECORDED, recorded), (REPLAYED, replayed)):
             for number in sorted(numbers):
-                time_us = (begin_us + 1000 * number) % 2**32
+                time_us = (begin_us + 100_000 * number) % 2**32
                 comparison.add_frame(side, frame(Pong(number, 0, 0), number, time_us))
         comparison.forget_replayed(frames=True)
         comparison.close(2**32)
-        owed = {number for number in replayed - recorded if number < max(recorded)}
+        owed = {number for number in replayed - recorded if number < max(recorded) - 2}
         missing = len(recorded - replayed)
         assert comparison.differing["frames"] == missing + len(owed) * (not is_exact)
 
