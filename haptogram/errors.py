@@ -217,7 +217,7 @@ def writing_file(
     return _errors_as_refusals(lambda error: unwritable_file(path, error, option), kinds)
 
 
-def reading_record(kind: str) -> contextlib.AbstractContextManager[None]:
+def reads_as(kind: str) -> contextlib.AbstractContextManager[None]:
     """Refuse a record of a back door that is none of its *kind*: "a latch record"."""
     return _errors_as_refusals(
         lambda error: ConfigurationError(f"not {kind} of a back door: {error!r}"),

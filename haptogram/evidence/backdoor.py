@@ -32,7 +32,7 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
 )
-from haptogram.errors import ConfigurationError, plain_reason, reading_file, reading_record
+from haptogram.errors import ConfigurationError, plain_reason, reading_file, reads_as, refusals_of
 from haptogram.machine.closing import ClosedByWith
 from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
 from haptogram.records.latch import Codes
@@ -67,7 +67,7 @@ def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
     ConfigurationError
         It is no such record, or of a transducer that is not known here.
     """
-    with reading_record("a board record"):
+    with reads_as("a board record"), refusals_of("not a board record of a back door:"):
         positions, normals = np.array(board["positions_m"]), np.array(board["normals"])
         shape = board["grid_shape"]
         source = board["transducer"]
@@ -103,7 +103,7 @@ def observation_of_record(record: Mapping[str, Any]) -> Observation:
     ConfigurationError
         If it is no such record.
     """
-    with reading_record("a latch record"):
+    with reads_as("a latch record"), refusals_of("not a latch record of a back door:"):
         return Observation(
             key=FrameKey.from_record(record),
             t_latch_us=record["t_latch_us"],

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.boards.layout import Z_UP, Rows
-from haptogram.errors import ConfigurationError, reading_record
+from haptogram.errors import ConfigurationError, reads_as
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.dialects.captured_latches import PINS
 from haptogram.evidence.dialects.latches import PulseObservation, pulse_observation_of
@@ -62,7 +62,7 @@ class WatchedBoard:
             raise ConfigurationError("the first record of a back door must be of the kind board")
         self.model = board_model_of_evidence(record)
         self.dialect = str(record.get("dialect", HAPTOGRAM))
-        with reading_record("a board record"):
+        with reads_as("a board record"):
             self._channels = [int(channel) for channel in record.get("channels", ())]
             self.channels = self._channels_of_a_board(record)
             self._axes = np.array(record.get("client_axes", Z_UP), dtype=np.float64)
@@ -102,7 +102,7 @@ class WatchedBoard:
             A record that cannot be read.
         """
         kinds = {"pulses": self._of_pulses, "latch": self._of_codes, PINS: self._of_pins}
-        with reading_record("a latch record"):
+        with reads_as("a latch record"):
             if (read := kinds.get(record["kind"])) is None:
                 return None
             found = read(record)

@@ -59,10 +59,7 @@ class SimulatedCapture:
         last = _LAST_TIME.search(self._file.read())
         if size and last is None:
             self._file.close()
-            raise ConfigurationError(
-                f"--simulator-capture {self._path}: it is no capture that ends in a time; name "
-                "another file, or remove it"
-            )
+            raise ConfigurationError(f"--simulator-capture {self._path}: is there and no capture")
         return int(last[1]) + _OFF_NS if last else 0
 
     def carried(self, line: str, begin_ns: float, value: int) -> None:

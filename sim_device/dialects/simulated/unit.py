@@ -148,9 +148,12 @@ class SimulatedUnit:
         while not self._is_lost and self._process.now_ns < until_ns:
             self._is_lost = True  # unless it answers
             text, sent = self._process.grant(until_ns)
-            self._take_pins(text)
-            if self._capture is not None:
-                self._write_capture(self._capture, text, sent)
+            try:
+                self._take_pins(text)
+                if self._capture is not None:
+                    self._write_capture(self._capture, text, sent)
+            except ValueError as error:
+                self._process.fail(f"wrote {error}")
             self._is_lost = False
             self._sent += sent
             if sent and stops:
@@ -158,20 +161,14 @@ class SimulatedUnit:
 
     def _write_capture(self, capture: SimulatedCapture, text: bytes, sent: list[SentByte]) -> None:
         """Write pin changes and sent bytes of the simulator to the capture."""
-        try:
-            capture.changed(text)
-        except ValueError as error:  # a period that ends within a line
-            self._process.fail(f"wrote {error}")
+        capture.changed(text)
         for t_ns, value in sent:
             capture.carried("to_host", t_ns - self._byte_ns, value)
         capture.write(self._process.now_ns)
 
     def _take_pins(self, text: bytes) -> None:
-        try:
-            for t_ns, pulses in self._pins.take(text):
-                self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
-        except ValueError as error:
-            self._process.fail(f"wrote {error}")
+        for t_ns, pulses in self._pins.take(text):
+            self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
         if self._pins.halved and not self._has_warned:
             self._has_warned = True
             _LOG.warning("half the carrier: pins repeat after %d ns", 2 * self._pins.period_ns)

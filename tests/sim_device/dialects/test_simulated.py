@@ -208,9 +208,7 @@ def test_whatever_a_simulator_says_is_read_or_refused(is_captured, tmp_path_fact
 def test_a_file_that_is_no_capture_is_left_alone(content, tmp_path):
     file = tmp_path / "notes.md"
     file.write_bytes(content)
-    with pytest.raises(
-        ConfigurationError, match=r"notes\.md: it is no capture that ends in a time"
-    ):
+    with pytest.raises(ConfigurationError, match=r"notes\.md: is there and no capture"):
         opened(command(PINS), simulator_capture=file)
     assert file.read_bytes() == content
 
