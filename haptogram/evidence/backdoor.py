@@ -82,8 +82,8 @@ def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
         )
         if (measured := board["calibration"]) is None:
             return model
-        parts = (np.array(measured[name]) for name in ("gain", "phase_rad", "positions_m"))
-        return model.calibrated(Calibration(*parts))
+        gain, phase_rad = np.array(measured["gain"]), np.array(measured["phase_rad"])
+        return model.calibrated(Calibration(gain, phase_rad, np.array(measured["positions_m"])))
 
 
 def _parse_directivity(written: str) -> CircularPiston | PointSource:

@@ -122,7 +122,7 @@ class ReplayComparison:
         what = f"latch {latch.index} of session {latch.session:#06x}"
         if latch.sequence:
             what = f"latch {latch.index} in pass {latch.loop} of sequence {latch.sequence}"
-        fields = {"late": latch.late, "commanded_bits": latch.commanded_bits}
+        fields: dict[str, Any] = {"late": latch.late, "commanded_bits": latch.commanded_bits}
         fields |= {"latched": latch.latched, "radiated": latch.radiated or latch.latched}
         if self.exact or timed:
             fields["t_us"] = latch.t_latch_us % (1 << 32)
