@@ -164,7 +164,7 @@ class SimulatorProcess:
         self.fail(f"wrote {lines[0][:_SHOWN]!r}, which is no line of a simulator here")
 
     def _read_hello(self, answer: bytes) -> SimulatedHello:
-        first, *lines = answer.decode(errors="replace").strip().splitlines()
+        first, *lines = answer.decode(errors="replace").strip().splitlines() or [""]
         if not first.startswith("hello "):
             self.garbage(answer)
         if first != f"hello {VERSION}":
