@@ -101,6 +101,7 @@ def mutant_parts(name: str | None) -> BoardAssembly:
 
 
 def _assembly_with(part: Part, name: str) -> BoardAssembly:
+    """Return the assembly of a board with one part replaced; refuse a class that is no part."""
     for kind in getattr(part, "__mro__", ()):
         if kind in _NAMES:
             return BoardAssembly(**{_NAMES[kind]: part})

@@ -127,7 +127,7 @@ class Serial(serial.SerialBase):
             _SHARED[self.shared_as] = self
 
     def _join(self, name: str) -> None:
-        """Attach this port to the board of another port."""
+        """Attach this port to the board of another open port, found by name."""
         owner = _SHARED.get(name)
         if owner is None or not owner.is_open:
             raise ConfigurationError(
@@ -267,6 +267,7 @@ class Serial(serial.SerialBase):
         return None if timeout_s is None else self.now_ns() + round(timeout_s * 1e9)
 
     def _is_over(self, deadline_ns: int | None) -> bool:
+        """Return True if the deadline has passed."""
         return deadline_ns is not None and self.now_ns() >= deadline_ns
 
     # --- bytes ---------------------------------------------------------------------------------
@@ -335,6 +336,7 @@ class Serial(serial.SerialBase):
         return sent
 
     def _put(self, data: bytes) -> int:
+        """Write bytes to the line; return how many it took."""
         taken = self.simulation.host_write(data, self.simulation.now_ns)
         self._catch_up()
         return taken

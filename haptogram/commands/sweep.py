@@ -96,7 +96,7 @@ def run_sweep(arguments: argparse.Namespace, parser_of: ParserOf, run_words: Run
 
 
 def _journal_path(path: Path | None) -> Path | None:
-    """Return the file of the rows so far; there is none beside a pipe."""
+    """Return the file that journals finished rows; None without a file, or for a pipe."""
     if path is None or kind_of_file(path) is not Kind.FILE:
         return None
     return path.with_name(f"{path.name}.part")

@@ -134,6 +134,7 @@ def _serve_view(
     outputs: CommandOutputs,
     live: tuple[LiveViewerScene, BackdoorReader] | None = None,
 ) -> int:
+    """Serve the page, and new records of a live board, until the user or starter ends it."""
     from haptogram.report.formats.html import render_document_page
     from haptogram.report.viewer.server import ViewServer
 
@@ -180,7 +181,7 @@ def _is_starter_there() -> bool:
 
 
 def _wants_view_in_browser(wish: bool | None) -> bool:
-    """Return True if a page is to open: as wished, else where there is a desktop."""
+    """Return True if a browser is to open: by option, else if a desktop exists."""
     if wish is None:
         return sys.platform in ("darwin", "win32") or any(map(os.environ.get, _DESKTOPS))
     return wish

@@ -247,6 +247,6 @@ class DriverPlayback:
         return next((m for m in news if isinstance(m, messages.PlaybackEnded)), None)
 
     def _due(self, score: _PlaybackScore) -> int:
-        """Return how many frames were due by now."""
+        """Return the number of frames that are due by now."""
         since_us = self._pinger.clock.to_device_us(self._link.now_ns()) - score.t0_us
         return min(max(0, since_us // score.timing.period_us + 1), score.total)

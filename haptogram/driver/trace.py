@@ -103,7 +103,7 @@ class DriverTraceReader:
     def _latch(
         self, key: messages.LatchKey, wire_us: int, near_ns: int, shown: bytes | int, flags: int = 0
     ) -> Observation:
-        """Return a latch near a time of the host, of which a drive or its CRC-32 is *shown*."""
+        """Return the observation of a latch, with the drive or the CRC-32 that was traced."""
         drive = self._drive(shown) if isinstance(shown, bytes) else None
         crc = shown if isinstance(shown, int) else None
         return Observation(

@@ -287,7 +287,7 @@ class PortBoardUnderTest(BoardUnderTest):
         self._dropped_before = driver.status().counters.trace_dropped
 
     def _best_trace(self, features: Feature) -> TraceMode | None:
-        """Return the most detailed trace mode supported; None if there is none."""
+        """Return the most detailed supported trace mode; None without trace."""
         by_feature = {
             Feature.TRACE: TraceMode.CRC,
             Feature.TRACE_DRIVE: TraceMode.DRIVE,
@@ -431,7 +431,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
         return backdoor.why_observations_incomplete(self._seen, driver.session, last)
 
     def _read(self) -> bool:
-        """Read new records; return False after a short sleep if there are none."""
+        """Read new records; return False after a short sleep if none has arrived."""
         if found := self._reader.read():
             self._seen += found
             return True

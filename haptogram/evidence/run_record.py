@@ -226,7 +226,7 @@ def _calibration_of_run(config: VerifyConfig) -> Calibration | None:
 def _note_calibration_of_run(
     found: RunRecord, elements: Calibration, assumed: AcousticModel
 ) -> None:
-    """Let the judge know the elements, and the reader that the host, which *assumed* none, did not.
+    """Give the calibration to the judge; warn that the host did not compensate for it.
 
     Raises
     ------
@@ -249,7 +249,7 @@ def _checked_run(
     points_m: FloatArray,
     elements: Calibration | None,
 ) -> Iterator[None]:
-    """Check the run before its first frame; mute the board behind the last one.
+    """Check the run before its first frame; close the driver after the last one.
 
     A board that does not answer then is a warning, and not the end of the results.
     """
@@ -274,7 +274,7 @@ def _observe_run(
     settling: Progress | None,
     tap: RecordingTransport | None,
 ) -> None:
-    """Take what *board* latched, once it has settled."""
+    """Add the latches of *board* to the record, once the board has settled."""
     board.settle(driver, settling, skip_fields=found.interrupted)
     found.observations = board.observations(driver)
     found.unseen, found.fault_counts = board.unseen, board.fault_counts
@@ -371,6 +371,7 @@ def _frames_of_run(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> 
 def _display_run(
     config: VerifyConfig, driver: Driver, frames: list[Frame], progress: Progress | None
 ) -> StreamReport | PlayReport:
+    """Play the frames from the board's memory, or stream them, at the configured rate."""
     lead_us = None if config.pace.lead_ms is None else round(config.pace.lead_ms * 1e3)
     if config.drive.mode == "sequence":
         return driver.play(
@@ -390,7 +391,7 @@ def _display_run(
 
 
 def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
-    """Drop playback latches between the interruption and the MUTE."""
+    """Return the latches without playback latches after the interruption."""
     wanted = {intended.key for intended in found.intended}
     return only_kept_records(
         found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted

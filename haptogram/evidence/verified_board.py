@@ -147,7 +147,7 @@ class VerifiedBoard(ClosedByWith):
     # --- verdict -------------------------------------------------------------------------------
 
     def _judge(self) -> Iterator[str]:
-        """Yield the faults in lines: the verdict first."""
+        """Yield the verdict, then each fault, as lines."""
         if not self._frames_m:
             raise ConfigurationError(
                 "verified_board: the test did not say which foci it expects: call "

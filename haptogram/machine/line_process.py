@@ -84,7 +84,7 @@ class LineProcess:
             if not select.select([descriptor], [], [], self._patience_s)[0]:
                 _kill_line_process(self._process)
                 raise self._failure(
-                    f"{self._name} did not answer for {self._patience_s:g} s{_end_of(answer)}"
+                    f"{self._name} did not answer for {self._patience_s:g} s{_last_words(answer)}"
                 )
             data = os.read(descriptor, _CHUNK)
             if not data:
@@ -92,7 +92,7 @@ class LineProcess:
             answer += data
             if len(answer) > _MOST_BYTES:
                 _kill_line_process(self._process)
-                raise self._failure(f"{self._name} did not come to an end{_end_of(answer)}")
+                raise self._failure(f"{self._name} did not come to an end{_last_words(answer)}")
         return bytes(answer)
 
     def complaint(self) -> str:
@@ -106,8 +106,8 @@ class LineProcess:
         return lines[-1] if lines else f"status {self._process.wait()}"
 
 
-def _end_of(answer: bytearray) -> str:
-    """Return the last line of an incomplete answer."""
+def _last_words(answer: bytearray) -> str:
+    """Return text that names the last line of an incomplete answer."""
     lines = answer[-_LAST_WORDS:].decode(errors="replace").splitlines()
     return f", after {lines[-1][-60:]!r}" if lines else ""
 

@@ -70,6 +70,7 @@ def drive_fault_candidates(model: AcousticModel, intended: Intended) -> Iterator
 
 
 def _drive_fault_phases(drive: Drive) -> Codes:
+    """Return phase codes scaled to the largest number of bits."""
     return drive.phase_codes.astype(np.int64) << (MAX_PHASE_BITS - drive.phase_bits)
 
 
@@ -231,7 +232,7 @@ def _swapped_drive_fault(
 def _single_element_drive_faults(
     model: AcousticModel, difference: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> Iterator[str]:
-    """Name elements that are wrong one by one, those with the same error together."""
+    """Name wrong elements by their error, together where they share it."""
     if off.sum() > _NAMED_ELEMENTS and not _are_lines(model, off):
         lags = dict(enumerate((difference * (np.pi * 2.0 / TURN)).tolist()))
         limit_rad = np.pi * grid.code / TURN

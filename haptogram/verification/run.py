@@ -214,7 +214,7 @@ def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
 def _without_earlier(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
-    """Yield *observations* without those of frames before the first intended one."""
+    """Yield *observations* from the first intended frame on."""
     wanted = {frame.key for frame in intended}
     streamed = [key.index for key in wanted if key.sequence == STREAM]
     first = min(streamed, default=None)
@@ -267,6 +267,7 @@ def _conclude_run_verdict(
     not_kept: int,
     losses: BoardLosses | None,
 ) -> RunVerdict:
+    """Return the verdict of a run from its frames, losses and cut."""
     not_sent = 0 if cut is None else cut.not_sent
     counts = _run_verdict_counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
     effect = RunConsequences.of(frames, quiet_us)

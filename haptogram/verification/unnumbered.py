@@ -121,6 +121,7 @@ def _has_drive(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> boo
 
 
 def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> Observation:
+    """Return a latch as the observation of *frame*, its common lag removed."""
     if frame is None:
         key, lag = FrameKey(0, STREAM, _NOBODY_INTENDED, latch.number), 0
     else:
@@ -148,10 +149,12 @@ def _common_lag(found: Drive, wanted: Drive) -> int:
 
 
 def _channel_lags(found: Drive, wanted: Drive) -> NDArray[np.int64]:
+    """Return the difference of the phase codes in each channel."""
     return found.phase_codes.astype(np.int64) - wanted.phase_codes.astype(np.int64)
 
 
 def _signed_lags(lags: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return lags within half a turn."""
     return (lags + _TURN // 2) % _TURN - _TURN // 2
 
 

@@ -110,10 +110,12 @@ class ReconstructionWorker:
 
     @property
     def _input(self) -> Any:  # never None: the process was started with a pipe
+        """Return the pipe to the worker."""
         return self._process.stdin
 
     @property
     def _answers(self) -> Any:
+        """Return the pipe from the worker."""
         return self._process.stdout
 
     @property
@@ -257,7 +259,7 @@ def _start_worker_process() -> subprocess.Popen[bytes]:
 
 
 def _widen_worker_pipe(pipe: int) -> None:
-    """Make a pipe hold more, where the system can: every refused write costs a wake-up."""
+    """Enlarge a pipe where the system can, to avoid writes that block."""
     if sys.platform == "linux":
         with contextlib.suppress(OSError, ImportError):  # 64 KiB, the usual size, will do
             import fcntl

@@ -105,7 +105,7 @@ def _drain_sink(sink: FileSink | SocketSink) -> None:
 
 
 def _received_batches(chunk: int) -> Iterator[list[Any]]:
-    """Yield the batches of the board, empty ones while it is silent; end when it ends."""
+    """Yield batches from the board, empty ones while idle; end when the board ends."""
     buffer = bytearray()
     with selectors.DefaultSelector() as selector:
         selector.register(0, selectors.EVENT_READ)

@@ -161,7 +161,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
 
 
 def _board_error(ends: Sequence[HaptogramError]) -> HaptogramError:
-    """Return one error for all that went wrong; an output that failed hides no lost port."""
+    """Return one error that names all failures; an output error hides no lost port."""
     is_refusal = all(isinstance(error, ConfigurationError) for error in ends)
     return (ConfigurationError if is_refusal else HaptogramError)("; ".join(map(str, ends)))
 

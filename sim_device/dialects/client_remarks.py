@@ -236,13 +236,13 @@ class ClientRemarks:
             self._remark(about, text, t_us)
 
     def _tell_compared(self, t_us: int) -> None:
-        """Report once per client that its bytes resemble no other wire format."""
+        """Report once per client whether its bytes were recognised as this wire format."""
         if self._told_own is None or self._told_own < self._is_own:
             self._told_own = self._is_own
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
     def _compare(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Report once per client that its bytes resemble another wire format."""
+        """Compare a client's first bytes with all wires; remark if they are of another one."""
         if self._is_own or self._is_other or not self._first_bytes:
             return
         names = looks_like_dialect(bytes(self._first_bytes))
@@ -269,6 +269,7 @@ class ClientRemarks:
             self._tell_compared(t_us)
 
     def _remark_other_wire(self, text: str, t_us: int) -> None:
+        """Append a remark that the client speaks another wire."""
         self._is_other = True
         self._counters["other_wires"] += 1
         self._remark(About.OTHER_WIRE, text, t_us)
@@ -319,6 +320,7 @@ class ClientRemarks:
         return kind if fits else None
 
     def _is_of_another_size(self, size: int) -> bool:
+        """Return True if a frame's size is far from every size of this wire."""
         return all(_FEW * abs(size - whole) > whole for whole in self._sizes)
 
     def _remark(self, about: About, text: str, t_us: int) -> None:

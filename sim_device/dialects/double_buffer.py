@@ -123,6 +123,7 @@ class DoubleBuffer(LatchingUnit):
         self._written = True
 
     def _swap(self, _: operations.Swap, t_us: int) -> None:
+        """Exchange the shown and the written codes, and latch."""
         if not self._written:
             self.counters["commits_of_old_codes"] += 1
         self._shown, self._next = self._next, self._shown
@@ -141,6 +142,7 @@ class DoubleBuffer(LatchingUnit):
             self._latch("modulation", t_us)
 
     def _latch(self, cause: str, t_us: int) -> None:
+        """Append a latch of the shown pulses."""
         make = self._registers.modulation
         modulation = None if make is None else make(self._step)
         self._latches.append(PulseLatch(t_us, self._pulses(), cause, modulation=modulation))
@@ -164,5 +166,5 @@ class DoubleBuffer(LatchingUnit):
 def _buffered_values_where_on(
     codes: NDArray[np.uint16], values: NDArray[np.uint16], off: int
 ) -> NDArray[np.uint16]:
-    """Return *values*, and 0 for channels whose code is *off*."""
+    """Return *values*, set to 0 for channels with the code *off*."""
     return np.where(codes == off, 0, values).astype(np.uint16)

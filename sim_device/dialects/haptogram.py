@@ -143,6 +143,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         return passed
 
     def _act_on(self, event: connection.BoardEvent) -> None:
+        """Pass an event to the watcher, carry it out, and collect its effects."""
         if self._watch is not None:
             self._watch(event)
         self._dispatch(event)
@@ -178,6 +179,7 @@ class VirtualHaptogramDialect(VirtualDialect):
     # --- events of the link --------------------------------------------------------------------
 
     def _dispatch(self, event: connection.BoardEvent) -> None:
+        """Renew the lease, then stream, greet or answer, by the kind of event."""
         if event.renews_lease:
             self.board.output.renew_lease()
         if isinstance(event, connection.StreamReceived):
@@ -188,6 +190,7 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._answer(event)
 
     def _stream(self, event: connection.StreamReceived) -> None:
+        """Submit a stream frame to the board; count and note it if dropped."""
         dropped: str | None
         try:
             content = self.content(event.message)
@@ -291,6 +294,7 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._trace_dropped += not sent
 
     def _trace_message(self, latch: Latch) -> m.Message | None:
+        """Return the trace event of a latch in the configured mode; None if none is due."""
         config, key = self.board.output.config, latch.key
         if config.trace_mode is m.TraceMode.DRIVE:
             self._traced += 1

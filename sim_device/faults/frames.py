@@ -71,6 +71,8 @@ def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes |
 
 
 def _header_fault(change: _Change) -> LineFault:
+    """Return a fault that changes fields of a frame's header and seals it with a right CRC."""
+
     def rewrite(body: bytes, values: Values, _: random.Random) -> bytes | None:
         header, payload = Header.unpack(body[: framing.HEADER_BYTES]), body[framing.HEADER_BYTES :]
         fields = {name: getattr(header, name) for name in Header.WIRE}
@@ -81,6 +83,7 @@ def _header_fault(change: _Change) -> LineFault:
 
 
 def _shifted_header_by_fault(by_us: float, header: Header) -> dict[str, int]:
+    """Return the shifted time of a timed stream frame; no change for others."""
     timed = header.type in STREAM_RANGE and not header.flags & Flag.IMMEDIATE
     return {"time_us": (header.time_us + round(by_us)) & 0xFFFFFFFF} if timed else {}
 

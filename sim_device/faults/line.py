@@ -34,7 +34,7 @@ Edit: TypeAlias = Callable[[bytearray, Values, random.Random], int]
 
 
 def _fault_places(count: int, chance: float, source: random.Random) -> Iterator[int]:
-    """Yield the places out of *count* that are hit: by their gaps, as most chances are low."""
+    """Yield the random places out of *count* that are hit, each with probability *chance*."""
     if chance <= 0:
         return
     place = -1
@@ -112,6 +112,7 @@ def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _baud_fault(data: bytearray, values: Values, _: random.Random) -> int:
+    """Sample the bytes at a wrong bit rate; return 1 if any changed."""
     received, __ = sample_uart_characters(bytes(data), 1 + values["ppm"] / 1e6)
     is_changed = received != data
     data[:] = received
@@ -124,7 +125,7 @@ def _no_line_fault(chunks: list[FaultChunk], _: Values, __: random.Random) -> Ac
 
 
 def _gone_fault(_: list[FaultChunk], __: Values, ___: random.Random) -> Acted:
-    """Drop all bytes, uncounted."""
+    """Drop all bytes; the unplugged port is counted elsewhere."""
     return [], 0  # it fires once, when the port goes: see FaultInjector.has_left
 
 
@@ -153,7 +154,7 @@ def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> 
 
 
 def _held_by_fault(grid_ns: int, chunks: list[FaultChunk]) -> Acted:
-    """Delay chunks to a time grid."""
+    """Delay chunks to the next multiple of *grid_ns*."""
     if grid_ns == 0:
         return chunks, 0
     held = [dataclasses.replace(c, t_ns=-(-c.t_ns // grid_ns) * grid_ns) for c in chunks]

@@ -120,6 +120,7 @@ def _intermittent_fault(now: FaultContext, values: Values, source: random.Random
 
 
 def _stuck_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
+    """Return a fixed phase, with the amplitudes as they are."""
     return round(values["code"]) / _CODES, now.drive.amplitudes[now.place]
 
 
@@ -129,6 +130,7 @@ def _delayed_fault(now: FaultContext, values: Values, _: random.Random) -> _Show
 
 
 def _garbage_fault(now: FaultContext, _: Values, source: random.Random) -> _Shown:
+    """Return random phases, with the amplitudes as they are."""
     count = now.place.stop - now.place.start
     codes = np.frombuffer(source.randbytes(count), np.uint8)
     return codes / _CODES, now.drive.amplitudes[now.place]

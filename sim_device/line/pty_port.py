@@ -96,6 +96,7 @@ class PtyPort(BoardPort):
         self._unsent = b""
 
     def _lost(self, error: OSError) -> bytes:
+        """Return no bytes if a client closed the terminal; raise PortLostError otherwise."""
         if error.errno == errno.EIO:  # a client closed: only said where our slave did not count
             return b""
         return super()._lost(error)

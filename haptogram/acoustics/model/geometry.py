@@ -301,7 +301,7 @@ _Array = TypeVar("_Array", bound=TransducerArray)
 
 
 def _array_with_axes(array: _Array, axes: FloatArray) -> _Array:
-    """Set the own axes of a new *array*, in place of those that its elements suggest."""
+    """Replace the derived own axes of a new *array* by *axes*; return the array."""
     read_only_array(axes)
     object.__setattr__(array, "axes", axes)
     return array
@@ -327,7 +327,7 @@ def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
 
 
 def _element_fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return a half-space for each direction: of parallel elements, that of the rearmost."""
+    """Return the plane in front of the elements, for each direction that elements face."""
     planes = np.column_stack([normals, _ROUNDING_M - (normals * positions).sum(axis=1)])
     rear_first = planes[np.argsort(-planes[:, 3], kind="stable")]
     _, first = np.unique(np.round(rear_first[:, :3], 9) + 0.0, axis=0, return_index=True)

@@ -179,6 +179,7 @@ class Reconstructor:
         return found
 
     def _focus_of(self, asked: DriveToFind) -> Reconstruction:
+        """Return the field of one asked drive, without a search if it is muted."""
         if asked.drive.is_muted:
             return NoFocus("muted")
         return self._reconstruct(asked.drive.weights(), asked.step_rad, asked.slack_rad)
@@ -198,6 +199,7 @@ class Reconstructor:
 
     @cached_property
     def _warm(self) -> WarmReconstructor | None:
+        """Return the compiled reconstructor that starts at the last focus; None if unavailable."""
         if self.why_not_compiled is not None or self._tracker is None:
             return None
         return WarmReconstructor(self._model, self._disc, self._tracker)
@@ -244,13 +246,14 @@ class Reconstructor:
         :meth:`reconstruct_weights`.
         """
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
-        radiated = self._radiated(as_weights(weights), step_rad, slack_rad)
+        radiated = self._as_radiated_drive(as_weights(weights), step_rad, slack_rad)
         return radiated if isinstance(radiated, NoFocus) else self._locate_quickly(radiated)[0]
 
     def _reconstruct(
         self, weights: ComplexArray, step_rad: float, slack_rad: float
     ) -> Reconstruction:
-        radiated = self._radiated(weights, step_rad, slack_rad)
+        """Locate the focus of radiated weights: quickly if possible, else by a full search."""
+        radiated = self._as_radiated_drive(weights, step_rad, slack_rad)
         if isinstance(radiated, NoFocus):
             return radiated
         found, tried = self._locate_quickly(radiated)
@@ -282,12 +285,13 @@ class Reconstructor:
             apart_m = min(float(np.linalg.norm(fit.position_m - place)) for place in known)
             if fit.residual_rms_rad <= limit_rad and apart_m > self._model.wavelength_m / 4.0:
                 rivals.append(fit.position_m)
-        single = self._single(best, radiated, found.acquired) if best is not here else found
+        single = self._as_focus(best, radiated, found.acquired) if best is not here else found
         return dataclasses.replace(single, rivals_m=tuple(as_vector(place) for place in rivals))
 
-    def _radiated(
+    def _as_radiated_drive(
         self, weights: ComplexArray, step_rad: float, slack_rad: float
     ) -> _ReconstructedDrive | NoFocus:
+        """Return phases and active elements of the weights; NoFocus if none is active."""
         if weights.shape != (self._model.array.count,):
             raise ConfigurationError(
                 f"drive has shape {weights.shape}, array has {self._model.array.count} elements"
@@ -310,17 +314,17 @@ class Reconstructor:
         if start is not None:
             fit = self._fit(radiated, start, radiated.active)
             if self._explains(fit, radiated):
-                return self._single(fit, radiated, way), []
+                return self._as_focus(fit, radiated, way), []
         tried: list[PhaseFit] = []
         if self._last_focus is not None:
             tried.append(self._fit(radiated, self._last_focus, radiated.active))
             if self._explains(tried[0], radiated):
-                return self._single(tried[0], radiated, "warm"), tried
+                return self._as_focus(tried[0], radiated, "warm"), tried
             jumped = self._acquisition_for(radiated.active).widening_fit(
                 radiated.phases_rad, radiated.active, radiated.step_rad, self._last_focus
             )
             if self._explains(jumped, radiated):
-                return self._single(jumped, radiated, "warm"), tried
+                return self._as_focus(jumped, radiated, "warm"), tried
             partial = self._fit_most(tried[0], radiated)
             if partial is not None:
                 return self._all_or_most(partial, radiated), tried
@@ -355,7 +359,7 @@ class Reconstructor:
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
         ):
             if self._explains(fit, radiated):
-                return self._single(fit, radiated, "global")
+                return self._as_focus(fit, radiated, "global")
             tried.append(fit)
         # Only when no start explains all elements may some be wrong: from a bad start, a correct
         # drive looks like one with outliers.
@@ -370,7 +374,7 @@ class Reconstructor:
         """Return a focus fitted to all elements, else to most of them."""
         whole = self._fit(radiated, partial.position_m, radiated.active)
         if self._explains(whole, radiated):
-            return self._single(whole, radiated, "global")
+            return self._as_focus(whole, radiated, "global")
         return self._mostly_single(partial, radiated)
 
     def _acquisition_for(self, active: BoolArray) -> FocusAcquisition:
@@ -383,6 +387,7 @@ class Reconstructor:
         return self._acquisition
 
     def _fit(self, radiated: _ReconstructedDrive, start: FloatArray, used: BoolArray) -> PhaseFit:
+        """Fit a focus to the phases of the elements *used*, from *start*."""
         return fit_focus(
             self._model, radiated.phases_rad, start, step_rad=radiated.step_rad, active=used
         )
@@ -408,9 +413,11 @@ class Reconstructor:
         return None
 
     def _explains(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> bool:
-        return fit.residual_rms_rad <= radiated.limit_rad and self._in_front(fit.position_m)
+        """Return True if a fit has a small residual and its focus can be there."""
+        return fit.residual_rms_rad <= radiated.limit_rad and self._is_reachable(fit.position_m)
 
-    def _in_front(self, position: FloatArray) -> bool:
+    def _is_reachable(self, position: FloatArray) -> bool:
+        """Return True if a focus can be at *position*: in front, not too near, not too far."""
         array = self._model.array
         offsets = array.positions_m - position
         nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
@@ -419,9 +426,10 @@ class Reconstructor:
         above = height_m > low_m and CLEARANCE_M <= nearest <= REACH_M
         return bool(above and points_in_front(self._model, position[None])[0])
 
-    def _single(
+    def _as_focus(
         self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]
     ) -> SingleFocus:
+        """Return a fit as a focus, with pressure and force there; the next search starts at it."""
         self._last_focus = fit.position_m
         pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
         return SingleFocus(
@@ -445,7 +453,7 @@ class Reconstructor:
             return math.inf
 
     def _mostly_single(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> NotSingle:
-        """Return a fit as not a single focus, with its outlier elements."""
+        """Return a fit to most elements as not a single focus, with its outlier elements."""
         self._last_focus = fit.position_m
         residual = fit.residual_rad[radiated.active]
         pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
@@ -461,7 +469,8 @@ class Reconstructor:
     def _not_single(
         self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _ReconstructedDrive
     ) -> NotSingle:
-        points = [fit.position_m for fit in tried if self._in_front(fit.position_m)] + starts
+        """Return the loudest of the points tried, with the least residual of the fits."""
+        points = [fit.position_m for fit in tried if self._is_reachable(fit.position_m)] + starts
         loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
         loudest = points[int(loudness.argmax())]
         pressure, coherence = arrival_at_point(self._model, radiated.weights, loudest)

@@ -152,7 +152,7 @@ class FocusTracker:
         """
         self._check_codes(codes)
         if self._cells is None:
-            self._prepare()
+            self._set_up_search()
         cells = self._cells
         assert cells is not None
         score = np.empty(cells.shape[1], np.float32)
@@ -176,7 +176,8 @@ class FocusTracker:
         self._kernels = compiled_kernels()
         self.acquire(np.zeros(self._model.array.count, dtype=np.uint8))
 
-    def _prepare(self) -> None:
+    def _set_up_search(self) -> None:
+        """Set the cells of the search volume, and the phasors of the first elements there."""
         first = self._order[: self._counts[0]]
         positions = self._model.array.positions_m[first]
         cells, matrix = search_volume(self._model, positions)
@@ -196,6 +197,7 @@ class FocusTracker:
         return fix
 
     def _fit(self, codes: NDArray[np.uint8], start: Point, count: int) -> Fix:
+        """Fit a focus to the phase codes of the first *count* elements."""
         return Fix(
             *self._kernels.fit_phases_kernel(
                 codes,

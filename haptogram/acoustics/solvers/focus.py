@@ -133,6 +133,7 @@ def focus_steering_reach_m(model: AcousticModel) -> tuple[float, float]:
 
 @lru_cache(maxsize=8)
 def _steering_reach_m(array: TransducerArray) -> tuple[float, float]:
+    """Return how far from the centre a target may be along the own x and y axes."""
     half = array.half_extent_m + (array.pitch_m or 0.0) / 2
     return float(half[0]) + _TARGET_MARGIN_M, float(half[1]) + _TARGET_MARGIN_M
 

@@ -301,12 +301,13 @@ def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
 
 
 def _reachable_foci_levels(matrix: ComplexArray, wanted: FloatArray) -> float:
-    """Return the common factor that uses the whole power if the foci do not overlap."""
+    """Return the factor by which the wanted levels use the full power, without interference."""
     largest = np.abs(matrix).sum(axis=1)
     return float(1.0 / np.sqrt(((wanted / largest) ** 2).sum()))
 
 
 def _solver_phasor(values: ComplexArray) -> ComplexArray:
+    """Return complex *values* with magnitude 1; zero stays zero."""
     level = np.abs(values)
     phasors: ComplexArray = values / np.where(level > 0.0, level, 1.0)
     return phasors

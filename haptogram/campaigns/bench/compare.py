@@ -99,12 +99,14 @@ def bench_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[st
 
 
 def _bench_percentiles(result: Mapping[str, Any]) -> dict[str, TimingPercentiles]:
+    """Return the percentiles of every stage in a bench's JSON result."""
     return {name: TimingPercentiles(**stage) for name, stage in result["stages"].items()}
 
 
 def _bench_change(
     stage: str, level: str, before: TimingPercentiles, after: TimingPercentiles | None
 ) -> BenchChange | None:
+    """Return the change of a percentile between two benches, with its noise; None if unmeasured."""
     if after is None or not before.blocks or not after.blocks:
         return None
     one, other = before.blocks[level], after.blocks[level]

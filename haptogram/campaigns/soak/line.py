@@ -192,7 +192,7 @@ class SoakLine:
         return pieces
 
     def _carry(self, data: bytes, t_ns: int, wait_ns: int) -> None:
-        """Schedule the arrival of bytes at the rate of the line."""
+        """Schedule the arrival of bytes behind earlier ones, at the rate of the line."""
         if not data:
             return
         start_ns = max(self.free_ns, t_ns)
@@ -236,6 +236,7 @@ class SoakLine:
         return sent
 
     def _explain_damage(self, hit: SoakHit | None, verdict: int | str) -> None:
+        """Count damage under the fault that caused it, or report a violation."""
         if hit is None:
             self._tally.violate(UNEXPLAINED, f"damage at {self._end} without a fault: {verdict}")
         elif verdict not in DAMAGE:

@@ -119,7 +119,7 @@ class SweepCampaign:
         file: TextIO | None,
         show: Callable[[], None],
     ) -> None:
-        """Keep every worker busy; suspect points run alone."""
+        """Give points to idle workers; a point that may kill its worker runs alone."""
         while left or self._suspects or running:
             count = 1 if self._suspects else workers.count
             while (self._suspects or left) and len(running) < count:
@@ -148,7 +148,7 @@ class SweepCampaign:
             raise error
 
     def _mark_suspects(self, numbers: list[int], file: TextIO | None) -> None:
-        """Mark the points that ran when a worker died."""
+        """Mark the points under way when a worker died: each of them runs again, alone."""
         if len(numbers) == 1:
             self._deaths[numbers[0]] += 1
         for number in numbers:

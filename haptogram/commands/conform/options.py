@@ -118,6 +118,7 @@ class PinConfig(CaptureConfig):
 
 
 def _acts_in_conform_run(arguments: argparse.Namespace) -> bool:
+    """Return True if cases will run: neither a comparison nor a list was asked for."""
     return not arguments.compare and not arguments.list
 
 
@@ -227,6 +228,7 @@ def _check_conform_regex(text: str) -> None:
 
 
 def _is_conform_port(arguments: argparse.Namespace) -> bool:
+    """Return True if the board under test is at a port, and not the virtual one."""
     return arguments.port is not None and not asks_to_conform_virtual_board(arguments)
 
 

@@ -145,7 +145,7 @@ def _describe_field_place(
 
 
 def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
-    """Yield what the phases of a drive from a file make: a focus, and how linear it is."""
+    """Yield lines about the focus that a drive from a file makes, and its nonlinearity."""
     found = Reconstructor(scene.model, scene.phase_bits).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
         yield f"no focus: {found.reason}"
@@ -203,4 +203,5 @@ def _describe_field_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatA
 
 
 def _extent_text(size_m: float) -> str:
+    """Return a length in mm as text; it may lie beyond the searched volume."""
     return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"

@@ -92,7 +92,7 @@ def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
 def _changed_replay_options(
     options: Mapping[str, Any], arguments: argparse.Namespace
 ) -> dict[str, Any]:
-    """Return the options of the recorded board with those of the command line."""
+    """Return the recorded board's options, overridden by those of the command line."""
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
     elif ":" in (code := options.get("mutant") or "") and arguments.mutant is None:

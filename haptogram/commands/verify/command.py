@@ -164,6 +164,7 @@ def _measured_by_verify(
     settling: Progress | None,
     writer: RecordingWriter | None,
 ) -> RunRecord:
+    """Display the object on the board and return the record of the run."""
     from haptogram.evidence.run_record import measure_run, measure_run_of_dialect
 
     config = boards.config
@@ -218,7 +219,7 @@ def _record_verify_result(
 def _begin_verify_recording(
     writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig
 ) -> None:
-    """Write which board is at the other end; of a board in virtual time, when it began."""
+    """Write which board is under test and, in virtual time, when it was powered up."""
     options = None if config.link.port is not None else virtual.non_default()
     boot_ns = 0 if config.link.virtual_time else None
     writer.opened(0, options, boot_ns, paced=options is not None)
@@ -262,7 +263,7 @@ def _verified_faults_dict(
 
 
 def _verified_host_dict(found: RunRecord) -> dict[str, object] | None:
-    """Return the figures of the host's loop, if the run came to its end."""
+    """Return the figures of the host's stream loop; None without its report."""
     from haptogram.driver.dialect_driver import DialectReport
     from haptogram.driver.stream import StreamReport
 

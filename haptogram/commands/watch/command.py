@@ -302,7 +302,7 @@ def _why_watch_is_incomplete(end: Record) -> str | None:
 
 @contextlib.contextmanager
 def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
-    """Yield a function that appends a line to the frames file and flushes; None without a file."""
+    """Yield a function that appends a line to the frames file at once; None without a file."""
     if path is None:
         yield None
     elif path == STANDARD_OUTPUT:

@@ -384,7 +384,7 @@ class Lockstep:
         wire.wait(are_there, left_us if self._is_virtual else left_us + _MISSED_US)
 
     def _has_dropped_traces(self, host: DialogueHost, base: DialogueBase) -> bool:
-        """Return True if the board has dropped traces in the dialogue, as it may."""
+        """Return True if the board has dropped trace events, which SPEC.md allows."""
         link = self._board.link
         host.seq += 1
         since = link.mark()

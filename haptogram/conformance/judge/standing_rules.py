@@ -151,6 +151,7 @@ class StandingRules:
         return False
 
     def _note_all(self, broken: Broken, piece: ReceivedByClient) -> None:
+        """Note which clauses a frame was judged by, and the broken ones."""
         judged = self._findings.judged
         for clause, text in broken:
             judged.add(clause)
@@ -251,6 +252,7 @@ class StandingRules:
     # --- Events ----------------------------------------------------------------------------------
 
     def _judge_events(self, piece: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge that events are numbered without a gap within a session."""
         header, since = piece.header, self._since
         assert header is not None  # take
         if header.session and header.session != since.session:
@@ -265,6 +267,7 @@ class StandingRules:
         since.next_event = (header.seq + 1) & 0xFFFF
 
     def _judge_order(self, piece: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge that STATE_CHANGED precedes PLAYBACK_ENDED of the same moment."""
         header, since = piece.header, self._since
         assert header is not None  # take
         if isinstance(message, m.StateChanged):
@@ -289,6 +292,7 @@ class StandingRules:
             yield "HG-3.1/1", text if not -_SPARE_US <= off_us <= most_us else ""
 
     def _judge_traces(self, piece: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge record numbers of the ring, and the carrier periods between traced latches."""
         header, since = piece.header, self._since
         assert header is not None  # take
         if isinstance(message, m.TraceReply):
@@ -333,6 +337,7 @@ class StandingRules:
                 yield "HG-8.6/3", ""
 
     def _judge_room(self, piece: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge that the free memory for uploads does not shrink."""
         identity = self._since.identity
         if identity is None or piece.header is None or not piece.is_response:
             return

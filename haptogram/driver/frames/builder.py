@@ -138,6 +138,7 @@ class FrameBuilder:
             )
 
     def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode) -> None:
+        """Refuse a frame whose foci or amplitudes the mode or the board cannot carry."""
         if mode == "points" and len(foci) > self._identity.max_points:
             raise ConfigurationError(
                 f"frame {number}: {len(foci)} foci; the board takes {self._identity.max_points}"
@@ -152,6 +153,7 @@ class FrameBuilder:
     def _phases(
         self, foci: Sequence[tuple[Focus, ...]], phases_rad: NDArray[np.float64], solver: Method
     ) -> list[Frame]:
+        """Return frames of phase codes at full amplitude, one per group of foci."""
         codes = quantise_phase(phases_rad, REGISTER_BITS)
         full = bytes([FULL_AMPLITUDE]) * codes.shape[1]
         return [
@@ -166,12 +168,14 @@ class FrameBuilder:
         ]
 
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
+        """Return a frame of phase and amplitude codes, solved here."""
         drive = Drive.from_weights(frame_weights(self._model, foci, solver), REGISTER_BITS)
         data = drive.phase_codes.tobytes() + drive.amplitude_codes.tobytes()
         message = messages.Drives(data)
         return Frame(foci, drive, message, self._geometry_hash, solver)
 
     def _points(self, foci: tuple[Focus, ...]) -> Frame:
+        """Return a frame of points, with the drive that the board will compute for them."""
         points = tuple(_frame_focus_on_wire(focus) for focus in foci)
         rounded = tuple(_frame_focus_from_wire(point) for point in points)
         speed_mm_s = frame_sound_speed_mm_s(self._model)

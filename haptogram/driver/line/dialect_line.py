@@ -131,7 +131,7 @@ class DialectLine:
             self.run_until(self.now_ns() + _RETRY_NS)
 
     def _take(self, deadline_ns: int) -> None:
-        """Read replies until the deadline; raise DeviceError on a refusal."""
+        """Read replies until the deadline; raise DeviceError if the board refuses an operation."""
         data = self._transport.read_available(deadline_ns)
         for reply in self._host.receive_data(data) if data else []:
             self._replies.append(reply)

@@ -134,6 +134,7 @@ class Link:
         self._push()
 
     def _wake_ns(self, deadline_ns: int) -> int:
+        """Return when to wake: at the deadline, or earlier for a retry or unwritten bytes."""
         due_us = self.connection.next_deadline_us()
         if due_us is not None:
             deadline_ns = min(deadline_ns, due_us * 1000)
@@ -274,12 +275,14 @@ class Link:
         return message
 
     def _check_time(self, deadline_ns: int, what: str) -> None:
+        """Raise once the deadline has passed while waiting for *what*."""
         if self.now_ns() >= deadline_ns:
             raise errors.NoAnswerError(
                 f"{self.url}: {what} was not answered within {self._timeout_ns / NS_PER_S:g} s"
             )
 
     def _reply_of(self, outcome: _Outcome) -> ReplyReceived:
+        """Return the reply to a request; raise if it timed out or was refused."""
         if isinstance(outcome, RequestTimedOut):
             raise errors.NoAnswerError(
                 f"{self.url}: {outcome.request.name} was sent {outcome.attempts} times and not "

@@ -110,6 +110,7 @@ class LeadTrim:
         self.lead_us = lead_us
 
     def _begin_epoch(self) -> None:
+        """Forget the measured delays; the next epoch is twice as long."""
         self._delays_us.clear()
         self._frames = 0
         self._epoch *= 2

@@ -140,6 +140,7 @@ class _SigrokSamples:
             )
 
     def _take_byte(self, byte: int, samples: NDArray[np.uint8]) -> None:
+        """Append the edges of the eight channels in one byte of the samples."""
         assert self._last is not None  # take() sets it
         changed = np.empty(len(samples), np.uint8)
         changed[0] = samples[0] ^ self._last[byte]

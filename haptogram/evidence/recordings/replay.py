@@ -202,6 +202,7 @@ def _recorded_parts(
 
 
 def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
+    """Return the opening of a line that an entry records; None for other entries."""
     if entry.topic != LINK:
         return None
     fields = entry.fields
@@ -253,6 +254,7 @@ def _replay_line(
     make_board: MakeReplayBoard,
     result: ReplayResult,
 ) -> None:
+    """Replay one line to a new board, and add the comparison to *result*."""
     board = make_board(_replay_options(opening, facts), paced=opening.paced)
     if opening.boot_ns is not None:
         start_ns = opening.boot_ns
@@ -275,7 +277,7 @@ def _replay_line(
 
 
 def _replay_options(opening: _Opening, facts: LineFacts) -> Mapping[str, Any]:
-    """Return the options of the board; those of a board at a port follow from its HELLO_REPLY."""
+    """Return the recorded options of the board; without any, derive them from its HELLO_REPLY."""
     if opening.options is not None:
         return opening.options
     hello = facts.hello
@@ -465,7 +467,7 @@ class _RecordingPlayer:
             start_ns = now_ns - entry.t_ns if start_ns is None else start_ns
             if entry.topic == TO_HOST:
                 for piece in self._recorded.feed(entry.data):
-                    self._note(RECORDED, piece)
+                    self._compare_frame(RECORDED, piece)
                 self._wait_for_clock()
             else:
                 self._listen_until(start_ns + entry.t_ns)
@@ -491,15 +493,17 @@ class _RecordingPlayer:
             self._listen_until(self._port.now_ns() + _RETRY_NS)
 
     def _listen_until(self, t_ns: int) -> None:
+        """Read and compare the board's frames until a time."""
         while True:
             data = self._port.read_available(t_ns)
             self.to_host += len(data)
             for piece in self._replayed.feed(data):
-                self._note(REPLAYED, piece)
+                self._compare_frame(REPLAYED, piece)
             if self._port.now_ns() >= t_ns:
                 return
 
-    def _note(self, side: str, piece: Annotated) -> None:
+    def _compare_frame(self, side: str, piece: Annotated) -> None:
+        """Compare a frame; the first ones of both sides give the shift of the clock."""
         self.comparison.add_frame(side, piece)
         if piece.header is None or side in self._first_us:
             return

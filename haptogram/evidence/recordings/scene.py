@@ -116,7 +116,7 @@ def focus_of_recording(
 
 
 def _scene(t_ns: int, name: str, spheres: list[Fields]) -> Fields:
-    """Return an update by which one entity replaces the last of its name."""
+    """Return a scene update that replaces the entity of the same name."""
     entity = {
         "timestamp": _time(t_ns),
         "frame_id": _AXES,

@@ -111,7 +111,7 @@ def _cases_by_reason(suite: SuiteResult, behaviour: Behaviour) -> dict[str, list
 
 
 def _common_reasons(suite: SuiteResult) -> dict[str, list[str]]:
-    """Return the reasons for which more than a few cases were inconclusive, such as no board."""
+    """Return the reasons that made several cases inconclusive, such as no board."""
     reasons = _cases_by_reason(suite, Behaviour.INCONCLUSIVE)
     return {reason: cases for reason, cases in reasons.items() if len(cases) > _NAMED}
 

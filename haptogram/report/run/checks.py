@@ -92,6 +92,7 @@ def run_checks(
 
 
 def _check_of_fault(run: verification.RunVerdict, fault: _Fault) -> Check:
+    """Check that no judged frame shows one kind of fault."""
     found = [frame for frame in run.frames if fault.shows(frame)]
     besides = sum(frame.status in fault.besides for frame in run.frames)
     judged = run.counts[fault.seen_in] - besides
@@ -185,6 +186,7 @@ def _named_frames(frames: list[verification.FrameVerdict]) -> list[str]:
 
 
 def _first_lines(items: Sequence[_Item], describe_item: Callable[[_Item], str]) -> list[str]:
+    """Return a line for each of the first items, and the number of the others."""
     lines = [describe_item(item) for item in items[:NAMED_FRAMES]]
     if len(items) > NAMED_FRAMES:
         lines.append(f"... and {len(items) - NAMED_FRAMES} more, in the JSON file")

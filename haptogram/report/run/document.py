@@ -137,7 +137,7 @@ def _run_key_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, str]
 
 
 def _run_properties(result: Mapping[str, Any]) -> dict[str, str]:
-    """Return what is set of the run as dotted names with texts."""
+    """Return the settings of the run as texts, by dotted names."""
     names = ("verdict", "evidence", "seed", "frames", "faults", "configuration", "board")
     named = {name: result[name] for name in names if name in result}
     return {

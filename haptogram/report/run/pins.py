@@ -163,7 +163,7 @@ def draw_pin_elements(one: Mapping[str, Any]) -> Figure:
 def _draw_pin_values(
     axes: Any, table: Mapping[str, Any], name: str, spread: str, limit: float | None
 ) -> None:
-    """Draw one value of the elements with its spread; those beyond the *limit* stand out."""
+    """Draw one value of each element with its spread; mark values beyond the *limit*."""
     values = table[name]
     off = np.zeros(len(values), np.bool_) if limit is None else np.abs(values) > limit
     for colour, chosen in ((BLUE, ~off), (VERMILION, off)):

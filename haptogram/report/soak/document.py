@@ -91,7 +91,7 @@ def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
 
 
 def _soak_course(campaign: SoakCampaign) -> list[document.Block]:
-    """Return the course in a few steps: what each of them counted, and its latest frame."""
+    """Return the counts of a soak in a few steps of time, each with its latest frame."""
     course, interval_s = campaign.tally.course, campaign.setup.interval_s
     if not course:
         return []

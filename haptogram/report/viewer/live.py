@@ -107,6 +107,7 @@ class LiveViewerScene:
         )
 
     def _latch(self, seen: Observation) -> None:
+        """Show a latch of the Haptogram wire, on time or late."""
         self._counters["late"] += seen.late
         self._show(
             seen.output,
@@ -117,6 +118,7 @@ class LiveViewerScene:
         )
 
     def _pulses(self, seen: PulseObservation) -> None:
+        """Show a latch of a board of another dialect."""
         # As fine as a page draws; the verdict knows the pulses themselves.
         drive = Drive.from_weights(saturated_weights(seen.weights))
         self._counters += Counter(seen.counted)
@@ -131,6 +133,7 @@ class LiveViewerScene:
         timing: int = TIMELY,
         received_us: int | None = None,
     ) -> None:
+        """Append a frame to the scene, and count it by the kind of its field."""
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")
         self._frames.append(
@@ -149,6 +152,7 @@ class LiveViewerScene:
         self._counters["no single focus"] += isinstance(field, NotSingle)
 
     def _output(self, record: Mapping[str, Any]) -> None:
+        """Take the output state, a remark, or the count of another event."""
         if record["event"] == "state":
             self._state = f"{record['state']} ({record['reason']})"
         elif record["event"] == "remark":

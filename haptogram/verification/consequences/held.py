@@ -122,5 +122,6 @@ def consequence_of_held_focus(
 
 
 def _held_focus_pressure_rms_pa(model: AcousticModel, drive: Drive, position: FloatArray) -> float:
+    """Return the RMS pressure of a held drive at a position."""
     found = pressure(model, drive.weights(), position[None, :])
     return abs(complex(found[0])) / math.sqrt(2.0)

@@ -275,7 +275,7 @@ class ToleratedHost:
         return self._elements_text(model, errors, np.flatnonzero(off))
 
     def _is_proven(self, off: Bools) -> bool:
-        """Return True if hosts explain all elements but *off*, and none of these.
+        """Return True if tolerated hosts explain all elements except *off*, and none of *off*.
 
         Small changes of the air can turn an element far where a solver made the drive.
         """
@@ -300,6 +300,7 @@ class ToleratedHost:
     def _elements_text(
         self, model: AcousticModel, errors: FloatArray, numbers: NDArray[np.intp]
     ) -> str:
+        """Return the fault of the elements: inverted, swapped, or out of step."""
         names, limit_rad = faulty_elements_text(model, numbers), self._off_rad
         if bool((np.abs(np.abs(errors[numbers]) - math.pi) <= limit_rad).all()):
             return f"{names} inverted"

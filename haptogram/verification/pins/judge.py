@@ -159,6 +159,7 @@ class _PinJudge:
 
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
+        """Return the frames that the pins show late."""
         shown = self.shown
         return np.flatnonzero((shown.late > LATE_PERIODS) & shown.seen)
 
@@ -199,6 +200,7 @@ class _PinJudge:
         return len(torn)
 
     def _note_events(self) -> None:
+        """Note lost and late frames as events of the verdict."""
         for frame in np.flatnonzero(self.shown.lost):
             self.events.append(f"{frame}: not latched; the pins kept the drive they had")
         for frame in self._late_frames:
@@ -301,7 +303,7 @@ class _PinJudge:
         return agreeing >= _FEWEST_AGREEING
 
     def _fits_better_elsewhere(self, judged: Bools) -> bool:
-        """Return True if more drives are right, and of every pin, a frame off or from its begin on.
+        """Return True if the pins match better with the run shifted by a frame or to its begin.
 
         A pin that is wrong wherever the run begins is wrong.
         """
@@ -495,6 +497,7 @@ class _PinJudge:
         return PinLimits.of(self.record)
 
     def _check_carrier(self) -> None:
+        """Add a finding if the carrier frequency is out of tolerance."""
         drift = self.record.drift_ppm
         if self.record.cut and self.record.end < _LEAST_PERIODS_OF_CARRIER:
             self.not_judged["carrier"] = (

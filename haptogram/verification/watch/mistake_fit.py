@@ -137,6 +137,7 @@ class MistakeFit:
         return float(explained @ explained / variance / kept.shape[1])
 
     def _is_beyond_chance(self, used: BoolArray, rms: FloatArray, right: BoolArray) -> bool:
+        """Return True if the agreement of the right frames is unlikely by chance."""
         chances = [
             log_chance(int(self._sounding[t].sum()), int(used[t].sum()), rms[t], step, UNKNOWNS)
             for t, step in enumerate(self._steps)

@@ -123,13 +123,13 @@ class ClientMistakes:
         return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)
 
     def _is_enough(self, parts: tuple[Part, ...]) -> bool:
-        """Return True if enough distinct targets were seen to prove a mistake."""
+        """Return True if enough distinct targets were seen; a mistake without foci needs none."""
         is_focus = np.isfinite(self._found).all(axis=1).mean() > 0.5
         is_simple = not is_focus and len(parts) == 1
         return is_simple or self._distinct >= LEAST_TARGETS
 
     def _levels(self) -> Iterator[list[tuple[float, tuple[Part, ...]]]]:
-        """Yield the scores of single mistakes, then those of two at once, the best ones first."""
+        """Yield scores of hypotheses of one mistake, then of two, each sorted by score."""
         score, none = self._score, self._none
         if score(none)[0] <= _EXPLAINS:
             return

@@ -123,6 +123,7 @@ class BoardConnection(ConnectionInbox):
         self._start_sequences(0)
 
     def _start_sequences(self, control_seq: int) -> None:
+        """Reset the sequence numbers of stream, requests and events for a new session."""
         self._stream_expected = m.FIRST_STREAM_SEQ  # unwrapped
         self._control_newest = control_seq
         self._event_seq = 0
@@ -157,6 +158,7 @@ class BoardConnection(ConnectionInbox):
         self.counters[reason] = (self.counters[reason] + number) & 0xFFFFFFFF
 
     def _judge(self, body: bytes, t_rx_us: int) -> BoardEvent:
+        """Return what a decoded frame is to the board: stream, request or drop."""
         self.count("frames")
         header = m.Header.of_body(body)
         in_session = self.session != 0 and header.session == self.session
@@ -168,6 +170,7 @@ class BoardConnection(ConnectionInbox):
         return self._drop(frame, "unknown_type")
 
     def _drop(self, frame: ReceivedFrame, reason: str) -> FrameDropped:
+        """Count a dropped frame and return its event."""
         self.count(reason)
         return FrameDropped(reason, frame.t_rx_us, frame.in_session)
 
@@ -233,6 +236,7 @@ class BoardConnection(ConnectionInbox):
         return self._judge_payload(frame, m.MESSAGES[header.type])
 
     def _judge_payload(self, frame: ReceivedFrame, kind: type[m.Message]) -> BoardEvent:
+        """Parse the payload of a request; refuse a wrong length or value."""
         try:
             message = kind.deserialize(frame.payload)
         except RemoteProtocolError as error:
@@ -250,6 +254,7 @@ class BoardConnection(ConnectionInbox):
         return self._refuse(frame, m.ErrorCode.BAD_VALUE, error.offset, is_remembered=True)
 
     def _judge_hello(self, frame: ReceivedFrame, hello: m.Hello) -> BoardEvent:
+        """Refuse a wrong HELLO, repeat the greeting of the open session, or open a new one."""
         if hello.major != m.VERSION_MAJOR:  # HG-4.4
             own = m.VERSION_MAJOR
             return self._refuse(frame, m.ErrorCode.VERSION, own)
@@ -278,6 +283,7 @@ class BoardConnection(ConnectionInbox):
     def _request(
         self, frame: ReceivedFrame, message: m.Message, *, new_session: bool = False
     ) -> RequestReceived:
+        """Count a request, use up its number, and return its event."""
         self.count("requests")
         header = frame.header
         self._take_control_seq(frame)
@@ -294,6 +300,7 @@ class BoardConnection(ConnectionInbox):
         )
 
     def _take_control_seq(self, frame: ReceivedFrame) -> None:
+        """Use up the number of a request of this session."""
         seq = frame.header.seq
         if frame.in_session and m.signed_difference(seq, self._control_newest, 16) > 0:
             self._control_newest = seq
@@ -405,11 +412,13 @@ class BoardConnection(ConnectionInbox):
         return taken
 
     def _oldest(self, limit: int) -> Iterator[bytes]:
+        """Remove and yield the oldest queued frames that fit in *limit* bytes."""
         while self._frames and len(self._frames[0]) <= limit:
             limit -= len(self._frames[0])
             yield self._frames.popleft()
 
     def _answer(self, request: RequestReceived, message: m.Message, now_us: int) -> None:
+        """Queue the response to a request; remember it for repetitions."""
         wire = self._response(message, request.seq, now_us)
         if request.message.TYPE not in _IDEMPOTENT:
             self._answered = _Answered(request.seq, request.crc, wire)

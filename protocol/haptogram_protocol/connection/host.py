@@ -195,6 +195,7 @@ class HostConnection(ConnectionInbox):
     def _send(
         self, message: m.Message, now_us: int, *, session: int, flags: int = 0, time_us: int = 0
     ) -> int:
+        """Queue a request with the next number, to be sent again until answered."""
         seq = self._control_seq
         body = m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
         wire = encode_frame(body, self._stuff)
@@ -218,6 +219,7 @@ class HostConnection(ConnectionInbox):
                 self._output += self._pending.resend(waiting, now_us)
 
     def _give_up(self, waiting: PendingRequest) -> None:
+        """Forget a request without an answer; time out the link."""
         self._pending.forget(waiting)
         if self.link_state is LinkState.OPEN or waiting.request is m.MessageType.HELLO:
             self.link_state = next_link_state(self.link_state, LinkInput.TIMED_OUT)
@@ -243,10 +245,12 @@ class HostConnection(ConnectionInbox):
         return self._judge(body, t_rx_us)
 
     def _drop(self, reason: str, t_rx_us: int) -> events.FrameDropped:
+        """Count a dropped frame and return its event."""
         self.counters[reason] += 1
         return events.FrameDropped(reason, t_rx_us)
 
     def _judge(self, body: bytes, t_rx_us: int) -> events.HostEvent:
+        """Parse a decoded frame and return its event: response, event or drop."""
         self.counters["frames"] += 1
         try:
             header, message = m.parse_body(body)

@@ -96,7 +96,7 @@ class Autd3Unit(LatchingUnit):
         self._changes: int | None = None  # period in which something changes by itself
         self._free = 0  # first period with a latch that no operation asked for
         self._idle = -self._gap  # period in which a change by itself last made no latch
-        self._look(self._boot_period, "power-up")
+        self._latch_if_changed(self._boot_period, "power-up")
 
     def take(self, operation: Operation, t_us: int) -> list[Reply]:
         """Do what the client asks; return the answer of the link."""
@@ -125,7 +125,7 @@ class Autd3Unit(LatchingUnit):
     def advance_to(self, t_us: int) -> list[Reply]:
         """Let every change happen that is due up to *t_us*."""
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
-            self._look(self._period_at(next_us))
+            self._latch_if_changed(self._period_at(next_us))
         return []
 
     def _write(self, operation: messages.Write, t_us: int) -> Reply:
@@ -138,6 +138,7 @@ class Autd3Unit(LatchingUnit):
         return messages.Accepted()
 
     def _refuse_number(self, asked: int) -> messages.Autd3Refused | None:
+        """Return a refusal if the client has opened another number of devices."""
         if asked == len(self._devices):
             return None
         self.counters["devices_differ"] += 1
@@ -145,7 +146,7 @@ class Autd3Unit(LatchingUnit):
             f"{asked} devices are opened, this board has {len(self._devices)}"
         )
 
-    def _look(self, period: int, cause: str | None = None) -> None:
+    def _latch_if_changed(self, period: int, cause: str | None = None) -> None:
         """Latch the outputs of the devices in *period*, if they have changed."""
         was_due = self._changes is not None and self._changes <= period
         if self._asked is not None and self._asked <= period:

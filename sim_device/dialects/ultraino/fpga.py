@@ -41,6 +41,7 @@ class FpgaChain(Settings):
 
 
 def _simple_ultraino_unit(options: Amplitudes, now_us: int) -> DoubleBuffer:
+    """Return the unit of one FPGA, which treats the byte FB as its options say."""
     return DoubleBuffer(Registers(wire.RULES[options.fb], 32, _WIDTH), 1, now_us)
 
 

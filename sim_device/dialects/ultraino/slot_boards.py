@@ -112,6 +112,7 @@ class SlotBoards(LatchingUnit):
         self._durations[: len(operation.periods)] = operation.periods
 
     def _commit_durations(self, _: operations.CommitDurations, t_us: int) -> None:
+        """Apply the durations; firmware that shows one pattern takes its number from them."""
         self._playlist.skip_to(self._period(t_us))
         if not self._shows_one:
             self._playlist.commit(bytes(self._durations))
@@ -128,6 +129,7 @@ class SlotBoards(LatchingUnit):
         self._latch("swap", t_us)
 
     def _latch(self, cause: str, t_us: int) -> None:
+        """Append a latch of the pattern that the boards show."""
         pattern = self._playlist.pointer
         pulses = PulseDrive.of_levels(self._levels(self._shown[:, pattern]))
         self._latches.append(PulseLatch(t_us, pulses, cause, index=pattern))
@@ -313,10 +315,12 @@ class UnsteadyUnit(LatchingUnit):
         return replies
 
     def _collect(self) -> None:
+        """Take all latches of the unit."""
         for latch in self._unit.take_latches():
             self._keep(latch)
 
     def _keep(self, latch: PulseLatch) -> None:
+        """Append a latch with the present state of the carrier."""
         if self._carrier is CarrierState.HALVED:
             self.counters[_HALVED] += 1
         self._shown = dataclasses.replace(latch, carrier=self._carrier)

@@ -128,8 +128,8 @@ class _UltrainoReader:
         """Return the first object of the file, when all calls are done."""
         parser = xml.parsers.expat.ParserCreate()
         parser.StartDoctypeDeclHandler = _refuse_ultraino_doctype
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
+        parser.StartElementHandler = self._begin_element
+        parser.EndElementHandler = self._end_element
         parser.CharacterDataHandler = self._characters
         try:
             parser.Parse(data, True)
@@ -137,7 +137,8 @@ class _UltrainoReader:
             raise ConfigurationError(f"line {error.lineno} is not XML, or not whole") from error
         return self._first
 
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+    def _begin_element(self, tag: str, attributes: dict[str, str]) -> None:
+        """Open an XML element within the last one; refuse too many or too deep ones."""
         if len(self._open) >= MAX_DEPTH:
             raise ConfigurationError(f"elements are nested more than {MAX_DEPTH} deep")
         self._elements += 1
@@ -149,10 +150,12 @@ class _UltrainoReader:
             self._named[name] = element  # what is inside it may name it already
 
     def _characters(self, text: str) -> None:
+        """Add text to the open element."""
         if self._open:
             self._open[-1].text.append(text)
 
-    def _end(self, tag: str) -> None:
+    def _end_element(self, tag: str) -> None:
+        """Evaluate the element that ends; its value is an argument of the one around it."""
         value = self._value_of(self._open.pop())
         if self._first is None and tag == "object":
             self._first = value
@@ -160,7 +163,7 @@ class _UltrainoReader:
             self._open[-1].arguments.append(value)
 
     def _value_of(self, element: _Element) -> Any:
-        """Return the value of an element; the first to ask makes its call."""
+        """Return the value of an element, evaluated once."""
         if not element.done:
             element.done = True
             element.value = self._call(element)

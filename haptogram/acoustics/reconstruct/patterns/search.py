@@ -189,7 +189,7 @@ def array_sides_of_pattern(array: TransducerArray) -> list[BoolArray]:
 
 
 def _cells_of_bowl(model: AcousticModel) -> FloatArray:
-    """Return points a quarter of a wavelength apart around the middle that elements look at."""
+    """Return search points around the point that all elements face; none for a flat array."""
     positions, normals = model.array.positions_m, model.array.normals
     if np.linalg.matrix_rank(normals, tol=_LEAST_BEND) < len(_AXES):
         return np.zeros((0, 3))  # all look along one line, or lie in one plane
@@ -219,7 +219,7 @@ def _pattern_cells_between(model: AcousticModel, cells: FloatArray, side: BoolAr
 
 
 def _pattern_phasor(offset: FloatArray) -> NDArray[np.complex64]:
-    """Return e^{j theta} of (..., 2) offsets, 1 where there is none."""
+    """Return e^{j theta} of (..., 2) offsets; 1 for an offset of zero."""
     value = offset[..., 0] + 1j * offset[..., 1]
     size = np.abs(value)
     return np.where(size > 0.0, value / np.where(size > 0.0, size, 1.0), 1.0).astype(np.complex64)

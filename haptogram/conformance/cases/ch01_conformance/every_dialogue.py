@@ -140,7 +140,7 @@ class DialogueDifferences:
 def _judge_random_dialogue(
     lockstep: Lockstep, number: int, coverage: DialogueCoverage, found: DialogueDifferences
 ) -> bool:
-    """Play one random dialogue; record its minimised form if it breaks a clause anew.
+    """Play one random dialogue; minimise and record it if it breaks a new clause.
 
     Returns False if nothing is known: something was held up so that it was not compared, or
     differed and then did not.

@@ -335,7 +335,7 @@ def every_wrong_length(board: BoardClient) -> None:
 
 
 def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[m.Message], int]]) -> None:
-    """FAILED unless requests of these types and lengths are refused with the right length."""
+    """FAILED unless requests of wrong length are refused, naming the right length."""
     with board.counting(requests=len(wrong)):
         for kind, size in wrong:
             right = 0 if kind.TAIL else kind.LAYOUT.size

@@ -234,7 +234,7 @@ def every_nonce_opens_session(board: BoardClient) -> None:
 
 
 def _check_hello_opens(board: BoardClient, nonce: int) -> None:
-    """FAILED unless HELLO with a nonce that is not open opens a session, DISARMED."""
+    """FAILED unless HELLO with a new nonce opens a session in state DISARMED."""
     name = f"HELLO with {nonce:#06x}: HELLO_REPLY"
     check_fields(board.hello(nonce), name, nonce=nonce, state=OutputState.DISARMED)
 
@@ -396,7 +396,7 @@ def every_possession_ends_with_session(board: BoardClient) -> None:
 def _judge_possession(
     board: BoardClient, path: str, judge: Callable[[BoardClient], None], ahead_us: int = 0
 ) -> None:
-    """Let a session own every resource, open the sessions of *path*, judge what was freed."""
+    """Let a session own every resource, open the sessions of *path*, then judge what is free."""
     if board.has(m.Feature.TRACE_RING | m.Feature.CONFIG):
         board.configure(trace_mode=m.TraceMode.RING)
     if board.has(m.Feature.SEQUENCE_PHASES):

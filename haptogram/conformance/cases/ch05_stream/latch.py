@@ -274,7 +274,7 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
 
 
 def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: m.TraceMode) -> None:
-    """FAILED unless the frames of a playback that flushes a queued frame are those stored."""
+    """FAILED unless a playback that flushes a queued frame latches its stored frames."""
     stored = playback.send_phases_to_store(board, _SEQUENCE, frames=2)
     board.link.stream(kind.make(), _time_behind_burst_us(board))
     since = board.link.mark()
@@ -413,7 +413,7 @@ def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m
 def _judge_latches_around_off(
     board: BoardClient, name: str, plays: Sequence[bool], off_us: int, mode: m.TraceMode
 ) -> None:
-    """FAILED if both latches of such a burst are in one carrier period."""
+    """Switch the output off between two latches; FAILED if both are in one carrier period."""
     board.hello()
     board.arm()
     since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))

@@ -158,6 +158,7 @@ def _timer(reason: MuteReason, happen: events.Event, needs: m.Feature, *where: s
 
 
 def _upload(name: str, happen: events.Event, due: effects.Due) -> Effect:
+    """Return the effect of a request of an upload."""
     return Effect("HG-7.4/1", name, happen, due, _UPLOADS)
 
 
@@ -334,17 +335,19 @@ def _output_with_queue(board: BoardClient) -> None:
 
 
 def _output_in_ramp(board: BoardClient) -> None:
-    """Queue frames, and be silent until the ramp of hold or lease has begun."""
+    """Queue frames, then wait until the ramp of hold or lease has begun."""
     _output_with_queue(board)
     board.wire.idle(70 * _MS)
 
 
 def _output_of_playback(board: BoardClient) -> None:
+    """Let a playback in a loop sound for a few frames."""
     OUTPUT_STATES[PLAYING](board)
     playback.let_play(board, 5)
 
 
 def _output_of_playback_in_ramp(board: BoardClient) -> None:
+    """Start a playback whose unattended timer expires, and wait until the ramp has begun."""
     playback.play_now(board, STORED, loops=0, unattended_ms=40)
     board.wire.idle(70 * _MS)
 

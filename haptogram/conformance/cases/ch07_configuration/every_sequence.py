@@ -340,7 +340,7 @@ def _store_mixed_frames(board: BoardClient, form: uploads.UploadForm, wanted: in
 def _judge_frames_of_long_playback(
     board: BoardClient, sequence: int, stored: list[bytes], name: str
 ) -> None:
-    """FAILED unless equal stored frames, and only these, give equal latches."""
+    """Play a sequence; FAILED unless latches are equal exactly where stored frames are."""
     since = _begin_traced_playback(board)
     ended = playback.play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
     check_fields(ended, f"{name}: PLAYBACK_ENDED", loops=1, frames=len(stored))

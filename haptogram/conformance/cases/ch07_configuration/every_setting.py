@@ -228,7 +228,7 @@ def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
 
 
 def _all_of(settings: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Merge all changes; the last one of a field counts."""
+    """Return all changes merged into one; the last one of a field counts."""
     return {name: value for changes in settings for name, value in changes.items()}
 
 
@@ -253,7 +253,7 @@ def _hold_with_configuration(
     length_ms: int,
     changes: Mapping[str, Any],
 ) -> None:
-    """Change the configuration while a hold runs; FAILED unless it ends at its new time."""
+    """Change the configuration while a hold runs; FAILED unless the hold ends when now due."""
     ramps = board.has(m.Feature.AMPLITUDE)
     before = {"hold_ms": length_ms, "ramp_ms": _RAMP_MS if ramps else 0}
     after = before | dict(changes)

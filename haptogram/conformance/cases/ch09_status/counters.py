@@ -241,7 +241,7 @@ def _check_margins(
 
 
 def _judge_margins_of(board: BoardClient, good: m.Message, margins: Sequence[int]) -> None:
-    """FAILED unless STATUS reports the margins of these frames once."""
+    """Send frames with the given margins; FAILED unless STATUS reports their margins once."""
     board.hello()
     board.arm()
     board.status()

@@ -195,7 +195,7 @@ def _muted_by_lease_after_ms(
     *,
     plays: bool,
 ) -> float:
-    """Return the time in ms from the start of the lease to its mute, with a frame between.
+    """Return the ms from the start of the lease to its mute, when a frame arrives in between.
 
     The request *first*, if there is one, starts the timer anew, and is the remembered one.
     """
@@ -268,7 +268,7 @@ def _repeated_renewals(
 def _frame_that_renews(
     board: BoardClient, kind: int, payload: bytes, back: int | None = None, **header: Any
 ) -> bytes:
-    """Return a frame of the session with the next number of its kind, or one so far back."""
+    """Return a frame with the next number of its kind, or with a number *back* before it."""
     if kind in m.STREAM_RANGE:
         return board.link.stream_raw(kind, payload, **header)
     seq = board.link.next_seq() if back is None else board.link.seq - back
@@ -371,7 +371,7 @@ def _lease_late_us(
     make: Callable[[BoardClient], Frames],
     names: Sequence[str],
 ) -> int:
-    """Return how late the timer mutes, with the frames of these names sent three times."""
+    """Return how late the timer mutes when the named frames are sent three times meanwhile."""
     frames = make(board)
     wires = [data for name in names for data in frames[name]]
     length_ms = _lease_length_ms(board, {name: frames[name] for name in names})

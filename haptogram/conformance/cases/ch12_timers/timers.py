@@ -263,7 +263,7 @@ def every_status_period_passes_as_a_whole(board: BoardClient) -> None:
 
 
 def _wait_before_timer_wrap(board: BoardClient, before_us: int) -> int:
-    """Wait until so long before the next wrap of the device clock; return the time of the wrap.
+    """Wait until *before_us* before the next wrap of the device clock; return the wrap's time.
 
     Meanwhile the board is DISARMED, and asked for its time every 30 minutes, so that the host's
     unwrapped time stays right.
@@ -387,7 +387,7 @@ def _send_all_during_hold(board: BoardClient, drop: Drop, ahead_us: int) -> None
 
 
 def _ask_all_during_hold(board: BoardClient) -> None:
-    """Send every request that leaves the hold as it runs: carried out, refused, and HELLO again."""
+    """Send every request that must not change a running hold: accepted, refused, and HELLO."""
     for message in valid_requests_to_send(board, STORED):
         if message.TYPE.name not in ("DISARM", "PLAY"):
             board.link.ask(message)

@@ -146,7 +146,7 @@ def _group_bounds(before: FloatArray, window: float) -> Iterator[tuple[int, int]
 
 
 def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, FloatArray]:
-    """Return between which times each change of the pulses of a pin happened, (C,) both."""
+    """Return (C,) the earliest and the latest time of each change of a pin's pulses."""
     rises, falls = pin.rises, pin.falls
     if not len(rises):
         return rises, falls
@@ -181,6 +181,7 @@ def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, Floa
 def _latch_of_changes(
     after: FloatArray, before: FloatArray, owners: _Ints, limit: float
 ) -> PinLatch:
+    """Return the latch that a group of pin changes makes, with its late pins."""
     places, firsts, counts = np.unique(owners, return_index=True, return_counts=True)
     begin = float(before[firsts].min())
     late = after[firsts] - begin > limit

@@ -193,6 +193,7 @@ class Autd3BoardEnd:
         return messages.Close(), 1
 
     def _give_up(self, reason: str) -> tuple[Operation, int]:
+        """End the link as undecodable for *reason*."""
         self._ended = True
         self.counters["links_undecodable"] += 1
         return messages.Undecodable(reason), 0

@@ -48,7 +48,7 @@ def _phases_at_centre_kernel(
 
 @jit_sums
 def _levels_kernel(elements: F4, drive: F4, z: Float, lengths: F4, loss: Float, at: F4) -> Float:
-    """Set the levels *at* the centre, but for 1 / r and the loss over a length; return that length.
+    """Set each element's level at the centre, relative to the mean length; return that length.
 
     Then the parts of the distances along the elements' normals that are the same all over the disc.
     """
