@@ -32,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_after_start(argv: Sequence[str] | None) -> int:
+    """Load the program and run it."""
     from .cli import main as run
 
     return run(argv)

@@ -161,6 +161,7 @@ class Serial(serial.SerialBase):
         return self._observations
 
     def _blueprint(self, board: BoardConfig) -> Blueprint:
+        """Return the blueprint of the board; name the URL in an error."""
         try:
             return blueprint_of(board)
         except ConfigurationError as error:
@@ -204,6 +205,7 @@ class Serial(serial.SerialBase):
         self._close_records()
 
     def _close_records(self) -> None:
+        """Finish and close all that records the board."""
         if self._inline is not None:
             self._inline.finish()
         if self._worker is not None:
@@ -264,6 +266,7 @@ class Serial(serial.SerialBase):
         self._catch_up()
 
     def _deadline_ns(self, timeout_s: float | None) -> int | None:
+        """Return when a timeout from now ends; None without one."""
         return None if timeout_s is None else self.now_ns() + round(timeout_s * 1e9)
 
     def _is_over(self, deadline_ns: int | None) -> bool:
@@ -278,6 +281,7 @@ class Serial(serial.SerialBase):
         self._check_connected()
 
     def _check_connected(self) -> None:
+        """Raise if the cable was pulled by a fault."""
         if not self.simulation.is_connected:
             raise serial.SerialException("unplugged, by line.disconnect")
 

@@ -252,6 +252,7 @@ class Simulation:
         return None if next_ns == _NEVER_NS else max(next_ns, self.now_ns)
 
     def _first_event_ns(self) -> int:
+        """Return the time of the next event of board or line."""
         first_ns = _NEVER_NS
         if (board_us := self.dialect.next_event_us()) is not None:
             first_ns = self._clock.reached_ns(board_us)
@@ -347,6 +348,7 @@ class Simulation:
             self._overrun_host(self._line.host_buffer)
 
     def _record(self) -> None:
+        """Pass new notices and latches to the recorders, latches with their injected faults."""
         notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
         if self._injector is not None:
             latches = [self._injector.radiate(latch, self.now_ns) for latch in latches]

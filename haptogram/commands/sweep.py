@@ -103,6 +103,7 @@ def _journal_path(path: Path | None) -> Path | None:
 
 
 def _open_sweep_workers(arguments: argparse.Namespace) -> OpenWorkers:
+    """Return a function that opens the workers: processes, or Dask with --scheduler."""
     from haptogram.campaigns.sweep.workers import dask_workers, process_workers
 
     if arguments.scheduler is None:
@@ -118,6 +119,7 @@ def _sweep_resume_hint(campaign: SweepCampaign) -> str:
 
 
 def _sweep_exit_status(campaign: SweepCampaign) -> int:
+    """Return the exit status: fail before interrupted, error, inconclusive, pass."""
     verdicts = {row["verdict"] for row in campaign.rows.values()}
     if "fail" in verdicts:
         return FAIL

@@ -94,6 +94,7 @@ def run_view(arguments: argparse.Namespace) -> int:
 
 
 def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
+    """Serve a page of the frames in a recording; return the exit status."""
     from haptogram.report.viewer.recorded import viewer_scene_of_recording
     from haptogram.report.viewer.scene import view_document
 
@@ -110,6 +111,7 @@ def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> i
 
 
 def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
+    """Serve a live page of a board's back door; return the exit status."""
     from haptogram.evidence.backdoor import BackdoorReader
     from haptogram.report.viewer.live import LiveViewerScene
     from haptogram.report.viewer.scene import view_document

@@ -316,6 +316,7 @@ class DriverSession:
             self._take_event(event)
 
     def _take_event(self, event: EventReceived) -> None:
+        """Keep the newest STATUS, a traced latch as an observation, and other events."""
         if isinstance(event.message, Status):
             self.last_status = event.message
             return

@@ -176,6 +176,7 @@ def _lacked_latches(records: Sequence[Mapping[str, Any]], session: int | None) -
 
 
 def _end_record(records: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """Return the last record if it is the end of the board; else None."""
     return records[-1] if records and records[-1]["kind"] == _END else None
 
 
@@ -366,6 +367,7 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         self._input.close()
 
     def _record(self, line: bytes) -> dict[str, Any]:
+        """Parse a line as a record, or raise."""
         self._lines += 1
         try:
             record: dict[str, Any] = json.loads(line)

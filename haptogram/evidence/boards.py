@@ -423,6 +423,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
         self.unseen = why
 
     def _why_incomplete(self, driver: AnyDriver) -> str | None:
+        """Return why latches of sent frames are missing in the back door; None if none are."""
         if are_records_of_another_dialect(self._seen):
             if has_dialect_latched_all(driver.intended, self._seen):
                 return None

@@ -94,6 +94,7 @@ def _is_board_held_by_fixture(item: Any) -> bool:
 
 
 def _check_verified_board(board: VerifiedBoard) -> None:
+    """Fail the test if the verdict on its board is not pass."""
     from haptogram.errors import HaptogramError
 
     problem = ""

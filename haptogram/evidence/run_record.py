@@ -196,6 +196,7 @@ def measure_run(
 
 
 def _identity_of_run(identity: HelloReply) -> dict[str, object]:
+    """Return firmware, protocol and array of the board for the result."""
     return {
         "firmware": printable_on_terminal(identity.firmware),
         "protocol": f"{identity.major}.{identity.minor}",
@@ -363,6 +364,7 @@ def _unexpected_run_counters(
 
 
 def _frames_of_run(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
+    """Return the frames of the object, solved as configured."""
     solver = cast("Method", config.solver_of_host)
     mode = cast("Mode", config.frame_kind)
     return driver.frames(run_frames.targets_of_run(config, shown), mode=mode, solver=solver)

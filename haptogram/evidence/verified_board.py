@@ -198,6 +198,7 @@ class VerifiedBoard(ClosedByWith):
 def _verified_focus_problems(
     result: WatchResult, count: int, frames: int, rounds: int | None
 ) -> Iterator[str]:
+    """Yield a line for foci off target, and for a wrong number of latched frames."""
     if result.verdict is not Verdict.PASS:
         yield "foci      not all are where they were expected"
     if rounds is not None and frames != rounds * count:
@@ -207,6 +208,7 @@ def _verified_focus_problems(
 
 
 def _verified_late_problems(records: Sequence[Mapping[str, Any]], most: int) -> Iterator[str]:
+    """Yield a line if more than *most* frames were latched late."""
     late = [record["index"] for record in records if record["kind"] == "latch" and record["late"]]
     if len(late) > most:
         yield f"late      {len(late)} frames were latched late: {_indices_text(late)}"

@@ -69,6 +69,7 @@ class TerminalProcesses:
 
 
 def _threads_behind_terminal(number: str) -> list[Path]:
+    """Return the threads of the processes that hold the master of a pseudo-terminal."""
     wanted, threads = f"tty-index:\t{number}\n", []
     for process in _PROCESSES.glob("[0-9]*"):
         with contextlib.suppress(OSError):  # of another user, or at its end
@@ -79,6 +80,7 @@ def _threads_behind_terminal(number: str) -> list[Path]:
 
 
 def _is_terminal_master(descriptor: Path) -> bool:
+    """Return True if a file descriptor is the master of a pseudo-terminal."""
     try:
         return os.readlink(descriptor).endswith("ptmx")
     except OSError:

@@ -133,6 +133,7 @@ def _mesh_spanning_tree(points: FloatArray) -> list[tuple[int, int]]:
 
 
 def _mesh_neighbour_graph(points: FloatArray) -> csr_array:
+    """Return the sparse distances from each point to its nearest neighbours."""
     from scipy.sparse import csr_array
     from scipy.spatial import cKDTree
 

@@ -151,6 +151,7 @@ def _as_focus_position(position_m: Any) -> tuple[float, float, float]:
 
 
 def _as_focus_coordinate(value: Any) -> float:
+    """Return a finite number as a float; raise TypeError otherwise."""
     if isinstance(value, float) and math.isfinite(value):
         return float(value)
     if isinstance(value, bool) or not (isinstance(value, Real) and math.isfinite(value)):

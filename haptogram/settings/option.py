@@ -258,6 +258,7 @@ def options_of(kind: type[Any]) -> Mapping[str, Option]:
 
 @functools.cache
 def _option_table(kind: type[Any]) -> Mapping[str, Option]:
+    """Return the options of a settings class by name, those of its groups included."""
     hints, rows = get_type_hints(kind), dict[str, Option]()
     for field in dataclasses.fields(kind):
         if "group" in field.metadata:

@@ -120,6 +120,7 @@ def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:
 
 
 def _serpentine_drive_order(grid: Codes) -> Codes:
+    """Return the codes with every second row reversed."""
     result = grid.copy()
     result[1::2] = result[1::2, ::-1]
     return result

@@ -198,6 +198,7 @@ def check_run_judgement(
 
 
 def _observations_to_verify(entries: Iterable[Observation]) -> Iterator[Observation]:
+    """Yield the observations; refuse other objects."""
     for number, entry in enumerate(entries):
         if not isinstance(entry, Observation):
             check_argument_kind(
@@ -253,6 +254,7 @@ def _named_by_other_frame(
 
 
 def _check_unique_keys(intended: Sequence[Intended]) -> None:
+    """Refuse two intended frames with one key."""
     key, times = next(iter(Counter(frame.key for frame in intended).most_common(1)), (None, 0))
     if times > 1:
         raise ConfigurationError(f"{key} is intended {times} times; a key names one frame")

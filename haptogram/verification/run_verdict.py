@@ -139,6 +139,7 @@ class RunVerdict(Judged):
         return max(found, key=lambda one: one.total, default=None)
 
     def _uncertainty_dict(self) -> dict[str, float] | None:
+        """Return the parts of the position uncertainty and their total."""
         found = self.place_uncertainty
         return None if found is None else {**found._asdict(), "total": found.total}
 
@@ -148,6 +149,7 @@ class RunVerdict(Judged):
 
     @functools.cached_property
     def _result(self) -> dict[str, Any]:
+        """Return verdict, reasons, counts and statistics for JSON."""
         coherence, pressure = self.values("coherence"), self.values("pressure_rms_pa")
         force_mn = 1e3 * self.values("force_n")
         evidence = sorted({str(f.evidence) for f in self.frames if f.evidence is not None})
@@ -240,6 +242,7 @@ def cut_run_verdict_text(counts: Mapping[str, int]) -> str:
 
 
 def _has_timing_error(frame: FrameVerdict) -> bool:
+    """Return True if a frame was late, early or latched more than once."""
     return frame.late or frame.early or frame.latches > 1
 
 
@@ -287,6 +290,7 @@ def _run_verdict_field_line(result: dict[str, Any]) -> str:
 
 
 def _run_verdict_foci_line(result: dict[str, Any]) -> str:
+    """Return the line of balance, efficiency and pressure of several foci."""
     return (
         f"  foci      several in a frame: the weakest has {result['balance']['min']:.2f} of their "
         f"mean or more, efficiency {result['efficiency']['min']:.2f} or more (1: they share the "
@@ -327,6 +331,7 @@ def worst_frame_of(frames: Sequence[FrameVerdict]) -> FrameVerdict:
 
 
 def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
+    """Return the named percentiles of *values*; None for each without values."""
     if not len(values):
         return dict.fromkeys(names.split())
     ordered = np.sort(values)
@@ -342,6 +347,7 @@ def _percentile(ordered: np.ndarray, percent: float) -> float:
 
 
 def _run_verdict_spread(values: np.ndarray) -> dict[str, float | None]:
+    """Return mean, deviation and extremes of *values*; None for each without values."""
     if not len(values):
         return dict.fromkeys(_SPREAD)
     return {name: float(getattr(values, name)()) for name in _SPREAD}

@@ -189,6 +189,7 @@ class BackdoorPinCapture:
     # --- waveforms -----------------------------------------------------------------------------
 
     def _write(self, file: TextIO) -> int:
+        """Write the capture as VCD; return the number of edges."""
         names = [CARRIER, LATCH, *(f"e{n}" for n in self._elements), *self._lines]
         file.write("$comment drive pins of a virtual board of Haptogram $end\n")
         write_vcd_head(file, names, self._lines)
@@ -295,6 +296,7 @@ class BackdoorPinCapture:
 def _write_pin_edges(
     file: TextIO, times_ns: np.ndarray, channels: np.ndarray, levels: np.ndarray
 ) -> None:
+    """Write edges in VCD, with a time stamp before each new time."""
     codes = [vcd_identifier(number) for number in range(int(channels.max(initial=0)) + 1)]
     words = [[f"{level}{code}\n" for code in codes] for level in (0, 1)]
     begun = np.concatenate([[True], times_ns[1:] != times_ns[:-1]])[: len(times_ns)]

@@ -89,6 +89,7 @@ class BackdoorEstimator:
         return min(steps for steps in known if steps is not None)
 
     def _reconstruct(self, latch: events.PulseLatch) -> Reconstruction:
+        """Return the field of a pulse latch."""
         return self._reconstructor.reconstruct_weights(
             latch.weights(), step_rad=math.tau / self._coarsest_steps(latch)
         )

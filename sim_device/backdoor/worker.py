@@ -170,6 +170,7 @@ class ReconstructionWorker:
             self._batch = 0
 
     def _pack_batch(self) -> None:
+        """Take a batch of waiting records, and pack it for the pipe."""
         self._batch = min(BATCH, len(self._waiting))
         self._unsent = packed_worker_batch([self._waiting.popleft() for _ in range(self._batch)])
 
@@ -240,6 +241,7 @@ class ReconstructionWorker:
 
 
 def _start_worker_process() -> subprocess.Popen[bytes]:
+    """Start the worker as a process of its own, with one thread for numpy."""
     environment = {**os.environ, **dict.fromkeys(_THREADS, "1")}
     environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
     # Not multiprocessing: it would import the caller's main module again, and that may be anything.
@@ -302,10 +304,12 @@ def _worker_reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...
 
 @functools.lru_cache(maxsize=_KEPT_DRIVES)
 def _drive_at_worker(phases: bytes, amplitudes: bytes, phase_bits: int) -> Drive:
+    """Rebuild a pickled drive."""
     return Drive.from_bytes(phases, amplitudes, phase_bits)
 
 
 def _drive_for_worker(drive: Drive) -> tuple[Any, ...]:
+    """Return a recipe to pickle a drive as its codes."""
     codes = drive.phase_bytes, drive.amplitude_codes.tobytes()
     return _drive_at_worker, (*codes, drive.phase_bits)
 

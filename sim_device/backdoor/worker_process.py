@@ -81,6 +81,7 @@ def _send_to_board(to: int, text: bytes) -> None:
 def _record_batches(
     batches: Iterator[list[Any]], recorder: InlineReconstructionWorker, sink: FileSink | SocketSink
 ) -> None:
+    """Write the records of all batches to the sink, latches together."""
     for batch in batches:
         for kind, items in itertools.groupby(batch, type):
             if kind is Latch:

@@ -221,6 +221,7 @@ class ClientRemarks:
 
     @property
     def _sizes_text(self) -> str:
+        """Return the sizes that a frame of this wire can have, as text."""
         return " or ".join(map(str, self._sizes))
 
     def _remark_missing_commits(self, unshown: UnshownToClient, t_us: int) -> None:

@@ -105,6 +105,7 @@ class DoubleBuffer(LatchingUnit):
         self._next_widths[:] = self._registers.width
 
     def _set_phases(self, operation: operations.SetPhases, _: int) -> None:
+        """Write corrected phase codes to the hidden buffer of each board."""
         codes = np.frombuffer(operation.codes, np.uint8).astype(np.uint16)
         place = slice(operation.first, operation.first + len(codes))
         if self._registers.correction:
@@ -116,6 +117,7 @@ class DoubleBuffer(LatchingUnit):
         self._written = True
 
     def _set_amplitudes(self, operation: operations.SetAmplitudes, _: int) -> None:
+        """Write pulse widths to the hidden buffer of each board."""
         widths = np.frombuffer(operation.codes, np.uint8)
         place = slice(operation.first, operation.first + len(widths))
         for board in operation.boards:
@@ -132,11 +134,13 @@ class DoubleBuffer(LatchingUnit):
         self._latch("swap", t_us)
 
     def _set_clocks(self, operation: operations.Clocks, t_us: int) -> None:
+        """Switch the clocks of the outputs, and latch if that changes them."""
         if operation.on != self._clocked:
             self._clocked = operation.on
             self._latch("clocks on" if operation.on else "clocks off", t_us)
 
     def _set_modulation(self, operation: operations.ModulationStep, t_us: int) -> None:
+        """Set the step of the modulation, and latch if that changes it."""
         if operation.step != self._step:
             self._step = operation.step
             self._latch("modulation", t_us)

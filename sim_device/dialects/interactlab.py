@@ -154,6 +154,7 @@ class InteractlabUnit(LatchingUnit):
 
 
 def _interactlab_pulses(frame: wire.QueueFrame) -> PulseDrive:
+    """Return the pulses of a frame's phases and duties."""
     return PulseDrive(
         np.frombuffer(frame.phases, np.uint8), np.frombuffer(frame.duties, np.uint8), STEPS
     )

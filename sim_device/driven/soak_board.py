@@ -110,6 +110,7 @@ class VirtualSoakBoard:
         self._dialect.advance_to(self._now_us(t_ns))
 
     def _now_us(self, t_ns: int) -> int:
+        """Return the device time, never before what the board has reached."""
         return max(self.device_us(t_ns), self._dialect.board.output.now_us)
 
     def take_frames(self) -> list[bytes]:

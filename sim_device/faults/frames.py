@@ -58,11 +58,13 @@ def sealed_by_fault(body: bytes) -> bytes:
 
 
 def _crc_fault(body: bytes, _: Values, source: random.Random) -> bytes:
+    """Return the frame with one bit of its CRC flipped."""
     wrong = zlib.crc32(body) ^ 1 << source.randrange(8 * framing.CRC_BYTES)
     return cobs_encode(body + wrong.to_bytes(framing.CRC_BYTES, "little"))
 
 
 def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
+    """Return the frame lengthened or cut by some bytes, with a right CRC."""
     more = round(values["bytes"])
     if more < 0:
         cut = body[: max(framing.HEADER_BYTES, len(body) + more)]
@@ -113,6 +115,7 @@ FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
 
 
 def _clock_report_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
+    """Return a frame of the board with shifted times."""
     header, message = messages.parse_body(body)
     by_us = round(values["us"] + values["jitter_us"] * source.uniform(-1, 1))
     if isinstance(message, messages.Pong):
@@ -122,6 +125,7 @@ def _clock_report_fault(body: bytes, values: Values, source: random.Random) -> b
 
 
 def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | None:
+    """Return a status that claims ARMED and no errors; None for other frames."""
     header, message = messages.parse_body(body)
     if not isinstance(message, messages.Status | messages.StatusReply):
         return None
@@ -134,6 +138,7 @@ def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | N
 
 
 def _rebuilt_faulty_report(header: messages.Header, message: messages.Message, by_us: int) -> bytes:
+    """Return the frame of a changed message, with its time shifted and a right CRC."""
     return sealed_by_fault(
         messages.build_body(
             message,

@@ -61,6 +61,7 @@ def fault_on_bytes(edit: Edit) -> LineFault:
 
 
 def _flip_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Flip random bits; return their number."""
     places = list(_fault_places(8 * len(data), values["ber"], source))
     for place in places:
         data[place // 8] ^= 1 << place % 8
@@ -68,6 +69,7 @@ def _flip_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _drop_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Remove random bytes; return their number."""
     places = list(_fault_places(len(data), values["p"], source))
     for place in reversed(places):
         del data[place]
@@ -75,6 +77,7 @@ def _drop_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _insert_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Insert random bytes; return their number."""
     places = list(_fault_places(len(data), values["p"], source))
     for place in reversed(places):
         data.insert(place, source.randrange(256))
@@ -82,6 +85,7 @@ def _insert_fault(data: bytearray, values: Values, source: random.Random) -> int
 
 
 def _burst_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Replace runs of bytes by random ones; return the number of runs."""
     places = list(_fault_places(len(data), values["p"], source))
     for place in places:
         stop = min(len(data), place + round(values["bytes"]))
@@ -90,6 +94,7 @@ def _burst_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _truncate_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Cut off the end at a random place; return 1 if it did."""
     fires = source.random() < values["p"]
     if fires:
         del data[source.randrange(len(data)) :]
@@ -97,6 +102,7 @@ def _truncate_fault(data: bytearray, values: Values, source: random.Random) -> i
 
 
 def _overrun_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Remove a run of bytes; return 1 if it did."""
     fires = source.random() < values["p"]
     if fires:
         first = source.randrange(len(data))
@@ -105,6 +111,7 @@ def _overrun_fault(data: bytearray, values: Values, source: random.Random) -> in
 
 
 def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Replace all bytes by one zero; return 1 if it did."""
     fires = data != b"\x00" and source.random() < values["p"]
     if fires:
         data[:] = b"\x00"  # what a receiver makes of a line held low
@@ -130,6 +137,7 @@ def _gone_fault(_: list[FaultChunk], __: Values, ___: random.Random) -> Acted:
 
 
 def _duplicate_fault(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
+    """Repeat random chunks; return the chunks and the number of copies."""
     doubled: list[FaultChunk] = []
     for chunk in chunks:
         doubled += [chunk] * (1 + (source.random() < values["p"]))
@@ -137,6 +145,7 @@ def _duplicate_fault(chunks: list[FaultChunk], values: Values, source: random.Ra
 
 
 def _delay_fault(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
+    """Delay all chunks by one random time."""
     late_us = values["us"] + values["jitter_us"] * source.random()
     late_ns = round(late_us * _NS_PER_US)
     late = [FaultChunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks]
@@ -144,6 +153,7 @@ def _delay_fault(chunks: list[FaultChunk], values: Values, source: random.Random
 
 
 def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
+    """Cut chunks into pieces with gaps between them."""
     size, gap_ns = round(values["bytes"]), round(values["gap_us"] * _NS_PER_US)
     cut = [
         FaultChunk(chunk.t_ns + k * gap_ns, chunk.data[start : start + size])
@@ -162,10 +172,12 @@ def _held_by_fault(grid_ns: int, chunks: list[FaultChunk]) -> Acted:
 
 
 def _coalesce_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
+    """Delay chunks to a grid of microseconds, so that they arrive together."""
     return _held_by_fault(round(values["us"] * _NS_PER_US), chunks)
 
 
 def _batch_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
+    """Delay chunks to a grid of milliseconds, so that they arrive together."""
     return _held_by_fault(round(values["ms"] * _NS_PER_MS), chunks)
 
 

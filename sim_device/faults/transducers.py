@@ -115,6 +115,7 @@ def _off_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
 
 
 def _intermittent_fault(now: FaultContext, values: Values, source: random.Random) -> _Shown:
+    """Return the drive, silent at random."""
     silent = source.random() < values["p"]
     return now.drive.turns[now.place], 0.0 if silent else now.drive.amplitudes[now.place]
 
@@ -125,6 +126,7 @@ def _stuck_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
 
 
 def _delayed_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
+    """Return the drive with its phase shifted by a code."""
     turned = (now.drive.turns[now.place] + round(values["code"]) / _CODES) % 1.0
     return turned, now.drive.amplitudes[now.place]
 

@@ -317,6 +317,7 @@ def _check_element_count(count: int) -> None:
 
 
 def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
+    """Return the normals scaled to length 1; refuse a zero normal."""
     if normals.shape != (count, 3):
         raise ConfigurationError(f"normals have shape {normals.shape}, must be ({count}, 3)")
     lengths = np.linalg.norm(normals, axis=1)
@@ -348,6 +349,7 @@ def _closest_elements(positions: FloatArray) -> tuple[float, int, int]:
 
 
 def _check_element_spacing(positions: FloatArray) -> None:
+    """Refuse elements that are too close to each other."""
     distance, first, second = _closest_elements(positions)
     if distance <= MIN_SPACING_M:
         raise ConfigurationError(
@@ -357,6 +359,7 @@ def _check_element_spacing(positions: FloatArray) -> None:
 
 
 def _read_position_rows(path: Path) -> list[list[float]]:
+    """Return the rows of a CSV file of positions, with normals if the header has them."""
     lines = read_element_rows(path, "array")
     if not lines:
         raise ConfigurationError(f"{path}: no elements")

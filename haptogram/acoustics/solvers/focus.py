@@ -201,6 +201,7 @@ def superpose_foci(
 def _check_focus_limit(
     name: str, value_m: float, *, low_m: float = -math.inf, high_m: float = math.inf
 ) -> None:
+    """Refuse a coordinate of a target outside its limits."""
     if value_m < low_m - _ROUNDING_M:
         raise ConfigurationError(
             f"target: {name} is {value_m * 1e3:.6g} mm, must be at least {low_m * 1e3:.6g} mm"

@@ -157,6 +157,7 @@ def _iterative_backpropagation(
 def _gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
+    """Iterate between foci of the wanted levels and elements of full amplitude."""
     for _ in range(rounds):
         drive = _solver_phasor(matrix.conj().T @ (wanted * _solver_phasor(matrix @ drive)))
     return drive
@@ -165,6 +166,7 @@ def _gerchberg_saxton(
 def _weighted_gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
+    """Iterate as Gerchberg and Saxton, with weights that even out the foci."""
     kernels = load_kernels()
     if kernels is None:
         return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
@@ -294,6 +296,7 @@ def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArra
 
 
 def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
+    """Return the wanted amplitudes of all foci, within limits, or raise."""
     levels = as_float_vector("amplitudes", amplitudes, count)
     for level in (levels.min(), levels.max()):
         check_number("an amplitude", level, *_LEVELS)

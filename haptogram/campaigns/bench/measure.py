@@ -224,6 +224,7 @@ def _bench_device_times(
 
 
 def _bench_host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convert device times to host times in ns; NaN stays NaN."""
     return np.array(
         [np.nan if np.isnan(us) else driver.clock.to_host_ns(int(us)) for us in device_us]
     )

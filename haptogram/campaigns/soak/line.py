@@ -38,6 +38,7 @@ Pieces: TypeAlias = list[tuple[int, bytes]]
 
 
 def _flip_damage(wire: bytes, source: random.Random) -> Pieces:
+    """Flip a few random bits of a frame."""
     flipped = bytearray(wire)
     for place in source.sample(range(8 * len(wire)), source.randint(1, _MOST_FLIPS)):
         flipped[place // 8] ^= 1 << place % 8
@@ -51,10 +52,12 @@ def _replaced(wire: bytes, source: random.Random, gone: int, new: int) -> Pieces
 
 
 def _delay_damage(wire: bytes, source: random.Random) -> Pieces:
+    """Delay a whole frame, short delays as likely as long ones."""
     return [(round(_LEAST_DELAY_NS * (_MOST_DELAY_NS / _LEAST_DELAY_NS) ** source.random()), wire)]
 
 
 def _slice_damage(wire: bytes, source: random.Random) -> Pieces:
+    """Cut a frame in two, with a delay between the parts."""
     place = source.randrange(1, len(wire))
     return [(0, wire[:place]), (source.randrange(_LEAST_DELAY_NS), wire[place:])]
 

@@ -159,6 +159,7 @@ class SweepCampaign:
                 self._write(row_of_crash(self.plan[number], text), file)
 
     def _write(self, row: dict[str, Any], file: TextIO | None) -> None:
+        """Keep a row, and append it to the journal at once."""
         self.rows[row["point"]] = row
         if file is not None:
             file.write(json.dumps(row) + "\n")

@@ -137,6 +137,7 @@ def read_field_drive_file(path: Path, count: int, phase_bits: int) -> acoustics.
 
 
 def _field_drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
+    """Return the phase and amplitude code in a row of a drive file."""
     try:
         phase, amplitude = (int(cell) for cell in cells)
     except ValueError as error:

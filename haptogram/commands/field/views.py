@@ -159,11 +159,13 @@ def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
 
 
 def _describe_finite_amplitude(scene: FieldScene, focus_m: ArrayLike) -> Iterator[str]:
+    """Yield a warning where the sound is too loud for linear acoustics."""
     text = finite_amplitude_text(NumpyEngine(scene.model), scene.weights[0], focus_m)
     yield from () if text is None else textwrap.wrap(text, 98, subsequent_indent="  ")
 
 
 def _describe_field_focus(engine: NumpyEngine, scene: FieldScene) -> Iterator[str]:
+    """Yield lines about pressure, peak and spot of the focus at the first target."""
     target, weights = scene.targets_m[0], scene.weights[0]
     rms = float(np.abs(engine.pressure(weights, [target])[0])) / math.sqrt(2.0)
     yield f"target ({position_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
@@ -186,6 +188,7 @@ def _describe_field_focus(engine: NumpyEngine, scene: FieldScene) -> Iterator[st
 
 
 def _describe_field_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) -> str:
+    """Return a line about the pressure peak: its shift from the target, or why there is none."""
     try:
         peak = find_pressure_peak(engine, weights, target)
     except ConfigurationError as error:

@@ -108,6 +108,7 @@ def _changed_replay_options(
 
 
 def _check_replay_array(options: Mapping[str, Any], array: str) -> None:
+    """Refuse an array with another number of transducers than that of the recording."""
     from haptogram.acoustics import TransducerArray
 
     before = TransducerArray.parse(str(options.get("array", DEFAULT_ARRAY))).count

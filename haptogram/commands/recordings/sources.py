@@ -147,6 +147,7 @@ def _source_blocks_from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[byt
 
 
 def _recording_as_source(path: Path) -> Source:
+    """Return the bytes of a recording as a source to decode; refuse standard input."""
     from haptogram.evidence.recordings.reader import Recording
 
     if path == _STDIN:

@@ -200,6 +200,7 @@ def _verify_result(
 def _record_verify_result(
     writer: RecordingWriter, found: RunRecord, verdict: RunVerdict, result: dict[str, Any]
 ) -> None:
+    """Record the intended frames, the verdict on each, and the summary."""
     from haptogram.evidence.recordings.channels import SUMMARY
     from haptogram.evidence.recordings.recorded_run import record_intended
     from haptogram.evidence.recordings.scene import ERROR, WARNING

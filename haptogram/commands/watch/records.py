@@ -162,6 +162,7 @@ def _watched_list(records: list[Record]) -> WatchedRecords:
 
 
 def _watched_board_settings(arguments: argparse.Namespace) -> BoardConfig:
+    """Return the settings of the board that watch starts or assumes."""
     return BoardConfig.of(**given_options(arguments, WATCHED_BOARD_OPTIONS))
 
 

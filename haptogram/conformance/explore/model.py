@@ -288,6 +288,7 @@ def _flushes_in_dialogue(header: m.Header) -> bool:
 
 
 def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:
+    """Return the frames in *data*; raise if the model has sent a damaged one."""
     found = []
     for body in FrameDecoder(CLIENT_COBS).feed(data):
         if isinstance(body, RemoteProtocolError):

@@ -83,6 +83,7 @@ def _without_ramp(board: BoardClient, config: m.Config) -> None:
 
 
 def _wait_for_short_timer(board: BoardClient) -> None:
+    """Idle until a timer of the shortest length has expired."""
     board.wire.idle_beyond((_SHORT_MS + 5) * _MS)
 
 

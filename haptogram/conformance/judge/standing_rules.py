@@ -168,6 +168,7 @@ class StandingRules:
     # --- HELLO -----------------------------------------------------------------------------------
 
     def _judge_identity(self, _: ReceivedByClient, message: m.HelloReply) -> Broken:
+        """Judge that HELLO_REPLY has the same identity as before."""
         was = self._since.identity or message
         fields = (field.name for field in dataclasses.fields(message))
         kept = (name for name in fields if name not in _OF_SESSION)
@@ -178,6 +179,7 @@ class StandingRules:
     # --- STATUS ----------------------------------------------------------------------------------
 
     def _judge_status(self, _: ReceivedByClient, message: m.Status | m.StatusReply) -> Broken:
+        """Judge that state, reason and counters of a status agree, and no counter has decreased."""
         yield "HG-3.9/2", self._wrong_counter_sum(message.counters)
         due = _REASONS[OutputState(message.state)]
         text = f"{message.state.name} with the reason {message.reason.name}"
@@ -212,6 +214,7 @@ class StandingRules:
     # --- Configuration and geometry --------------------------------------------------------------
 
     def _judge_config(self, _: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge that the configuration and its CRC change only when they are set."""
         since = self._since
         if isinstance(message, m.UploadCommitReply):
             since.config_crc = None
@@ -229,6 +232,7 @@ class StandingRules:
             since.config_crc = message.config_crc
 
     def _judge_geometry(self, _: ReceivedByClient, message: m.GeometryReply) -> Broken:
+        """Judge that each transducer is always reported at the same place."""
         since = self._since
         if since.identity is None:
             return
@@ -241,6 +245,7 @@ class StandingRules:
         yield "HG-7.5/1", "; ".join(wrong[:2])
 
     def _judge_upload_limits(self, _: ReceivedByClient, message: m.UploadBeginReply) -> Broken:
+        """Judge that UPLOAD_BEGIN_REPLY has the limits of HELLO_REPLY."""
         identity = self._since.identity
         if identity is None:
             return

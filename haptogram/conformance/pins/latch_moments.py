@@ -65,6 +65,7 @@ class LatchMomentClauseJudge:
         first: dict[int, float],
         findings: PinClauseFindings,
     ) -> None:
+        """Judge that all pins change together, and at the time at which the latch is due."""
         record = self.pulses.record
         begin, end = min(first.values()), max(after.values())
         where = time_by_pins(record, latch.at)

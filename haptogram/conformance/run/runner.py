@@ -455,10 +455,12 @@ def _broken_case_outcome(error: Exception) -> _Outcome:
 
 
 def _is_shown(behaviour: Behaviour) -> bool:
+    """Return True if a result needs a transcript: FAILED, NON_STRICT or INCONCLUSIVE."""
     return behaviour in (Behaviour.FAILED, Behaviour.NON_STRICT, Behaviour.INCONCLUSIVE)
 
 
 def _not_run_result(case: Case, clause: Clause, why: str) -> CaseResult:
+    """Return the inconclusive result of a case that did not run."""
     evidence = case.evidence if case.body else Evidence.WIRE
     return CaseResult(
         case.id, case.clause, clause.text, case.summary, Behaviour.INCONCLUSIVE, evidence, why

@@ -122,6 +122,7 @@ class FrameBuilder:
         return [f for batch, phases in batches for f in self._phases(batch, phases, solver)]
 
     def _check_mode(self, mode: Mode) -> None:
+        """Refuse a mode that the board does not take, or that ignores a calibration."""
         check_choice("mode", mode, tuple(MODE_OF.values()))
         if mode in NEEDED_FEATURE and not self._identity.features & NEEDED_FEATURE[mode]:
             raise ConfigurationError(f"mode {mode}: the board takes no such frames")
@@ -268,6 +269,7 @@ def frame_sound_speed_mm_s(model: AcousticModel) -> int:
 
 
 def _check_frame_solver(solver: Method, mode: Mode) -> None:
+    """Refuse an unknown solver, and one that the board does not use for points."""
     check_choice("solver", solver, METHODS)
     if mode == "points" and solver != "naive":
         raise ConfigurationError(
@@ -276,6 +278,7 @@ def _check_frame_solver(solver: Method, mode: Mode) -> None:
 
 
 def _frame_focus_on_wire(focus: Focus) -> messages.FocalPoint:
+    """Return a focus rounded to the units of the wire."""
     x_um, y_um, z_um = (round(value * 1e6) for value in focus.position_m)
     turns = math.floor(focus.phase_rad / math.tau * _TURN + 0.5)
     return messages.FocalPoint(
@@ -284,5 +287,6 @@ def _frame_focus_on_wire(focus: Focus) -> messages.FocalPoint:
 
 
 def _frame_focus_from_wire(point: messages.FocalPoint) -> Focus:
+    """Return a focus in metres and radians."""
     position_m = (point.x_um / 1e6, point.y_um / 1e6, point.z_um / 1e6)
     return Focus(position_m, point.amplitude / _U16, point.phase / _TURN * math.tau)

@@ -105,6 +105,7 @@ class DialectLine:
         return seen
 
     def _wait_for_answer(self, operation: Operation) -> None:
+        """Read until every due reply has arrived; raise after the timeout."""
         deadline_ns = self.now_ns() + self._timeout_ns
         while self._host.due:
             self._check_time(deadline_ns, operation)
@@ -116,6 +117,7 @@ class DialectLine:
             self.run_until(self._line.room_at_ns(size))
 
     def _write(self, data: bytes) -> None:
+        """Write all bytes at the pace of the line; raise if the port takes none in time."""
         self._wait_for_room(len(data))
         if self._line is not None:
             self._line.add(len(data), self.now_ns())
@@ -139,6 +141,7 @@ class DialectLine:
                 raise DeviceError(f"{self.url}: the board refused: {why}", code=_REFUSED)
 
     def _check_time(self, deadline_ns: int, operation: Operation) -> None:
+        """Raise once the deadline for an answer has passed."""
         if self.now_ns() >= deadline_ns:
             raise NoAnswerError(
                 f"{self.url}: no answer to {type(operation).__name__} within "

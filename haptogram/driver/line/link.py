@@ -306,6 +306,7 @@ class Link:
         self.connection.port_closed()
 
     def _check_open(self) -> None:
+        """Raise if the transport is closed."""
         if isinstance(self._transport, ClosedTransport):
             raise self._transport.error()
 
@@ -382,6 +383,7 @@ def open_line_session(link: Link) -> HelloReply:
 
 
 def _explain_line_silence(link: Link, error: errors.NoAnswerError) -> NoReturn:
+    """Raise the likely cause of silence: no bytes, no frames, or another board."""
     connection = link.connection
     seconds = f"{link.timeout_ns / 1e9:g} s"
     if not connection.bytes_received:

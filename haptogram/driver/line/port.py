@@ -327,6 +327,7 @@ def _lost_transport(url: str, error: BaseException) -> errors.LinkLostError:
 
 
 def _close_transport(port: Any) -> None:
+    """Close a port, and the socket that pyserial leaves open."""
     held = getattr(port, "_socket", None)  # pyserial leaves one open that was reset
     with contextlib.suppress(OSError, ValueError):
         port.close()

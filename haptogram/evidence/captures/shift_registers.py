@@ -176,6 +176,7 @@ class ShiftRegisters:
 
 
 def _checked_chain(name: str, elements: object) -> list[int]:
+    """Return the elements at the outputs of a chain, or raise."""
     if (
         not isinstance(elements, list)
         or not 1 <= len(elements) <= _MOST_OUTPUTS

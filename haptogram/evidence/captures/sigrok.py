@@ -54,6 +54,7 @@ def read_sigrok(path: Path) -> Capture:
 
 
 def _read_whole_sigrok(path: Path, archive: zipfile.ZipFile) -> Capture:
+    """Read metadata and all sample files of a sigrok session into a capture."""
     names = archive.namelist()
     if "metadata" not in names:
         raise ConfigurationError(f"{path}: a zip without metadata, no session file of sigrok")

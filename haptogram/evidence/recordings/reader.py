@@ -223,6 +223,7 @@ class Recording:
         self.run = next((entry.fields for entry in self.entries((channels.RUN,))), {})
 
     def _check_version(self, text: str, library: str) -> None:
+        """Refuse a recording of another format version; say what can be done."""
         shown, library = text[:_VERSION_DIGITS], library or "an unknown one"
         if text != str(channels.VERSION):
             is_old = text.isdecimal() and shown == text and int(text) < channels.VERSION

@@ -323,18 +323,18 @@ class _ReplayLine:
     def _take(self, entry: RecordingEntry) -> None:
         """Feed a recorded entry to the board or the comparison."""
         if entry.topic == TO_BOARD:
-            self._pass_to(entry)
+            self._advance_to(entry)
             self.to_board += len(entry.data)
             waited_ns = entry.t_ns - entry.published_ns
             self._board.write(self._now_ns, entry.data, waited_ns)
         elif entry.topic == TO_HOST:
-            self._pass_to(entry)
+            self._advance_to(entry)
             for piece in self._recorded.feed(entry.data):
                 self.comparison.add_frame(RECORDED, piece)
             now_us = self._board.boot_us + self._now_ns // 1000
             self.comparison.note_bytes(now_us, entry.data, self._collect())
         elif entry.topic == LINK:
-            self._pass_to(entry)
+            self._advance_to(entry)
             if entry.fields["event"] == "hardware_fault":
                 self._board.raise_hardware_fault(self._now_ns)
             else:
@@ -347,8 +347,8 @@ class _ReplayLine:
             if not self._is_over:
                 self._add(RECORDED, record)
 
-    def _pass_to(self, entry: RecordingEntry) -> None:
-        """Advance the board to the time of an entry."""
+    def _advance_to(self, entry: RecordingEntry) -> None:
+        """Set the present time to that of an entry, unless it is already later."""
         self._now_ns = max(self._now_ns, entry.t_ns - self._start_ns)
 
     def _collect(self) -> bytes:
@@ -515,6 +515,7 @@ class _RecordingPlayer:
             self._check_array(piece.message)
 
     def _check_array(self, hello: messages.HelloReply) -> None:
+        """Refuse a board with another number of transducers than the recorded one."""
         before = self._hello
         if before is not None and before.transducers != hello.transducers:
             raise ConfigurationError(
@@ -523,6 +524,7 @@ class _RecordingPlayer:
             )
 
     def _send(self, data: bytes) -> None:
+        """Write all bytes to the port; read while it takes none."""
         rest = data
         while rest:
             written = self._port.write_some(rest)

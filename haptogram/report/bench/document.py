@@ -60,6 +60,7 @@ def bench_document(run: BenchRun, result: Result, changes: Sequence[str] = ()) -
 
 
 def _bench_stages_section(run: BenchRun, result: Result) -> Section:
+    """Return table and picture of the stages of a frame."""
     last = len(_STAGE_HEAD) - 1
     rows = list(_bench_stages_rows(result))
     return Section(

@@ -33,6 +33,7 @@ def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
 
 
 def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
+    """Yield the cases in full, the failures by cause, and the summary."""
     common = {case for cases in _common_reasons(suite).values() for case in cases}
     failures = failures_by_cause(suite.results)
     alike = common_finding(failures)
@@ -84,6 +85,7 @@ def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
 
 
 def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
+    """Yield the lines of one case: requirement, summary, findings and transcript."""
     known = f" (expected: {result.expected})" if result.expected and result.is_failure else ""
     yield f"{result.case}  {result.behaviour} [{evidence_text(result.evidence)}]{known}"
     yield f"    requirement  {result.requirement}"
@@ -98,6 +100,7 @@ def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
 
 
 def _named_cases(cases: Sequence[str]) -> str:
+    """Return the names of a few cases, or the number of many."""
     return ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
 
 
@@ -250,6 +253,7 @@ def _request_of(answer: _Frame | list[_Frame], host: Sequence[_Frame]) -> list[_
 
 
 def _frames_of(transcript: Sequence[str]) -> list[_Frame]:
+    """Return the frames in the lines of a transcript."""
     found: list[_Frame] = []
     start, head, sender = 0, "", ""
     for number, line in enumerate(transcript):

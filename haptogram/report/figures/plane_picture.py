@@ -270,6 +270,7 @@ def _plane_picture_size(plane: PicturePlane) -> tuple[float, float]:
 
 
 def _marked_plane_picture(plane: PicturePlane, targets_m: ArrayLike) -> list[list[float]]:
+    """Return the targets near the plane; none if there are too many to mark."""
     targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
     distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
     shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()

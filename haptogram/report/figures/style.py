@@ -170,6 +170,7 @@ def draw_figure_mark(
 
 
 def _styled() -> contextlib.AbstractContextManager[None]:
+    """Return a context in which matplotlib has the style of the project."""
     import matplotlib.style
 
     return matplotlib.style.context(["default", _STYLE])

@@ -110,6 +110,7 @@ def _check_of_fault(run: verification.RunVerdict, fault: _Fault) -> Check:
 
 
 def _check_of_unexpected(run: verification.RunVerdict) -> Check:
+    """Check that only intended frames were latched."""
     keys, outcome, message = run.unexpected, Outcome.PASSED, "none"
     if keys:
         outcome = Outcome.FAILED
@@ -121,6 +122,7 @@ def _check_of_unexpected(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_lost(run: verification.RunVerdict) -> Check:
+    """Check that the board has lost no frame."""
     lost = _frames_with(run, verification.FrameStatus.LOST)
     reasons = [reason for reason in run.reasons if verification.LOST_BY_BOARD in reason]
     outcome, message = Outcome.PASSED, "none is known to be"
@@ -145,6 +147,7 @@ def _check_of_held_up(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_late(run: verification.RunVerdict) -> Check:
+    """Check that no frame was latched late; late frames are noted and do not fail."""
     late, latched = [frame for frame in run.frames if frame.late], run.counts["latched"]
     outcome, message = Outcome.NOT_JUDGED, "no frame was latched"
     if latched:
@@ -154,6 +157,7 @@ def _check_of_late(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_share_verified(run: verification.RunVerdict) -> Check:
+    """Check that enough frames were verified."""
     outcome, missing = Outcome.PASSED, list[verification.FrameVerdict]()
     if run.too_few:
         # Beside a fault that was proved, too few frames change nothing.
@@ -168,6 +172,7 @@ def _check_of_share_verified(run: verification.RunVerdict) -> Check:
 def _check_of_complete_run(
     run: verification.RunVerdict, cut_short: str | None, seconds: float | None
 ) -> Check:
+    """Check that the run was not cut short."""
     outcome, message = Outcome.PASSED, "it came to its end"
     if cut_short is not None:
         outcome = Outcome.INCONCLUSIVE
@@ -178,6 +183,7 @@ def _check_of_complete_run(
 def _frames_with(
     run: verification.RunVerdict, status: verification.FrameStatus
 ) -> list[verification.FrameVerdict]:
+    """Return the frames that have a status."""
     return [frame for frame in run.frames if frame.status is status]
 
 

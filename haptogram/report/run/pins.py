@@ -76,6 +76,7 @@ def run_capture_checks(captures: Mapping[str, Any]) -> Iterator[Check]:
 
 
 def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> Check:
+    """Check one property of the pins in a capture."""
     found, frames = one["findings"].get(name, ()), one["frames"]
     missing = one["reasons"] if one["verdict"] == str(Verdict.INCONCLUSIVE) else ()
     outcome = Outcome.PASSED
@@ -119,6 +120,7 @@ def run_pin_elements(captures: Mapping[str, Any] | None) -> list[list[str]]:
 
 
 def _pin_cell(value: object) -> str:
+    """Return a table cell: a dash for an unknown value."""
     if value is None:
         return "–"
     return f"{value:.3f}" if isinstance(value, float) else str(value)

@@ -82,6 +82,7 @@ def soak_document(campaign: SoakCampaign) -> document.Document:
 
 
 def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
+    """Yield the violations of a soak, and missing segments."""
     for example in campaign.tally.examples:
         yield document.Finding(document.Level.ERROR, *example.split(": ", 1))
     if not campaign.done:
@@ -176,6 +177,7 @@ def _soak_counter_rows(tally: SoakTally) -> Iterator[tuple[str, str, str]]:
 
 
 def _soak_checks(campaign: SoakCampaign) -> Iterator[document.Check]:
+    """Yield a check for each kind of violation."""
     for name, statement in VIOLATIONS.items():
         count = campaign.failures.get(name, 0)
         examples: list[str] = []

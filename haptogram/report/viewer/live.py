@@ -161,6 +161,7 @@ class LiveViewerScene:
             self._counters[record["event"].replace("_", " ")] += 1
 
     def _shown_counters(self) -> dict[str, Any]:
+        """Return the counters that are not 0, firmware, state and last remark."""
         counted = {name: count for name, count in self._counters.items() if count}
         shown = counted | {"board": self.firmware}
         if self._has_states:

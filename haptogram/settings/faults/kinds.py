@@ -44,14 +44,17 @@ Parameters: TypeAlias = Mapping[str, Parameter]
 
 
 def _fault_chance(default: float) -> Parameter:
+    """Return a parameter that is a probability."""
     return Parameter(default, 0.0, 1.0)
 
 
 def _fault_count(default: int, least: int, most: int) -> Parameter:
+    """Return a parameter that is a whole number within limits."""
     return Parameter(default, least, most, whole=True)
 
 
 def _signed_fault_value(default: float, most: float = 1e9) -> Parameter:
+    """Return a parameter that may be negative, up to a magnitude."""
     return Parameter(default, -most, most)
 
 

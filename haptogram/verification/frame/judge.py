@@ -322,6 +322,7 @@ def lost_frame_verdict(intended: Intended) -> FrameVerdict:
 
 
 def _crc_fault_of_frame(intended: Intended, observation: Observation) -> str:
+    """Return the fault of a latch of which only a different CRC is known."""
     return (
         f"another drive was latched: its CRC is {observation.drive_crc:08x}, that of the intended "
         f"one {intended.drive.digest():08x}"

@@ -260,6 +260,7 @@ def _ambiguity_note(target: FrameTarget, found: acoustics.Reconstruction) -> str
 
 
 def _frame_without_focus(found: acoustics.NotSingle) -> str:
+    """Return a finding that names the loudest point instead of a focus."""
     x, y, z = (_MM * coordinate for coordinate in found.position_m)
     return (
         f"no single focus; the most that was found is {found.pressure_rms_pa:.0f} Pa at "

@@ -334,6 +334,7 @@ def _joined_observation(frame: Intended, codes: np.ndarray, late_us: float) -> O
 
 
 def _joined_capture_verdict_summary(verdict: JoinedCaptureVerdict) -> Iterator[str]:
+    """Yield the verdict on all captures, and that of each."""
     what = "; ".join(verdict.reasons[:2]) or "every captured pin does what was intended"
     more = len(verdict.reasons) - 2
     if more > 0:

@@ -210,6 +210,7 @@ def _half_turned_outliers(pattern: Placed, limit_rad: float) -> list[bool]:
 
 
 def _watched_elements_text(count: int) -> str:
+    """Return "element", or the number of elements, to precede their names."""
     return "element" if count == 1 else f"{count} elements,"
 
 

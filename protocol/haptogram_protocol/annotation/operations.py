@@ -110,6 +110,7 @@ def _fields_text(fields: Mapping[str, Any]) -> str:
 
 
 def _value_text(value: Any) -> str:
+    """Return a value as text; long ones are cut."""
     if isinstance(value, str) and len(value) > 2 * _SHOWN:
         return f"{value[: 2 * _SHOWN]}... ({len(value) // 2} bytes)"
     if isinstance(value, list):

@@ -187,6 +187,7 @@ class BoardConnection(ConnectionInbox):
         self._stream_expected += count
 
     def _judge_stream(self, frame: ReceivedFrame) -> BoardEvent:
+        """Return a stream frame for the board, or its drop; its number is used up either way."""
         header = frame.header
         # HG-5.6: whatever else is wrong with the frame, its number has been used.
         index = self._take_index(header.seq) if frame.in_session else None
@@ -224,6 +225,7 @@ class BoardConnection(ConnectionInbox):
     # --- Requests (HG-4) -----------------------------------------------------------------------
 
     def _judge_request(self, frame: ReceivedFrame) -> BoardEvent:
+        """Refuse a request by type, session or flags; else judge its payload."""
         header = frame.header
         if header.type == m.MessageType.MUTE:
             return self._request(frame, m.Mute())  # HG-6.4: no flag, length or session refuses it
@@ -427,6 +429,7 @@ class BoardConnection(ConnectionInbox):
     def _response(
         self, message: m.Message, seq: int, now_us: int, session: int | None = None
     ) -> bytes:
+        """Return the frame of a response or event."""
         session = self.session if session is None else session
         body = m.build_body(message, flags=0, seq=seq, time_us=now_us, session=session)
         return encode_frame(body, self._stuff)

@@ -265,6 +265,7 @@ class HostConnection(ConnectionInbox):
         return self._drop("unknown_type", t_rx_us)
 
     def _judge_event(self, header: m.Header, message: m.Message, t_rx_us: int) -> events.HostEvent:
+        """Drop an event that is stale or repeated; else return it with the number of lost ones."""
         if header.session != self.session:
             return self._drop("stale_session", t_rx_us)
         ahead = m.signed_difference(header.seq, self._event_expected, 16)
@@ -277,6 +278,7 @@ class HostConnection(ConnectionInbox):
     def _judge_response(
         self, header: m.Header, message: m.Message, t_rx_us: int
     ) -> events.HostEvent:
+        """Match a response to its request; drop it if stale or repeated."""
         waiting = self._pending.get(header.seq)
         if waiting is None or not _is_answer_to(message, waiting.request):
             return self._drop("duplicate", t_rx_us)
@@ -314,6 +316,7 @@ class HostConnection(ConnectionInbox):
 
 
 def _is_answer_to(message: m.Message, request: m.MessageType) -> bool:
+    """Return True if a message is the response, or the ERROR, to a request of this type."""
     if isinstance(message, m.Error):
         return message.request == request
     return request + m.RESPONSE_OFFSET == message.TYPE

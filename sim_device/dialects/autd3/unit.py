@@ -129,6 +129,7 @@ class Autd3Unit(LatchingUnit):
         return []
 
     def _write(self, operation: messages.Write, t_us: int) -> Reply:
+        """Give each device its frame; refuse another number of frames."""
         if refused := self._refuse_number(len(operation.frames)):
             return refused
         now_ns = self._boot_period * PERIOD_NS + (t_us - self._boot_us) * _NS_PER_US
@@ -200,9 +201,11 @@ class Autd3Unit(LatchingUnit):
         return self._known[outputs]
 
     def _period_at(self, t_us: int) -> int:
+        """Return the number of the carrier period at a device time."""
         return self._boot_period + (t_us - self._boot_us) // PERIOD_US
 
     def _start_us(self, period: int) -> int:
+        """Return the device time at which a carrier period starts."""
         return self._boot_us + (period - self._boot_period) * PERIOD_US
 
 
@@ -236,6 +239,7 @@ def autd3_pulses_of(
 
 
 def _autd3_layout(options: Devices) -> BoardLayout:
+    """Return the layout of one device, or of several in a row."""
     if options.devices == 1:
         return ONE_DEVICE
     return dataclasses.replace(

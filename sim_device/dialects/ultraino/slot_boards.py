@@ -102,13 +102,16 @@ class SlotBoards(LatchingUnit):
         return []
 
     def _period(self, t_us: int) -> int:
+        """Return the number of the carrier period at a device time."""
         return (t_us - self._boot_us) // PERIOD_US
 
     def _set_pattern(self, operation: operations.SetPattern, _: int) -> None:
+        """Write slots of a pattern to the hidden buffer of a board."""
         pattern = self._next[operation.board, operation.pattern].reshape(-1)
         pattern[: len(operation.slots)] = np.frombuffer(operation.slots, np.uint8)
 
     def _set_durations(self, operation: operations.SetDurations, _: int) -> None:
+        """Keep the durations of the patterns until they are committed."""
         self._durations[: len(operation.periods)] = operation.periods
 
     def _commit_durations(self, _: operations.CommitDurations, t_us: int) -> None:
@@ -123,6 +126,7 @@ class SlotBoards(LatchingUnit):
             self._latch("shown", t_us)
 
     def _swap(self, _: operations.Swap, t_us: int) -> None:
+        """Show the written patterns from the first one on, and latch."""
         self._playlist.skip_to(self._period(t_us))
         self._playlist.restart()
         self._shown, self._next = self._next, self._shown
@@ -239,6 +243,7 @@ class ArduinoPlaylist:
         return not (self.pointer or self._pattern) and self._is_last(0)
 
     def _is_last(self, pattern: int) -> bool:
+        """Return True if no pattern with a duration follows."""
         return pattern + 1 == len(self.durations) or not self.durations[pattern + 1]
 
     def _complete(self) -> None:

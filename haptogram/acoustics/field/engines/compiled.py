@@ -137,6 +137,7 @@ def _is_own_folder(folder: Path) -> bool:
 
 
 def _temporary_folder() -> Path:
+    """Return this user's cache folder in the folder for temporary files."""
     return Path(tempfile.gettempdir()) / f"haptogram-numba-{os.getuid()}"
 
 

@@ -163,6 +163,7 @@ ULTRAINO_FLAT8: Final = BoardLayout(
 
 
 def _assumed_grid(name: str, title: str, columns: int, rows: int) -> BoardLayout:
+    """Return the layout of a board whose array is not published: a grid of 10 mm pitch."""
     return BoardLayout(
         name,
         f"{title}: grid of {columns} x {rows} elements of 10 mm",

@@ -210,6 +210,7 @@ def _refuse_ultraino_doctype(*_: object) -> None:
 
 
 def _ultraino_bytes_of(path: Path) -> bytes:
+    """Return the bytes of a file, unpacked if it is gzip; refuse too many."""
     with reading_file(path, "array", (OSError, EOFError, zlib.error)), path.open("rb") as file:
         is_packed = file.read(len(_GZIP)) == _GZIP
         file.seek(0)
@@ -221,6 +222,7 @@ def _ultraino_bytes_of(path: Path) -> bytes:
 
 
 def _ultraino_transducers(root: Any) -> list[_UltrainoObject]:
+    """Return the transducers of an array file; refuse none, and too many."""
     listed = root.part(_TRANSDUCERS).items if isinstance(root, _UltrainoObject) else []
     found = [item for item in listed if isinstance(item, _UltrainoObject)]
     if not 1 <= len(found) <= MAX_TRANSDUCERS:
@@ -237,6 +239,7 @@ def _ultraino_part(built: _UltrainoObject, *names: str) -> _UltrainoObject:
 
 
 def _ultraino_value(built: _UltrainoObject, name: str, default: float = 0.0) -> float:
+    """Return a field as a finite number, or raise."""
     value = built.values.get(name, default)
     if not isinstance(value, float) or not math.isfinite(value):
         raise ConfigurationError(f"{name} is no finite number")
@@ -244,6 +247,7 @@ def _ultraino_value(built: _UltrainoObject, name: str, default: float = 0.0) -> 
 
 
 def _ultraino_number(transducer: _UltrainoObject, name: str) -> int:
+    """Return a field as a whole number from 0 on, or raise."""
     value = _ultraino_value(transducer, name)
     if value != round(value) or value < 0:
         raise ConfigurationError(f"{name} is {value:g}, must be a whole number from 0 on")

@@ -364,6 +364,7 @@ class PatternClassifier:
 
 
 def _rms_of(found: Explanation) -> float:
+    """Return the RMS residual of the elements that an explanation uses."""
     return pattern_residual_rms(found.fit.residual_rad[found.used])
 
 

@@ -86,6 +86,7 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
 
 
 def _goes_on_after_dialogue(board: BoardClient, number: int, compared: int, start_us: int) -> bool:
+    """Return True if another random dialogue is to be played, by their number and time."""
     passed_us = board.wire.now_us() - start_us
     if board.explore_us:
         return passed_us < board.explore_us
@@ -128,6 +129,7 @@ class DialogueDifferences:
             self.replays[clause]()
 
     def _clauses(self) -> list[str]:
+        """Return the broken clauses, the likeliest cause first."""
         return sorted(self.by_clause, key=cause_rank)
 
     def text(self) -> str:

@@ -256,6 +256,7 @@ def _check_counted_values(board: BoardClient) -> None:
 
 
 def _check_geometry_values(board: BoardClient) -> None:
+    """FAILED unless GET_GEOMETRY has positions within 5 m and normals of length 1."""
     reply = board.link.call(m.GetGeometry(0, 0xFFFF), m.GeometryReply)
     far = [e for e in reply.elements if max(abs(e.x_um), abs(e.y_um), abs(e.z_um)) > 5_000_000]
     check(not far, f"a transducer 5 m away: {far[:1]}")

@@ -403,6 +403,7 @@ def every_session_between_two_latches(board: BoardClient) -> None:
 
 
 def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m.TraceMode) -> None:
+    """Judge two latches around each way to switch the output off, streamed and played."""
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     played = (False, True) if board.has(m.Feature.SEQUENCE_PHASES) else (False,)
     for name, *plays in itertools.product(names, played, played):
@@ -429,6 +430,7 @@ def _judge_latches_around_off(
 
 
 def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
+    """Return the frame that latches at once: of the stream, or PLAY."""
     if not is_played:
         return board.link.stream_wire(board.flat_phases())
     play = playback.play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)

@@ -176,6 +176,7 @@ def every_lateness_has_its_borders(board: BoardClient) -> None:
 
 
 def _modes_of_trace(board: BoardClient) -> list[m.TraceMode]:
+    """Return the trace modes that the board has; OFF without any."""
     return [mode for feature, mode in TRACE_MODES if board.has(feature)] or [m.TraceMode.OFF]
 
 

@@ -111,14 +111,17 @@ def _stop(board: BoardClient) -> None:
 
 
 def _begin_upload_for_effect(board: BoardClient) -> None:
+    """Begin another upload of one frame."""
     board.link.ask(m.UploadBegin(m.UploadKind.PHASES, 0, _OTHER, board.identity.transducers, 0))
 
 
 def _add_chunk_for_effect(board: BoardClient) -> None:
+    """Send the next two bytes of the pending upload."""
     board.link.ask(m.UploadChunk(1, pending_before_refusal(board)[1:3]))
 
 
 def _complete_upload_for_effect(board: BoardClient) -> None:
+    """Send the pending upload and commit it."""
     uploads.send_upload_chunks(board, pending_before_refusal(board))
     board.link.ask(m.UploadCommit(PENDING))
 
@@ -163,6 +166,7 @@ def _upload(name: str, happen: events.Event, due: effects.Due) -> Effect:
 
 
 def _every_event() -> Iterator[Effect]:
+    """Yield every event of line, host, timers and hardware, with the effect that is due."""
     once, of_mute = effects.effect_counted_once, effects.effect_of_input(OutputInput.MUTE)
     for name in ("crc", "cobs", "short", "oversize", "unknown_type"):
         yield Effect("HG-3.9/1", f"a frame for {name}", events.event_of_damage(name), once(name))
@@ -265,6 +269,7 @@ def _judge_arm_behind_effect(
 
 
 def _effect_case(clause: str, variant: str) -> Case:
+    """Return the case of a clause that judges its events in every situation."""
     asked = [e for e in _EVENTS if (e.clause, e.variant) == (clause, variant)]
 
     def body(board: BoardClient) -> None:
@@ -444,6 +449,7 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 
 
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
+    """FAILED unless PLAYBACK_ENDED is sent once if a sequence played, with its frames."""
     board.link.barrier()
     told = [event for _, event in board.link.events(m.PlaybackEnded, since)]
     stored = playback.phases_that_fit(board, _STORED)
@@ -470,6 +476,8 @@ def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> No
 
 
 def _case_of_output_end(end: End) -> Case:
+    """Return the case that ends the output in one way, in every moment."""
+
     def body(board: BoardClient) -> None:
         playback.send_phases_to_store_if_supported(board, STORED, frames=_STORED)
         for moment in _MOMENTS:

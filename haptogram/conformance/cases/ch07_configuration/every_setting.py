@@ -242,6 +242,7 @@ def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
 
 
 def _start_played_hold(board: BoardClient) -> int:
+    """Play a sequence to its end; return the time of its last latch, when the hold starts."""
     playback.play_now(board, _SEQUENCE, loops=1, period_us=playback.PERIOD_US)
     board.wire.idle(5 * playback.PERIOD_US)
     return board.last_latch_us()

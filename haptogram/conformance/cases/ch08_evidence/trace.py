@@ -41,6 +41,7 @@ _STEPS_WITH_LIKE_KEYS: Final = (
 
 
 def _trace_events(board: BoardClient, since: int) -> int:
+    """Return the number of trace events received since a mark."""
     board.link.barrier()
     return sum(len(board.link.events(kind, since)) for kind in _KINDS)
 

@@ -276,6 +276,7 @@ def _frame_that_renews(
 
 
 def _dropped_frame_that_renews(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
+    """Return one stream frame that the board drops for a given reason."""
     return next(iter(drop.frames(board, kind, 0)))
 
 
@@ -319,6 +320,7 @@ def _bodies_that_renew_no_lease(board: BoardClient) -> Iterator[tuple[m.Message,
 
 
 def _wrong_crc_renews_no_lease(board: BoardClient) -> Frames:
+    """Return frames of every type with a wrong CRC, by name."""
     return {
         f"{message.TYPE.name} with a wrong CRC": [
             malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body, flip))
@@ -340,6 +342,7 @@ def stale_pings(board: BoardClient) -> Frames:
 
 
 def _defect_renews_no_lease(board: BoardClient) -> Frames:
+    """Return bytes that are no frame, by their defect."""
     ping = board.link.body(m.Ping.TYPE, bytes(8), seq=board.link.seq + 1)
     long = malformed_frames.malformed_noise(board.random, MAX_ENCODED_BYTES + 100)
     frames = {
@@ -419,6 +422,7 @@ def a_repeated_hello_renews_no_timer(board: BoardClient) -> None:
 
 
 def _repeated_hello_renews_no_lease(board: BoardClient) -> Frames:
+    """Return two frames of HELLO with the open nonce."""
     hello = board.hello_message(board.link.session)
     wires = [board.link.request_wire(hello, session=0)[0] for _ in range(2)]
     return {"HELLO with the open nonce": wires}

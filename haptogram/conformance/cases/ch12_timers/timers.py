@@ -171,6 +171,7 @@ def wrapping_timer_lengths(least_ms: int, most_ms: int, *, thorough: bool = True
 def _wrapping_case(
     clause: str, timer: TimerKind, text: str, least_ms: int, depth: Depth = Depth.QUICK
 ) -> Case:
+    """Return the case that a timer, at lengths just above powers of two, does not expire early."""
     title = text.format("just above every power of two of 1 µs to 1 ms do not")
 
     @case(f"{clause}-lengths", title, needs=timer.needs, depth=depth)
@@ -381,6 +382,7 @@ def _hold_late_us(board: BoardClient, names: Sequence[str]) -> int:
 
 
 def _send_all_during_hold(board: BoardClient, drop: Drop, ahead_us: int) -> None:
+    """Send the frames of a drop, in every format, while the hold runs."""
     last_us = fill_queue(board, 1, ahead_us) if drop.queued else 0
     for kind in stream_kinds(board):
         board.link.send(*drop.frames(board, kind, last_us))

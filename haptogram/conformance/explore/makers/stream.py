@@ -119,6 +119,7 @@ class RandomStream(RandomFrames):
         return codes
 
     def _points(self, number: int) -> m.Message:
+        """Return a POINTS message of random points, as many as the board takes."""
         return m.Points(tuple(self.point() for _ in range(min(number, self._most_points))))
 
     def point(self) -> m.FocalPoint:

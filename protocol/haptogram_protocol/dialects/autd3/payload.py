@@ -96,6 +96,7 @@ def _autd3_head(
 def _packed_autd3_head(
     head: tuple[int, ...], start: Any, first: struct.Struct, later: struct.Struct
 ) -> bytes:
+    """Return the packed head of a part; the first part has the start parameters too."""
     return later.pack(*head) if start is None else first.pack(*head, *dataclasses.astuple(start))
 
 
@@ -151,6 +152,7 @@ def _pack_autd3_foci(operation: operations.FociSTM) -> bytes:
 
 
 def _autd3_flags(operation: operations.Modulation | operations.FociSTM) -> int:
+    """Return the flags of a part: begin, end and update."""
     begins = operation.start is not None
     return _BEGIN * begins | _END * operation.end | _UPDATE * operation.update
 

@@ -75,6 +75,7 @@ def _simple_ultraino_end(end: type[_End], *, fb: str = FALLS_THROUGH) -> _End:
 
 
 def _chained_ultraino_end(end: type[_End], *, boards: int = 2) -> _End:
+    """Return an end of a chain of FPGAs."""
     return end(chained_ultraino_rules(boards), boards)
 
 

@@ -25,6 +25,7 @@ _HALF, _SIXTH, _TWENTY_FOURTH = np.float32(0.5), np.float32(1.0 / 6.0), np.float
 
 @jit_inline
 def _distance_kernel(places: Any, n: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return the distance from element *n* to a point."""
     dx, dy, dz = x - places[0, n], y - places[1, n], z - places[2, n]
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
