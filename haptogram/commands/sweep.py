@@ -132,6 +132,7 @@ def _sweep_exit_status(campaign: SweepCampaign) -> int:
 
 @contextlib.contextmanager
 def _sweep_progress(campaign: SweepCampaign, *, quiet: bool) -> Iterator[Callable[[], None]]:
+    """Yield a function that updates the progress bar: points done, and failed ones."""
     initial = len(campaign.rows)
     with campaign_progress("sweep", quiet=quiet, unit="points", initial=initial) as bar:
 

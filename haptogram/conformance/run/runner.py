@@ -356,7 +356,7 @@ class SuiteRunner:
         return HeldUpError(f"for {text}")
 
     def _side_effects(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return a text on state changes and drops that the finding does not mention."""
+        """Return a text on state changes and broken rules that the finding does not mention."""
         events = [event for _, event in board.link.events(m.StateChanged, 0)]
         told = {event.reason.name: f"{event.state.name}, {event.reason.name}" for event in events}
         told.pop(MuteReason.MUTE.name, None)  # which the host asked for

@@ -122,7 +122,7 @@ class FrameJudge:
         return found
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
-        """Yield the array and air that foci may have been solved with.
+        """Yield the model with which foci were solved: as it is and, if that differs, as on the wire.
 
         The wire carries the array in whole micrometres and the speed of sound in whole mm/s.
         """
