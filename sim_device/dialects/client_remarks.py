@@ -276,7 +276,7 @@ class ClientRemarks:
         self._remark(About.OTHER_WIRE, text, t_us)
 
     def _are_finer_frames(self) -> bool:
-        """Return True if the first bytes are whole frames of this wire's size, alike at both ends."""
+        """Return True if the first bytes are frames of this wire's size, alike at both ends."""
         data = bytes(self._first_bytes)
         for size in self._sizes:
             frames = [data[at : at + size] for at in range(0, len(data) - size + 1, size)]

@@ -122,7 +122,7 @@ class FrameJudge:
         return found
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
-        """Yield the model with which foci were solved: as it is and, if that differs, as on the wire.
+        """Yield the model with which foci were solved: as it is and, if it differs, of the wire.
 
         The wire carries the array in whole micrometres and the speed of sound in whole mm/s.
         """
