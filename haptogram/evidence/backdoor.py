@@ -256,7 +256,7 @@ def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
 
 
 def _wrap_shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:
-    """Return the whole wraps between two counts, from the first frame that was due and latched."""
+    """Return the whole wraps by which two counts of device time differ, by a frame in both."""
     frames = ((frame.key, frame.t_apply_us) for frame in intended)
     due_us: dict[FrameKey, int] = {}
     for latched_key, t_us in latched:

@@ -341,7 +341,7 @@ class Lockstep:
             models.receive_near(at_us, frame, _NEAR_US)
 
     def _send(self, wires: Iterable[bytes]) -> None:
-        """Send the frames of a slot; the board has time to read them."""
+        """Send the frames of a slot, in pieces that the board has time to read."""
         for piece in pieces_of_slot(b"".join(wires)):
             self._board.wire.send(piece)
 

@@ -250,7 +250,7 @@ def _vcd_words_before_identifiers(kinds: _Bytes) -> _Numbers:
 
 
 def _vcd_bits(data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Bytes:
-    """Return the character of one bit of each vector; x if invalid.
+    """Return the character of one bit of each vector; digits left out are filled in.
 
     Digits that are left out are 0, or the x or z of the first one (clause 18.2.1).
     """

@@ -304,7 +304,7 @@ class _RecordingAsItWas:
 
 
 def _opened_recording(path: Path) -> BinaryIO:
-    """Open a file that begins as a recording does."""
+    """Open a recording; refuse a file with another beginning."""
     with reading_file(path, "recording"):
         file = path.open("rb")
         begin = file.read(len(channels.MAGIC))

@@ -282,7 +282,7 @@ class FrameJudge:
 
 
 def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
-    """Return True if a reconstruction by the board is too weak to reject the frame.
+    """Return True if the board's reconstruction, without a focus, does not disprove the target.
 
     The board knows neither the tolerance nor, of what was uploaded, the resolution of the phases.
     """

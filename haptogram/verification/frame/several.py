@@ -305,7 +305,7 @@ def _relative_errors(fit: FociFit, limit_rad: float, slack_rad: tuple[float, flo
 
 
 def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
-    """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
+    """Return how far (3,) each focus may be off; None where a miss of one would not show."""
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
         limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)

@@ -322,7 +322,7 @@ class _PinJudge:
         return False
 
     def _near_match_share(self, judged: Bools) -> float:
-        """Return the share of drives unique to this run that match within two steps."""
+        """Return the share of pins and frames that are right within two more steps of phase."""
         drives = self.shown.drives
         wider = dataclasses.replace(drives, limit_rad=drives.limit_rad + _NEAR_RAD)
         return float(wider.all_right()[judged].mean())

@@ -435,7 +435,7 @@ class BoardConnection(ConnectionInbox):
         return encode_frame(body, self._stuff)
 
     def _queue(self, wire: bytes, limit: int) -> bool:
-        """Queue a frame, never a part; without room a host asks again for a response (HG-9.6)."""
+        """Queue a whole frame; return False without room for it (HG-9.6)."""
         has_room = self.output_bytes + len(wire) <= limit
         if has_room:
             self._frames.append(wire)

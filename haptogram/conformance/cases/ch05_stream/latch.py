@@ -94,7 +94,7 @@ def latches_all_elements_at_once(board: BoardClient) -> None:
 
 
 def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
-    """Read back repeatedly while every carrier period latches another drive."""
+    """FAILED if a read-back, while each carrier period latches another drive, mixes two drives."""
     rate = max(1, board.identity.max_frame_rate_hz)
     step_us = board.clock.on_carrier(-(-1_000_000 // rate))
     number = min(_BURST, board.identity.queue_depth)

@@ -127,7 +127,7 @@ def _complete_upload_for_effect(board: BoardClient) -> None:
 
 
 def _drop_for_effect(counter: str) -> events.Event:
-    """Return the event of frames of every format that *counter*, of steps 6 to 10, counts."""
+    """Return an event that sends frames which the board drops and counts in *counter*."""
 
     def send(board: BoardClient) -> None:
         frames = (

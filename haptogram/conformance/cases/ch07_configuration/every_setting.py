@@ -220,7 +220,7 @@ def every_other_setting(board: BoardClient) -> list[dict[str, Any]]:
 
 
 def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
-    """Return changes of each field that is no length of a mute; at a wall clock all in one."""
+    """Return changes of each field that times no mute; at a wall clock merged into one."""
     found = every_other_setting(board)
     if board.has(m.Feature.AMPLITUDE):
         found.append({"amplitude_ceiling": 50})
@@ -233,7 +233,7 @@ def _all_of(settings: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
-    """Set the configuration and return the time of the reply; no frame follows that may help."""
+    """Set the configuration by one request, with no frame after it; return the reply's time."""
     wanted = dataclasses.replace(board.base_config, **changes)
     answer = board.link.ask(m.SetConfig(wanted))
     board.config = board.link.reply_in(answer, m.SetConfigReply, m.SetConfig.TYPE).config

@@ -215,14 +215,14 @@ def _move_all_counters(board: BoardClient) -> None:
 
 
 def _run_out_lease(board: BoardClient) -> None:
-    """Wait until the lease has expired."""
+    """Arm the board with a short lease, and wait until it has expired."""
     board.arm(host_timeout_ms=_LEASE_MS)
     board.link.await_event(m.StateChanged, board.link.mark(), (_LEASE_MS + 200) * _MS)
     board.configure()
 
 
 def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> tuple[int, int]:
-    """Send frames so far ahead of now, within the timers; return that time and their number."""
+    """Send frames due *ahead_us* from now; return now, and how many fit in the timers."""
     base_us = board.clock.device_us()
     frames = (board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us)
     wires = board.within_timers(frames)

@@ -127,7 +127,7 @@ def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
 
 
 def _run_out_hold(board: BoardClient) -> None:
-    """Wait until the hold has expired."""
+    """Set a hold of 1 ms, and wait until it has muted the board."""
     since = board.link.mark()
     board.configure(hold_ms=1)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)

@@ -30,7 +30,7 @@ _Beyond: TypeAlias = tuple[str, m.Message, m.ErrorCode, int | None, dict[str, An
 
 
 def _values_beyond(least: int, most: int, bits: int) -> list[int]:
-    """Return out-of-range values that differ from a valid one in a bit or the sign, and 0.
+    """Return out-of-range values that differ from a limit in a bit or the sign, and 0.
 
     Examples
     --------
@@ -148,7 +148,7 @@ def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _times_beyond_limits(board: BoardClient) -> list[int]:
-    """Return how far from now times lie that have passed, or are beyond the horizon."""
+    """Return offsets from now that lie before the late window or beyond the horizon."""
     passed = [-board.config.late_window_us - (1 << bit) for bit in range(10, 31)]
     horizon_us = board.identity.max_horizon_us + _SPARE_US
     ahead = [horizon_us + (1 << bit) for bit in range(31) if horizon_us + (1 << bit) < _HALF - 1]

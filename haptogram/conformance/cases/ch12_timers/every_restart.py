@@ -87,7 +87,7 @@ def latches_renew_no_lease(board: BoardClient) -> None:
 
 
 def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
-    """Latch a frame, and queue frames for every 50 ms of a time."""
+    """Latch a frame, then queue a frame for every 50 ms of *length_ms*."""
     latching.latch_now(board)
     first_us = board.clock.soon_us(bytes(4000))
     good, number = board.shortest_stream(), min(board.identity.queue_depth, length_ms // 50)

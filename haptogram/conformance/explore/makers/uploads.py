@@ -100,7 +100,7 @@ class RandomUploads(RandomStream):
         return b"".join(self.point().pack() for _ in range(frames * points))
 
     def _pieces(self, data: bytes) -> list[m.Message]:
-        """Return some chunks from anywhere to anywhere in *data*."""
+        """Return upload chunks of random offset and size from *data*."""
         pieces: list[m.Message] = []
         for _ in range(_PIECES):
             start = self._across(len(data))

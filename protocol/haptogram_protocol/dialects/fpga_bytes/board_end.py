@@ -128,7 +128,7 @@ class FpgaBoardEnd:
     # --- frames ----------------------------------------------------------------------------------
 
     def _count_command(self, operation: Operation) -> None:
-        """Count statistics of a frame that *operation* ends."""
+        """Count a command by its kind, or as a byte of the present frame."""
         if (count := self._counts.get(type(operation))) is not None:
             count(operation)
         elif self._frames.frame_bytes:
