@@ -18,7 +18,7 @@ from haptogram.settings.frozen import dataclass
 from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
 
-_SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
+_SEQUENCE_ID: Final = 1  # id of the one sequence that this host keeps on a board
 US_PER_S: Final = 1_000_000
 _TURN_NS: Final = 100_000_000
 MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz

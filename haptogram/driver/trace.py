@@ -17,7 +17,7 @@ from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
 
-_READ_TRIES = 3  # of a drive that is replaced while it is read
+_READ_TRIES = 3  # tries to read a drive that is replaced meanwhile
 _RING_READ = 0xFFFF  # latches asked for at a time; the board sends as many as fit
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _TRACE_SHARE: Final = 0.5  # share of the line from the board for traces with drives
 _AFTER_LAST_NS: Final = 5_000_000
 _LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as it likes
-_DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
+_DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # counters of damaged frames
 # Of a board at a port, seen through its back door:
 _LAST_S: Final = 10.0  # wait for the last latch records
 _QUEUE_S: Final = 2.0  # wait for its queue

@@ -22,7 +22,7 @@ from haptogram.verification import Tolerance, Verdict
 from haptogram.verification.watch import Expectation, Watch
 from haptogram.verification.watch.result import WatchResult
 
-_QUIET_S: Final = 0.3  # without a new record: the driver is done
+_QUIET_S: Final = 0.3  # time without a new record after which the driver is done
 _LONGEST_S: Final = 10.0
 _POLL_S: Final = 0.05
 _MOST_ROUNDS: Final = 10**9

@@ -51,8 +51,8 @@ _VIRTUAL_BAUD: Final = 3_000_000  # without a rate, frames would come at one mom
 _MOST_LATCHES: Final = 10**9
 _LONGEST_WAIT_S: Final = 1e7
 _POLL_S: Final = 0.01
-_QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
-_LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
+_QUIET_S: Final = 15.0  # time without a record after which the one that is waited for will not come
+_LAST_WORDS_S: Final = 3.0  # the same for a board that has ended: nothing holds its writer up
 
 
 class VirtualBoard(ClosedByWith):

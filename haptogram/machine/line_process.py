@@ -17,7 +17,7 @@ from haptogram.errors import LinkLostError, plain_reason
 _CHUNK: Final = 1 << 16  # capacity of a pipe
 _MOST_BYTES: Final = 1 << 28  # largest answer
 _LAST_WORDS_S: Final = 1.0
-_LAST_WORDS: Final = 4096  # bytes of them
+_LAST_WORDS: Final = 4096  # bytes at the end of an answer that an error looks at
 
 
 class LineProcess:

@@ -16,7 +16,7 @@ from .posix import posix_module
 _STATM: Final = Path("/proc/self/statm")
 _PROCESSES: Final = Path("/proc")  # Linux
 _TERMINALS: Final = "/dev/pts/"
-_STATISTICS_BYTES: Final = 128  # more than three numbers of a thread take
+_STATISTICS_BYTES: Final = 128  # bytes that hold the three numbers of a thread
 _PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
 _PR_GET_TIMERSLACK: Final = 30
 _MCL_CURRENT: Final = 1  # sys/mman.h

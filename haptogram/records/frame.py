@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from haptogram.acoustics.reconstruct.estimates import Reconstruction
     from haptogram.acoustics.solvers.several import Method
 
-MAX_PHASE_RAD: Final = 1e6  # of a focus
+MAX_PHASE_RAD: Final = 1e6  # largest phase of a focus
 STREAM: Final = 0  # sequence id of streamed frames
 
 

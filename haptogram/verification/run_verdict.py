@@ -29,7 +29,7 @@ from .tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_tex
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 _SPREAD: Final = ("mean", "std", "min", "max")
-_NAMED_FRAMES: Final = 8  # the JSON names all
+_NAMED_FRAMES: Final = 8  # most frames that a line names; the JSON names all
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from haptogram.settings.frozen import dataclass
 
 _TURN: Final = 256  # codes of a drive in a period
 _WINDOW: Final = 8  # frames or latches that may be missing in a row before order alone counts
-_NOBODY_INTENDED: Final = 1  # loop of their keys: the frames of a host have loop 0
+_NOBODY_INTENDED: Final = 1  # loop in the key of a latch that nobody intended; others have loop 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,7 @@ STOP_TIMEOUT_S: Final = 8.0  # wait for a worker that has not begun: it may be c
 DRAIN_TIMEOUT_S: Final = 120.0
 SKIP_FIELDS_AFTER_S: Final = 20.0  # time after which the last records have no field
 
-_KEPT_DRIVES: Final = 4096  # that the worker need not make again: of a sequence
+_KEPT_DRIVES: Final = 4096  # drives that the worker keeps, such as those of a sequence
 BATCH: Final = 64  # records that are handed over at a time, unless time is up before
 
 _PROCESS: Final = f"{__package__}.worker_process"

@@ -19,7 +19,7 @@ from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_d
 from ..board.events import ClientLeft, Notice, Remark, WireCompared
 
 _ALIKE: Final = 3  # frames of one size that prove another array
-_FEW_LOST: Final = 2  # bytes
+_FEW_LOST: Final = 2  # most bytes that an unfinished frame lost on the line
 _FEW: Final = 16  # a frame that lost or gained one in so many bytes is one of this board's
 
 # For what a codec counts: what it is, and what it shows if frame after frame is alike.

@@ -19,7 +19,7 @@ from .unit import HearsBytesUnit, HoldsBackUnit, RunsAheadUnit, Unit
 from .virtual_dialect import VirtualDialect
 
 PAUSE_US: Final = 30_000  # silence after which another frame may begin
-PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
+PATIENCE_US: Final = 500_000  # time without a byte after which the rest of a frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
 

@@ -28,7 +28,7 @@ from .line import LineFault, Values, fault_on_bytes
 # A body in, what follows the first delimiter out (COBS and the last delimiter); None: unchanged.
 Rewrite: TypeAlias = Callable[[bytes, Values, random.Random], bytes | None]
 _Change: TypeAlias = Callable[[Header, Values], dict[str, int]]
-_TRUE_COUNTERS: Final = ("frames", "latched", "requests")  # those that rise when all is well
+_TRUE_COUNTERS: Final = ("frames", "latched", "requests")  # counters that rise when all is well
 _PONG_TIMES: Final = ("t_rx_us", "t_tx_us")
 
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from haptogram.acoustics.model.directivities import OrientedDirectivity
 
 MIN_DISTANCE_M: Final = 1e-3
-_POINTS_PER_CHUNK: Final = 1 << 14  # cached too; some 0.1 ms, so that Ctrl-C is heard
-_PAIRS_PER_CHUNK: Final = 1 << 13  # a temporary takes 64 kB: cached, and never mapped afresh
+_POINTS_PER_CHUNK: Final = 1 << 14  # points of a chunk: some 0.1 ms, so that Ctrl-C is heard
+_PAIRS_PER_CHUNK: Final = 1 << 13  # pairs of a chunk: temporaries of 64 kB stay in the cache
 
 
 class FieldEngine(Protocol):

@@ -31,7 +31,7 @@ from haptogram.settings.frozen import dataclass
 PhaseCodes: TypeAlias = NDArray[np.uint8 | np.uint16]
 
 MAX_PHASE_BITS: Final = 16
-REGISTER_BITS: Final = 8  # of the registers of most boards, and of the wire
+REGISTER_BITS: Final = 8  # phase bits of the registers of most boards, and of the wire
 FULL_AMPLITUDE: Final = 255
 _CEILING: Final = 1.0 + 1e-6  # a magnitude of 1, with the rounding of single precision
 

@@ -23,7 +23,7 @@ _SUBARRAY_COUNT: Final = 100
 _SUBARRAY_RADIUS_M: Final = 0.075
 HOPELESS_RAD: Final = 1.2  # a chance fit leaves about 1.5; one inverted element in ten, 1.0
 _RIVALS: Final = 64  # cells looked at, best first
-_RIVAL_SEPARATION: Final = 0.25  # of the distance to the array: a grating lobe lies further away
+_RIVAL_SEPARATION: Final = 0.25  # least distance of cells, relative to that of the array
 
 
 class FocusAcquisition:

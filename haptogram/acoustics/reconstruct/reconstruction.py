@@ -63,7 +63,7 @@ from haptogram.settings.frozen import dataclass
 
 _MIN_TRACKED: Final = 4
 _AT_ONCE: Final = 512  # drives of a call of compiled code
-_SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude step
+_SILENT: Final = 1e-6  # largest amplitude of a silent element; far below half an amplitude step
 _MAX_STARTS: Final = 12
 _TRIM_ROUNDS: Final = 6
 _MIN_AGREEING: Final = 8  # twice the unknowns: fewer would agree on some point by chance

@@ -18,7 +18,7 @@ from haptogram.settings.text_file import flat_document
 
 _LEVELS: Final = ("p50", "p90", "p99")  # a tenth of a run holds too few frames for p99.9
 _SIGMAS: Final = 4.0  # limit at which none of three dozen comparisons differs by chance
-_MAD_TO_SIGMA: Final = 1.4826  # for a normal distribution
+_MAD_TO_SIGMA: Final = 1.4826  # standard deviation over median deviation, for a normal distribution
 _MEDIAN_LOSS: Final = 1.2533  # a median varies so much more than a mean
 _LEAST_US: Final = 1.0  # resolution of the board's clock
 _CONTROL: Final = "control"

@@ -21,7 +21,7 @@ from .rows import Row, row_of_crash, row_of_point
 from .workers import Workers
 
 _TRIES: Final = 3  # attempts at a point whose worker dies
-_MOST_JOURNAL: Final = 1 << 34  # characters
+_MOST_JOURNAL: Final = 1 << 34  # most characters of a journal
 
 #: Runs the words of a command; returns exit status, result as JSON, and text on standard error.
 RunWords: TypeAlias = Callable[[Sequence[str]], tuple[int, bytes, str]]

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_NO_FOCUS: Final = 0.25  # of the target's distance: a maximum farther off is not its focus
+_NO_FOCUS: Final = 0.25  # largest shift of a focus, relative to the target's distance
 
 
 def check_field_picture_size(arguments: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ from haptogram_protocol.dialects.codec import Dialect, Display, Operation, Reply
 
 _NS_PER_S: Final = 1_000_000_000
 _RETRY_NS: Final = 1_000_000  # how soon a port that took nothing, or a board, is asked again
-_REFUSED: Final = 0  # these boards say why in words
+_REFUSED: Final = 0  # error code of every refusal: these boards say why in words
 
 
 class DialectLine:

@@ -11,9 +11,9 @@ from typing import Final
 
 _LONGEST_DEFAULT_US: Final = 100_000
 _QUEUE_SHARE: Final = Fraction(3, 4)  # share of the board's queue: the rest takes up a burst
-_GUARD_US: Final = 200  # above the worst delay seen: two clocks and a carrier period
-_GUARD_SHARE: Final = 4  # and a part in so many of it
-_LATENESS_DECAY: Final = 0.9  # per report without a late frame
+_GUARD_US: Final = 200  # margin above the worst delay seen: two clocks and a carrier period
+_GUARD_SHARE: Final = 4  # part of the worst delay, 1 / n, that is added as well
+_LATENESS_DECAY: Final = 0.9  # factor on the lateness for each report without a late frame
 _MOST_LATENESS_US: Final = 10_000.0
 _FIRST_EPOCH: Final = 8  # reports; each epoch is twice as long as the one before
 

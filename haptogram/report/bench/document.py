@@ -180,7 +180,7 @@ def _bench_machine_rows(result: Result) -> Iterator[str]:
         yield f"processors during the run: {shares}"
 
 
-_BINS: Final = np.geomspace(0.1, 1e6, 141)  # microseconds
+_BINS: Final = np.geomspace(0.1, 1e6, 141)  # borders of the histogram, in microseconds
 _SHOWN: Final = (
     ("wake", "wake, from the intended time", style.BLUE),
     ("work", "encode and write", style.ORANGE),

@@ -16,7 +16,7 @@ _CAUSES: Final = 3  # failures with their bytes; the others may follow from thes
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
 _FAILURES: Final = 12  # most failures that one line names
 _NAMED: Final = 3  # cases that are named where they have a reason in common
-_NEXT_FRAME: Final = "\n" + 17 * " "  # of a dialogue
+_NEXT_FRAME: Final = "\n" + 17 * " "  # line break before the next frame of a dialogue
 _LONG_HEX: Final = re.compile(r"\b([0-9a-f]{64})[0-9a-f]{9,}")
 _CUT_HEX: Final = r"\1 ..."
 

@@ -32,7 +32,7 @@ _NARROWEST_IN: Final = 3.2
 _NEAR_M: Final = 2.5e-3
 _FEW_TARGETS: Final = 4
 _MANY_TARGETS: Final = 200
-_WIDER: Final = 0.5  # of the height of a picture: an array farther off is not drawn
+_WIDER: Final = 0.5  # largest distance of a drawn array, in heights of the picture
 _EDGE_MM: Final = 4.0
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FORMATS: Final = (".png", ".svg", ".pdf")
 MAGNITUDE_MAP: Final = "cividis"
 PHASE_MAP: Final = "twilight"
-DPI: Final = 200  # of a picture in a file of its own
+DPI: Final = 200  # resolution of a picture in a file of its own
 
 # Okabe and Ito's colours, distinguishable with any colour vision.
 BLUE: Final = "#0072B2"

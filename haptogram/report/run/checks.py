@@ -13,7 +13,7 @@ from ..formats.document import Check, Outcome
 from .pins import run_capture_checks
 from .wording import run_count_wording, run_frame_wording
 
-NAMED_FRAMES: Final = 20  # the JSON names all
+NAMED_FRAMES: Final = 20  # most frames that a check names; the JSON names all
 
 _Item = TypeVar("_Item")
 

@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 _SEED: Final = "seed"
 _MOST_WORST: Final = 20
-_MOST_REASON: Final = 60  # characters; the rows have all of it
+_MOST_REASON: Final = 60  # most characters of a reason; the rows have all of it
 _MOST_LEVELS: Final = 20  # most levels of one axis of a map, or of a table
 _MOST_VALUES: Final = 12
 _RANGES: Final = 8
 _INK: Final = "#111111"  # text colour on a bright cell, in a dark page too
 _CHALK: Final = "#fefefe"
 _BRIGHT: Final = 0.6  # share of the largest value from which on a cell is bright
-_LABEL: Final = 24  # characters
+_LABEL: Final = 24  # most characters of a label
 
 
 def sweep_document(campaign: SweepCampaign) -> Document:

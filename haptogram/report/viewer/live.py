@@ -18,7 +18,7 @@ from .frames import LATE, TIMELY, ViewerFrame, found_fields_of_viewer
 from .scene import ViewerScene, other_axes_of_viewer
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
-_OF_THE_WATCH: Final = frozenset({"wire_compared", "client_left"})  # nothing for a reader
+_OF_THE_WATCH: Final = frozenset({"wire_compared", "client_left"})  # events that are not counted
 _LONGEST_NAME: Final = 80  # characters of the name of a board
 _AT_ONCE: Final = 2_000  # frames in one answer: a megabyte
 

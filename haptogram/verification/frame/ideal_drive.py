@@ -28,7 +28,7 @@ from .tolerated import ToleratedHost, scale_of_tolerance
 _LEAST_AMPLITUDE_CODE: Final = 4
 _HALF: Final = 0.5 + 1e-6  # half an amplitude step, and rounding
 _MARGIN: Final = 1.15  # factor for changes between the tolerated drives, which are not quite linear
-_FAINT: Final = 0.1  # of the loudest focus: the pressure of a fainter one is compared with that
+_FAINT: Final = 0.1  # least pressure that an excess is compared with, relative to the loudest focus
 #: The least that a solver makes of foci.  Random phases reach an efficiency of F / N, solvers 0.5
 #: and more; their weakest focus of many has a third of the mean, a missing one next to none.
 LEAST_EFFICIENCY: Final = 0.25

@@ -51,7 +51,7 @@ _ON_THE_WIRE: Final = (
 )
 #: Wrong drives for which a focus is sought in the whole volume, in vain: 40 ms or more each.
 _MOST_SEARCHES: Final = 256
-_EXACT_RAD: Final = 1e-7  # positions that are whole micrometres, but for the arithmetic
+_EXACT_RAD: Final = 1e-7  # largest phase error of positions that are whole micrometres
 
 
 class FrameJudge:

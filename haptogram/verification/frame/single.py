@@ -24,7 +24,7 @@ from .tolerated import ToleratedHost
 from .verdict import FrameStatus, FrameVerdict
 
 _MM: Final = 1e3
-_STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
+_STILL_A_FOCUS: Final = 0.5  # least coherence of a focus: below it, the next peak may be any
 _ACROSS_AND_ALONG: Final = 2
 #: Limit between the rounding of 8 bits and an element that a reconstruction calls off.
 _FINEST_RAD: Final = 0.75 * acoustics.phase_step_rad(8)

@@ -24,7 +24,7 @@ from .peaks import LOST, TURNED_RATIO, ExpectedPeak, FramePeakAxes, expected_fra
 Bools = NDArray[np.bool_]
 
 _MM: Final = 1e3
-_NEAR: Final = 0.01  # of the distance: a larger bound needs the second order
+_NEAR: Final = 0.01  # largest bound of the first order, relative to the distance
 _SECOND_ORDER: Final = 1.04  # factor on the first-order bound
 #: Limits of observable coordinates and their bounds, in the order of the compiled loops.
 OBSERVED: Final[FloatArray] = np.array([focus_fit.LEAST_SEEN_SHARE, _NEAR, _SECOND_ORDER, LOST])

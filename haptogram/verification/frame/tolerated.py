@@ -34,7 +34,7 @@ _SHORTER: Final = (1.0, 0.3, 0.1, 0.03)  # factors tried on the step of such a s
 _HOPELESS: Final = 1.5  # times the limit: an RMS error that no place within rounding explains
 _EXACT: Final = 1.0 + 1e-4
 _SECOND_ORDER: Final = 1.5  # factor on the first-order bound
-_LOUD: Final = 0.5  # of the mean amplitude: below it the waves of several foci nearly cancel
+_LOUD: Final = 0.5  # least level, relative to the mean: below it the waves of foci nearly cancel
 _FEW: Final = 0.25  # share of the elements that can be wrong one by one
 #: Standard uncertainties by which one element of some hundreds may be off.
 _COVERAGE: Final = 5.0

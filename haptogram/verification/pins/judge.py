@@ -49,7 +49,7 @@ _HALF: Final = 0.5
 _EDGE: Final = 2  # frames at the end of the capture, beside which samples may be missing
 _NAMED: Final = 4
 _BREAK_SAMPLES: Final = 2.5  # tolerance of two edges, in samples
-_JITTERS: Final = 6.0  # of the median jitter of one pulse: beyond that it is no jitter
+_JITTERS: Final = 6.0  # largest jitter, relative to the median one of a pulse
 _WITH_THE_CLOCK: Final = "capture the clock of the carrier, and longer than the run, to know"
 _BY_DRIVE: Final = (
     "the frames carry no times: each is found by its drive, and a delay does not show"

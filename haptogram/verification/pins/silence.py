@@ -15,8 +15,8 @@ from .line_frames import mute_on_captured_line
 from .run_drives import PinRunDrives, fundamentals_of_run_drives
 from .shown_frames import FramesShownByPins
 
-_SILENT_PERIODS: Final = 2.5  # without a pulse
-_FADED: Final = 0.9  # of its amplitude: a pin that has less before its end is on a ramp
+_SILENT_PERIODS: Final = 2.5  # periods without a pulse after which a pin is silent
+_FADED: Final = 0.9  # least amplitude before the end, relative to full: a fainter pin is on a ramp
 _MUTE_SAMPLES: Final = 2.0  # tolerance of two edges, or of an edge and the last bit of MUTE
 _FAINT: Final = 4.0  # samples of a pulse: a shorter one may be taken for a disturbance
 _FAINT_PERIODS: Final = 0.008

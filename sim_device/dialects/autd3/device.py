@@ -25,7 +25,7 @@ from .memory import Autd3Memory
 from .refusals import Autd3Limits, autd3_segment_refusal, autd3_silencer_refusal
 from .segments import Autd3Sampling
 
-FULL: Final = 255  # intensity, modulation
+FULL: Final = 255  # largest intensity and modulation
 _FOCUS_BYTES: Final = 8
 # v12.1.0, the newest firmware that autd3 38 knows
 _FIRMWARE: Final = {

@@ -36,7 +36,7 @@ from .device import FULL, Autd3Device, Output
 from .segments import PERIOD_NS
 
 PERIODS_BETWEEN_LATCHES: Final = 10
-MAX_KNOWN: Final = 1024  # pulses that are kept
+MAX_KNOWN: Final = 1024  # most outputs whose pulses are kept
 _NS_PER_US: Final = 1_000
 PERIOD_US: Final = PERIOD_NS // _NS_PER_US
 STEPS: Final = 512

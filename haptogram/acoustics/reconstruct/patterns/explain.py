@@ -17,7 +17,7 @@ from haptogram.acoustics.reconstruct.patterns.fit import (
 )
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
-MOST_OUTLIERS: Final = 0.2  # share of the elements
+MOST_OUTLIERS: Final = 0.2  # largest share of outliers among the elements
 _HOPELESS_RAD: Final = 1.35  # chance leaves 1.8; a focus with a fifth of its elements wrong, 1.0
 _MOST_SPEED: Final = 0.04  # share of the speed of sound: 24 degrees
 _FIRST_COUNT: Final = 40  # elements whose wide beam forgives a start that is off

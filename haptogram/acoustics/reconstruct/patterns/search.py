@@ -22,10 +22,10 @@ from haptogram.acoustics.reconstruct.cells import cell_phasors, leading_cells, s
 
 MAX_CHARGE: Final = 4
 CHARGES: Final = tuple(range(-MAX_CHARGE, MAX_CHARGE + 1))
-_SUBARRAY: Final = 100  # elements that are asked
+_SUBARRAY: Final = 100  # elements whose phases the search compares
 _STARTS: Final = 6  # start positions for each charge
 _LOOKED_AT: Final = 48  # best cells of each charge
-_APART: Final = 0.25  # of the distance to the array: a grating lobe lies further away
+_APART: Final = 0.25  # least distance of starts, relative to the array's: lobes are farther
 _LEAST_SCORE: Final = 0.3  # chance reaches 0.35 with 100 elements, a corner of the right cell 0.5
 _TWIN_SCORE: Final = 1.1  # a twin trap reaches 0.9 where others reach 1
 _AT_A_TIME: Final = 256  # points: temporaries stay in the cache
@@ -33,7 +33,7 @@ _AXES: Final = "xyz"
 _LEAST_BEND: Final = 0.1  # least singular value of the normals of a bowl: less is a line or a plane
 _BOWL: Final = 0.4  # half-width of the search around a bowl's middle, in radii of the bowl
 _BOWL_STARTS: Final = 6
-_BOWL_CELLS: Final = 400  # among which these are looked for
+_BOWL_CELLS: Final = 400  # best cells among which the starts of a bowl are chosen
 _MOST_BOWL_STEPS: Final = 12  # each way: 7 000 points
 _CLEARANCE_M: Final = 0.010  # least distance of a point from the elements of the other board
 

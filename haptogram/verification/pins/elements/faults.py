@@ -22,7 +22,7 @@ from ..run_drives import Bools, PinRunDrives
 _MOST: Final = 0.9  # share of frames that a name must explain
 _FRAMES_COMPARED: Final = 256
 _FRAMES_TRIED: Final = 16
-_LIKELY: Final = 0.5  # share of these in which an element is worth more
+_LIKELY: Final = 0.5  # least share of the few frames that makes an element worth comparing in more
 _ROWS: Final = 256  # frames that are compared at a time
 _NAMED: Final = 8
 _EVERY: Final = slice(None)

@@ -17,7 +17,7 @@ from haptogram.records.pins import PinRecord
 
 _WINDOW_S: Final = 0.5e-3  # ringing time of a transducer
 _MOST_PINS: Final = 64
-_QUIET: Final = 0.02  # of the usual level: less is silence
+_QUIET: Final = 0.02  # largest level of silence, relative to the usual one
 _FULL: Final = 0.95  # quantile of the windows that shows the undisturbed carrier
 _LEAST_DB: Final = 0.5
 _BUSY: Final = 0.5  # part of a window in which bytes arrive
