@@ -67,7 +67,6 @@ def is_standard_output(path: Path) -> bool:
 
 
 def _is_file_open_as(descriptor: int, path: Path) -> bool:
-    """Return True if a file, other than the null device, is open under a descriptor."""
     with contextlib.suppress(OSError):
         found = path.stat()
         nothing = os.stat(os.devnull)  # takes everything, from everybody
@@ -274,14 +273,12 @@ def _is_same_file(path: Path, other: Path) -> bool:
 
 
 def _write_stream_or_pipe(stream: TextIO, content: bytes) -> None:
-    """Write bytes to a text stream, after its text."""
     stream.flush()
     stream.buffer.write(content)
     stream.buffer.flush()
 
 
 def _replace_file(target: Path, content: bytes) -> None:
-    """Replace a file by *content* atomically."""
     temporary = _temporary_file(target.parent)
     try:
         with temporary.open("xb") as file:
@@ -294,6 +291,5 @@ def _replace_file(target: Path, content: bytes) -> None:
 
 
 def _temporary_file(folder: Path) -> Path:
-    """Return an unused name in *folder*."""
     # In the folder of the target: a rename is atomic within one file system only.
     return folder / f".haptogram-{os.urandom(8).hex()}.tmp"

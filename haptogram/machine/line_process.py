@@ -17,7 +17,7 @@ from haptogram.errors import LinkLostError, plain_reason
 _CHUNK: Final = 1 << 16  # capacity of a pipe
 _MOST_BYTES: Final = 1 << 28  # largest answer
 _LAST_WORDS_S: Final = 1.0
-_LAST_WORDS: Final = 4096  # bytes at the end of an answer that an error looks at
+_LAST_WORDS: Final = 4096  # bytes of them
 
 
 class LineProcess:
@@ -84,7 +84,7 @@ class LineProcess:
             if not select.select([descriptor], [], [], self._patience_s)[0]:
                 _kill_line_process(self._process)
                 raise self._failure(
-                    f"{self._name} did not answer for {self._patience_s:g} s{_last_words(answer)}"
+                    f"{self._name} did not answer for {self._patience_s:g} s{_end_of(answer)}"
                 )
             data = os.read(descriptor, _CHUNK)
             if not data:
@@ -92,7 +92,7 @@ class LineProcess:
             answer += data
             if len(answer) > _MOST_BYTES:
                 _kill_line_process(self._process)
-                raise self._failure(f"{self._name} did not come to an end{_last_words(answer)}")
+                raise self._failure(f"{self._name} did not come to an end{_end_of(answer)}")
         return bytes(answer)
 
     def complaint(self) -> str:
@@ -106,8 +106,8 @@ class LineProcess:
         return lines[-1] if lines else f"status {self._process.wait()}"
 
 
-def _last_words(answer: bytearray) -> str:
-    """Return text that names the last line of an incomplete answer."""
+def _end_of(answer: bytearray) -> str:
+    """Return the last line of an incomplete answer."""
     lines = answer[-_LAST_WORDS:].decode(errors="replace").splitlines()
     return f", after {lines[-1][-60:]!r}" if lines else ""
 

@@ -16,7 +16,7 @@ from .posix import posix_module
 _STATM: Final = Path("/proc/self/statm")
 _PROCESSES: Final = Path("/proc")  # Linux
 _TERMINALS: Final = "/dev/pts/"
-_STATISTICS_BYTES: Final = 128  # bytes that hold the three numbers of a thread
+_STATISTICS_BYTES: Final = 128  # more than three numbers of a thread take
 _PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
 _PR_GET_TIMERSLACK: Final = 30
 _MCL_CURRENT: Final = 1  # sys/mman.h
@@ -69,7 +69,6 @@ class TerminalProcesses:
 
 
 def _threads_behind_terminal(number: str) -> list[Path]:
-    """Return the threads of the processes that hold the master of a pseudo-terminal."""
     wanted, threads = f"tty-index:\t{number}\n", []
     for process in _PROCESSES.glob("[0-9]*"):
         with contextlib.suppress(OSError):  # of another user, or at its end
@@ -80,7 +79,6 @@ def _threads_behind_terminal(number: str) -> list[Path]:
 
 
 def _is_terminal_master(descriptor: Path) -> bool:
-    """Return True if a file descriptor is the master of a pseudo-terminal."""
     try:
         return os.readlink(descriptor).endswith("ptmx")
     except OSError:

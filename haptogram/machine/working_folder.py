@@ -58,7 +58,6 @@ class WorkingFolder:
             self._lock = None
 
     def _remove_unowned(self, folder: Path) -> None:
-        """Remove a folder unless a running process owns it."""
         if (lock := self._own(folder)) is not None:
             shutil.rmtree(folder, ignore_errors=True)
             os.close(lock)

@@ -110,7 +110,7 @@ _Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Shown]
 
 
 def _off_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
-    """Return zero amplitude."""
+    """Return the drive's phase at zero amplitude."""
     return now.drive.turns[now.place], 0.0
 
 
