@@ -229,6 +229,7 @@ def reads_as(kind: str) -> contextlib.AbstractContextManager[None]:
 def _errors_as_refusals(
     refusal: Callable[[BaseException], ConfigurationError], kinds: _Kinds
 ) -> Iterator[None]:
+    """Convert errors of these kinds into the ConfigurationError that *refusal* makes."""
     try:
         yield
     except ConfigurationError:  # a refusal already, though it may be one of the kinds
@@ -259,6 +260,7 @@ def plain_reason(error: BaseException) -> str:
 
 
 def _causes_of(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error and its causes or contexts, one after the other."""
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__

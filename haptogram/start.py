@@ -32,13 +32,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_after_start(argv: Sequence[str] | None) -> int:
+    """Load the program and run it."""
     from .cli import main as run
 
     return run(argv)
 
 
 def _leave_at_start(*_: object) -> None:
-    """End at once: while a program is loaded there is nothing to clean up."""
+    """Exit at once: nothing has to be closed while modules load."""
     command = " ".join(["haptogram", *sys.argv[1:2]])
     os.write(2, f"{command}: interrupted\n".encode(errors="replace"))
     os._exit(0 if sys.argv[1:2] == [_BOARD] else _INTERRUPTED)

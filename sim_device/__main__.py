@@ -45,6 +45,7 @@ def _answer_signals(handler: Handlers | Callable[..., object]) -> None:
 
 
 def _leave(*_: object) -> NoReturn:
+    """Exit on a signal; ignore further ones while the board closes."""
     _answer_signals(_signal.SIG_IGN)  # another one would cut short what the first one closes
     raise SystemExit(0)
 

@@ -94,6 +94,7 @@ def _with_checked_faults(blueprint: Blueprint) -> Blueprint:
 
 
 def _foreign_blueprint(config: BoardConfig, name: str) -> Blueprint:
+    """Return the blueprint of a board of another dialect."""
     from .dialects.table import emulation_of, read_emulation_options  # many modules
 
     emulation = emulation_of(name)
@@ -119,6 +120,7 @@ def _foreign_blueprint(config: BoardConfig, name: str) -> Blueprint:
 
 
 def _check_blueprint(config: BoardConfig, name: str) -> None:
+    """Refuse a mutant, and faults of the Haptogram wire, on a board of another dialect."""
     if config.mutant is not None:
         raise ConfigurationError(
             f"mutant {config.mutant} acts only on Haptogram's own firmware, not on a board of the "
@@ -142,7 +144,7 @@ class _Emitters:
 
 
 def _blueprint_emitters(config: BoardConfig, emulation: Emulation, options: Settings) -> _Emitters:
-    """Return the transducers that *config* names, or those of the dialect."""
+    """Return the transducers of the configuration, else of the dialect."""
     from haptogram.acoustics.model.boards.ultraino_file import SUFFIXES
 
     text = config.array

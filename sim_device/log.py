@@ -107,6 +107,7 @@ def describe_board_notice(notice: events.Notice) -> str:
 
 
 def _logged_board_counts(notice: events.Counted) -> str:
+    """Return counts as text for the log."""
     return f"{notice.what}: " + ", ".join(f"{name} {n}" for name, n in notice.counts.items())
 
 

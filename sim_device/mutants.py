@@ -101,6 +101,7 @@ def mutant_parts(name: str | None) -> BoardAssembly:
 
 
 def _assembly_with(part: Part, name: str) -> BoardAssembly:
+    """Return the assembly of a board with one part replaced; refuse a class that is no part."""
     for kind in getattr(part, "__mro__", ()):
         if kind in _NAMES:
             return BoardAssembly(**{_NAMES[kind]: part})
@@ -111,6 +112,7 @@ def _assembly_with(part: Part, name: str) -> BoardAssembly:
 
 
 def _imported_class(address: str) -> Part:
+    """Import a class by MODULE:CLASS, or raise."""
     module, _, name = address.partition(":")
     try:
         part: Part = getattr(importlib.import_module(module), name)
@@ -133,6 +135,7 @@ class CrcUnchecked(FrameDecoder):
 
 
 def _decoded_with_right_crc(encoded: bytes) -> bytes:
+    """Decode a frame and make its CRC right, whatever it was."""
     body = cobs_decode(encoded)[:-CRC_BYTES]
     return body + crc32(body).to_bytes(CRC_BYTES, "little")
 

@@ -127,7 +127,7 @@ class Serial(serial.SerialBase):
             _SHARED[self.shared_as] = self
 
     def _join(self, name: str) -> None:
-        """Attach this port to the board of another port."""
+        """Attach this port to the board of another open port, found by name."""
         owner = _SHARED.get(name)
         if owner is None or not owner.is_open:
             raise ConfigurationError(
@@ -161,6 +161,7 @@ class Serial(serial.SerialBase):
         return self._observations
 
     def _blueprint(self, board: BoardConfig) -> Blueprint:
+        """Return the blueprint of the board; name the URL in an error."""
         try:
             return blueprint_of(board)
         except ConfigurationError as error:
@@ -204,6 +205,7 @@ class Serial(serial.SerialBase):
         self._close_records()
 
     def _close_records(self) -> None:
+        """Finish and close all that records the board."""
         if self._inline is not None:
             self._inline.finish()
         if self._worker is not None:
@@ -264,9 +266,11 @@ class Serial(serial.SerialBase):
         self._catch_up()
 
     def _deadline_ns(self, timeout_s: float | None) -> int | None:
+        """Return when a timeout from now ends; None without one."""
         return None if timeout_s is None else self.now_ns() + round(timeout_s * 1e9)
 
     def _is_over(self, deadline_ns: int | None) -> bool:
+        """Return True if the deadline has passed."""
         return deadline_ns is not None and self.now_ns() >= deadline_ns
 
     # --- bytes ---------------------------------------------------------------------------------
@@ -277,6 +281,7 @@ class Serial(serial.SerialBase):
         self._check_connected()
 
     def _check_connected(self) -> None:
+        """Raise if the cable was pulled by a fault."""
         if not self.simulation.is_connected:
             raise serial.SerialException("unplugged, by line.disconnect")
 
@@ -335,6 +340,7 @@ class Serial(serial.SerialBase):
         return sent
 
     def _put(self, data: bytes) -> int:
+        """Write bytes to the line; return how many it took."""
         taken = self.simulation.host_write(data, self.simulation.now_ns)
         self._catch_up()
         return taken

@@ -252,6 +252,7 @@ class Simulation:
         return None if next_ns == _NEVER_NS else max(next_ns, self.now_ns)
 
     def _first_event_ns(self) -> int:
+        """Return the time of the next event of board or line."""
         first_ns = _NEVER_NS
         if (board_us := self.dialect.next_event_us()) is not None:
             first_ns = self._clock.reached_ns(board_us)
@@ -305,7 +306,7 @@ class Simulation:
             self._idle_until_ns = 0
 
     def _play_on(self, t_ns: int) -> None:
-        """Let a board play up to *t_ns*, if the line has nothing to do with its latches.
+        """Advance a playback up to *t_ns* in large steps, while the line is idle.
 
         A second at a time: a playback may be hours long, and its latches are kept until then.
         """
@@ -326,6 +327,7 @@ class Simulation:
         self._record()
 
     def _step(self, t_ns: int) -> None:
+        """Advance the board to *t_ns*, with the bytes that arrive then, and feed the line."""
         self.now_ns, self._idle_until_ns = t_ns, 0
         if self._injector is not None and self._injector.has_left(t_ns):
             self.unplug()
@@ -346,6 +348,7 @@ class Simulation:
             self._overrun_host(self._line.host_buffer)
 
     def _record(self) -> None:
+        """Pass new notices and latches to the recorders, latches with their injected faults."""
         notices, latches = self.dialect.take_notices(), self.dialect.take_latches()
         if self._injector is not None:
             latches = [self._injector.radiate(latch, self.now_ns) for latch in latches]
@@ -356,6 +359,7 @@ class Simulation:
                 recorder.latch(latch)
 
     def _send(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
+        """Put bytes on a line, through the fault injector if there is one."""
         if self._injector is None:
             self._put(line, direction, data, t_ns, credit_ns)
             return
@@ -363,6 +367,7 @@ class Simulation:
             self._put(line, direction, chunk.data, chunk.t_ns, credit_ns)
 
     def _put(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int) -> None:
+        """Put bytes on a line; announce them to the dialect and record them for a probe."""
         self._idle_until_ns = 0
         begin_ns = max(t_ns - credit_ns, line.free_ns)
         line.send(data, t_ns - credit_ns)
@@ -385,6 +390,7 @@ class Simulation:
 
     @property
     def _can_feed(self) -> bool:
+        """Return True if the board has output and the host's buffer has room."""
         # With a buffer of its own the host never makes the board wait: what does not fit is lost.
         if not self.dialect.output_bytes:
             return False

@@ -88,7 +88,7 @@ def result_of_command(words: Sequence[str]) -> tuple[int, bytes, str]:
 
 
 def _run_command(words: Sequence[str], heard: list[int]) -> int:
-    """Run a command and return its exit status; record received signals in *heard*."""
+    """Run a command and return its exit status; append received signals to *heard*."""
     parser = _command_parser(words)
     try:
         arguments = parser.parse_args(words)
@@ -112,13 +112,14 @@ def _run_command(words: Sequence[str], heard: list[int]) -> int:
 
 
 def _interrupted_command(parser: Parser) -> int:
+    """Print that the command was interrupted; return its exit status."""
     print(f"{parser.prog}: interrupted", file=sys.stderr)
     return INTERRUPTED
 
 
 @contextlib.contextmanager
 def _command_ended_by_signals(heard: list[int]) -> Iterator[None]:
-    """Handle SIGTERM and SIGHUP like Ctrl-C; record them in *heard*.
+    """Handle SIGTERM and SIGHUP like Ctrl-C; append them to *heard*.
 
     One that is ignored from the start (nohup, a job in the background) stays so; those that came
     are in *heard*.
@@ -166,7 +167,7 @@ def command_parser(name: str) -> Parser:
 
 
 def _add_command_options(name: str, parser: Parser) -> None:
-    """Let the module of a command add its options, given what only this module knows of boards."""
+    """Let the module of a command add its options; pass it the boards of this program."""
     parts = {
         "verify": (boards,),
         "conform": (boards.access_in_program,),

@@ -77,6 +77,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
 
 
 def _bench_changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
+    """Return lines on the changes between two results that exceed the noise."""
     from haptogram.campaigns.bench.compare import bench_differences, compare_benches
 
     changes = compare_benches(old, new)

@@ -64,6 +64,7 @@ def run_budget(arguments: argparse.Namespace) -> int:
 
 
 def _run_own_budget(config: BudgetConfig) -> int:
+    """Print the measured budget of every frame format; 1 if the rate is out of reach."""
     from haptogram.campaigns.bench import frame_budget
 
     wake_ns = frame_budget.measure_budget_wake_ns(config.rate_hz)
@@ -108,6 +109,7 @@ def _run_dialect_budget(arguments: argparse.Namespace) -> int:
 
 
 def _frame_budget_text(asked: frame_budget.FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
+    """Return a table of the stages of one frame: where a period goes."""
     from haptogram.report.formats.console import console_table
 
     period_us = 1e6 / config.rate_hz
@@ -140,6 +142,7 @@ def _frame_budget_text(asked: frame_budget.FrameBudget, wake_ns: int, config: Bu
 
 
 def _budget_table(budgets: list[frame_budget.FrameBudget], wake_ns: int) -> str:
+    """Return a table of all frame formats: times, highest rate, and what limits it."""
     from haptogram.report.formats.console import console_table
 
     head = ("format", "bytes", "encode", "write", "wire", "decode", "lead", "highest rate", "limit")

@@ -94,6 +94,7 @@ def run_view(arguments: argparse.Namespace) -> int:
 
 
 def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
+    """Serve a page of the frames in a recording; return the exit status."""
     from haptogram.report.viewer.recorded import viewer_scene_of_recording
     from haptogram.report.viewer.scene import view_document
 
@@ -110,6 +111,7 @@ def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> i
 
 
 def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
+    """Serve a live page of a board's back door; return the exit status."""
     from haptogram.evidence.backdoor import BackdoorReader
     from haptogram.report.viewer.live import LiveViewerScene
     from haptogram.report.viewer.scene import view_document
@@ -134,6 +136,7 @@ def _serve_view(
     outputs: CommandOutputs,
     live: tuple[LiveViewerScene, BackdoorReader] | None = None,
 ) -> int:
+    """Serve the page, and new records of a live board, until the user or starter ends it."""
     from haptogram.report.formats.html import render_document_page
     from haptogram.report.viewer.server import ViewServer
 
@@ -180,7 +183,7 @@ def _is_starter_there() -> bool:
 
 
 def _wants_view_in_browser(wish: bool | None) -> bool:
-    """Return True if a page is to open: as wished, else where there is a desktop."""
+    """Return True if a browser is to open: by option, else if a desktop exists."""
     if wish is None:
         return sys.platform in ("darwin", "win32") or any(map(os.environ.get, _DESKTOPS))
     return wish

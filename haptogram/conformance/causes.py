@@ -159,7 +159,7 @@ def common_finding(failures: Sequence[CaseResult]) -> CommonFinding | None:
 
 
 def _parts(finding: str) -> set[str]:
-    """Split a finding into its clauses, without numbers."""
+    """Split a finding at its commas and colons; numbers are left out."""
     whole = _NUMBERS.sub("#", _CONTEXT.sub("", finding))
     parts = re.split("[,;:] ", whole)
     return {part for part in (whole, *parts) if len(part.split()) >= _LEAST_WORDS}

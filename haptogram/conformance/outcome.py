@@ -187,6 +187,7 @@ def _different_drives(got: bytes, due: bytes, due_word: str) -> Iterator[str]:
 
 
 def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
+    """Return the number of differing bytes, and the first of them, as text."""
     if len(got) != len(due):
         pairs = enumerate(zip_longest(got, due, fillvalue=_MISSING))
         n, (one, other) = next((n, pair) for n, pair in pairs if pair[0] != pair[1])
@@ -217,15 +218,18 @@ def _is_short(value: object) -> bool:
 
 
 def _short_text(value: object) -> str:
+    """Return a short sequence in full, as text."""
     assert isinstance(value, Sequence)  # _is_short
     return f"({', '.join(map(_value_text, value))})"
 
 
 def _is_plain(value: object) -> bool:
+    """Return True for a number, text or enum member."""
     return isinstance(value, int | float | str | enum.Enum) and not isinstance(value, bool)
 
 
 def _value_text(value: object) -> str:
+    """Return one value as text: an enum member by its name, a bool as 0 or 1."""
     if value is _MISSING:
         return "missing"
     if isinstance(value, bool):

@@ -330,7 +330,7 @@ class DialectDriver(ClosedByWith):
         return dialect_frames.DialectFrameBuilder(self.model, self._display, self._channels)
 
     def _show(self, frame: dialect_frames.DialectFrame) -> Intended:
-        """Send a frame with foci; record the intended drive and the observed bytes."""
+        """Send a frame of foci and record the bytes as observed; return the intended frame."""
         intended = frame.intended(self.intended.total)
         self.intended.append(intended)
         seen = self._send(frame)

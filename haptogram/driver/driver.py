@@ -405,7 +405,7 @@ class Driver(ClosedByWith):
         every = once * loops
         self._session.pinger.refresh()
         self._make_ready(once, schedule.lead_us + stream_preparation_ns(len(every)) // 1000)
-        report = self._streamer.stream(every, schedule, pacing, progress, self._ended)
+        report = self._streamer.stream(every, schedule, pacing, progress, self._final_status)
         for text in report.not_permitted:
             self._session.warn(text)
         return report
@@ -449,7 +449,7 @@ class Driver(ClosedByWith):
         self._session.pinger.refresh()
         self._session.control.rearm_if_timed_out(timing.lead_us)  # an upload outlasts a hold
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
-        status = self._ended()
+        status = self._final_status()
         return PlayReport(
             frames=total,
             latched=None if end is None else end.frames,
@@ -464,8 +464,8 @@ class Driver(ClosedByWith):
         self._session.control.agree_on_sound_speed(frames)
         self._session.control.rearm_if_timed_out(first_us)
 
-    def _ended(self) -> messages.StatusReply:
-        """Take the latches of the trace ring, and ask the board how it went."""
+    def _final_status(self) -> messages.StatusReply:
+        """Read the latches of the trace ring, then return the board's status."""
         self._session.collect_ring()
         return self.status()
 

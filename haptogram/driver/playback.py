@@ -20,7 +20,7 @@ from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.messages import HelloReply
 
-_SEQUENCE_ID: Final = 1  # the only one that this host keeps on a board
+_SEQUENCE_ID: Final = 1  # id of the one sequence that this host keeps on a board
 US_PER_S: Final = 1_000_000
 _TURN_NS: Final = 100_000_000
 MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz
@@ -270,6 +270,6 @@ class DriverPlayback:
         return next((m for m in news if isinstance(m, messages.PlaybackEnded)), None)
 
     def _due(self, score: _PlaybackScore) -> int:
-        """Return how many frames were due by now."""
+        """Return the number of frames that are due by now."""
         since_us = self._pinger.clock.to_device_us(self._link.now_ns()) - score.t0_us
         return min(max(0, since_us // score.timing.period_us + 1), score.total)

@@ -26,7 +26,7 @@ from haptogram_protocol.state import MuteReason, OutputState
 
 _TIMEOUTS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 _AT_ONCE_US: Final = 2_000  # longest time from a request to the latch of the next frame
-_REFRESHES: Final = 4  # within the shorter one of the two timers
+_REFRESHES: Final = 4  # requests of the status within the shorter of the two timers
 #: Called with every frame that is sent, and with every latch that the board reports.
 Sink: TypeAlias = Callable[[Intended | Observation], object]
 _MOST_WARNINGS: Final = 100
@@ -318,6 +318,7 @@ class DriverSession:
             self._take_event(event)
 
     def _take_event(self, event: EventReceived) -> None:
+        """Keep the newest STATUS, a traced latch as an observation, and other events."""
         if isinstance(event.message, Status):
             self.last_status = event.message
             return

@@ -157,7 +157,7 @@ class Streamer:
     def send_for(self, frame: Frame, due_us: int | None) -> Intended:
         """Send one frame that is due at the unwrapped device time *due_us*; None: at once."""
         index, wire = self.link.connection.stream_frame(frame.message, t_apply_us=due_us)
-        intended = self._note(frame, index, due_us)
+        intended = self._record_sent(frame, index, due_us)
         self.link.write_frame(wire)
         return intended
 
@@ -188,7 +188,7 @@ class Streamer:
                     frame, index, due_us, wire = ready.popleft()
                     run.wait(due_us)
                     times_us = run.send(wire, due_us - frame.ready_after_us(self._identity))
-                    noted = self._note(frame, index, due_us, *times_us)
+                    noted = self._record_sent(frame, index, due_us, *times_us)
                     if noted.t_sent_us is None:
                         run.skipped.append(noted.number)
                     ready.extend(islice(coming, 1))
@@ -237,7 +237,7 @@ class Streamer:
             index, wire = self.link.connection.stream_frame(frame.message, t_apply_us=due_us)
             yield frame, index, due_us, wire
 
-    def _note(
+    def _record_sent(
         self,
         frame: Frame,
         index: int,
@@ -245,7 +245,7 @@ class Streamer:
         latest_us: int | None = None,
         sent_us: int | None = None,
     ) -> Intended:
-        """Record the intended drive of a sent frame."""
+        """Record the intended drive of a sent frame, and return it."""
         key, number = FrameKey.of_stream(self._identity.nonce, index), self._intended.total
         intended = frame.intended(number, key, due_us, t_latest_us=latest_us, t_sent_us=sent_us)
         self._intended.append(intended)
@@ -286,12 +286,13 @@ class _StreamRun:
         self._pinger.keep()
         self._read_status()
         # From the newest estimate, so that the lead stays what it is while the clocks drift.
-        while (now_ns := self._link.now_ns()) + _WATCH_NS < (deadline_ns := self._at_ns(due_us)):
+        while (now_ns := self._link.now_ns()) + _WATCH_NS < (deadline_ns := self._send_ns(due_us)):
             self._link.run_until(now_ns + _WATCH_NS)
             self._pinger.keep()
         self._deadline_ns, self._wake_ns = deadline_ns, self._loop.wait(deadline_ns)
 
-    def _at_ns(self, due_us: int) -> int:
+    def _send_ns(self, due_us: int) -> int:
+        """Return when to send a frame, the lead before it is due; raise if the clock jumped."""
         clock = self._pinger.clock
         if clock.jumps != self._jumps and abs(clock.jump_us) > _TOLERATED_JUMP_US:
             raise LinkError(
@@ -338,7 +339,7 @@ class _StreamRun:
         self._link.run_until(end_ns)
 
     def _read_status(self) -> None:
-        """Take the newest report of arrival margins, once."""
+        """Pass each reported arrival margin, once, to safety margin and trim of the lead."""
         status = self._status()
         if status is None or status is self._seen:
             return

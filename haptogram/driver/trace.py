@@ -17,7 +17,7 @@ from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
 
-_READ_TRIES = 3  # of a drive that is replaced while it is read
+_READ_TRIES = 3  # tries to read a drive that is replaced meanwhile
 _RING_READ = 0xFFFF  # latches asked for at a time; the board sends as many as fit
 _HALF_TURN_NS = 2_100_000_000_000  # of the device clock: what is read back is in the past
 
@@ -108,7 +108,7 @@ class DriverTraceReader:
     def _latch(
         self, key: messages.LatchKey, wire_us: int, near_ns: int, shown: bytes | int, flags: int = 0
     ) -> Observation:
-        """Return a latch near a time of the host, of which a drive or its CRC-32 is *shown*."""
+        """Return the observation of a latch, with the drive or the CRC-32 that was traced."""
         drive = self._drive(shown) if isinstance(shown, bytes) else None
         crc = shown if isinstance(shown, int) else None
         return Observation(

@@ -131,7 +131,7 @@ def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:
 
 
 def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
-    """Send chunks until one is refused after a loss; return the bytes the board holds.
+    """Send chunks until the upload is complete or one is refused; return the bytes received.
 
     The link repeats the lost one.
     """
@@ -162,7 +162,7 @@ def _may_send_chunk(link: Link, size: int) -> bool:
 
 
 def _next_chunk_turn_ns(link: Link, size: int, *, all_sent: bool) -> int:
-    """Return when to look again: when the line has room, if that is all that is missing."""
+    """Return when to look again for answers or, with chunks left, for room on the line."""
     now_ns = link.now_ns()
     if all_sent or link.connection.chunks_free == 0:
         return now_ns + _TURN_NS

@@ -171,6 +171,7 @@ def _lacked_latches(records: Sequence[Mapping[str, Any]], session: int | None) -
 
 
 def _end_record(records: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """Return the last record if it is the end of the board; else None."""
     return records[-1] if records and records[-1]["kind"] == _END else None
 
 
@@ -250,7 +251,7 @@ def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
 
 
 def _wrap_shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:
-    """Return the whole wraps between two counts, from the first frame that was due and latched."""
+    """Return the whole wraps by which two counts of device time differ, by a frame in both."""
     frames = ((frame.key, frame.t_apply_us) for frame in intended)
     due_us: dict[FrameKey, int] = {}
     for latched_key, t_us in latched:
@@ -361,6 +362,7 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         self._input.close()
 
     def _record(self, line: bytes) -> dict[str, Any]:
+        """Parse a line as a record, or raise."""
         self._lines += 1
         try:
             record: dict[str, Any] = json.loads(line)

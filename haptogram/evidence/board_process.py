@@ -151,6 +151,7 @@ class BoardProcess:
 
 
 def _closed_board_port() -> Any:  # the stubs of pyserial know nothing of this port
+    """Return a closed port of the virtual board's URL scheme."""
     return serial.serial_for_url(SCHEME, do_not_open=True, timeout=0)
 
 

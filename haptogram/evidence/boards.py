@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _TRACE_SHARE: Final = 0.5  # share of the line from the board for traces with drives
 _AFTER_LAST_NS: Final = 5_000_000
 _LONGEST_QUEUE_NS: Final = 2_000_000_000  # a sequence may go on for as long as it likes
-_DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # of frames from the board
+_DAMAGE: Final = ("gap", "crc", "cobs", "short", "oversize")  # counters of damaged frames
 # Of a board at a port, seen through its back door:
 _LAST_S: Final = 10.0  # wait for the last latch records
 _QUEUE_S: Final = 2.0  # wait for its queue
@@ -287,7 +287,7 @@ class PortBoardUnderTest(BoardUnderTest):
         self._dropped_before = driver.status().counters.trace_dropped
 
     def _best_trace(self, features: Feature) -> TraceMode | None:
-        """Return the most detailed trace mode supported; None if there is none."""
+        """Return the most detailed supported trace mode; None without trace."""
         by_feature = {
             Feature.TRACE: TraceMode.CRC,
             Feature.TRACE_DRIVE: TraceMode.DRIVE,
@@ -423,6 +423,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
         self.unseen = why
 
     def _why_incomplete(self, driver: AnyDriver) -> str | None:
+        """Return why latches of sent frames are missing in the back door; None if none are."""
         if are_records_of_another_dialect(self._seen):
             if has_dialect_latched_all(driver.intended, self._seen):
                 return None
@@ -431,7 +432,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
         return backdoor.why_observations_incomplete(self._seen, driver.session, last)
 
     def _read(self) -> bool:
-        """Read new records; return False after a short sleep if there are none."""
+        """Read new records; return False after a short sleep if none has arrived."""
         if found := self._reader.read():
             self._seen += found
             return True

@@ -88,12 +88,13 @@ def _has_test_failed(item: Any) -> bool:
 
 
 def _is_board_held_by_fixture(item: Any) -> bool:
-    """Return True if another fixture has the board: its driver may close after the test only."""
+    """Return True if another fixture uses the board, and so ends its driver after the test."""
     closure = item._fixtureinfo.name2fixturedefs  # noqa: SLF001  pytest shows it to nobody else
     return any(_FIXTURE in definition.argnames for (*_, definition) in closure.values())
 
 
 def _check_verified_board(board: VerifiedBoard) -> None:
+    """Fail the test if the verdict on its board is not pass."""
     from haptogram.errors import HaptogramError
 
     problem = ""

@@ -196,6 +196,7 @@ def measure_run(
 
 
 def _identity_of_run(identity: HelloReply) -> dict[str, object]:
+    """Return firmware, protocol and array of the board for the result."""
     return {
         "firmware": printable_on_terminal(identity.firmware),
         "protocol": f"{identity.major}.{identity.minor}",
@@ -226,7 +227,7 @@ def _calibration_of_run(config: VerifyConfig) -> Calibration | None:
 def _note_calibration_of_run(
     found: RunRecord, elements: Calibration, assumed: AcousticModel
 ) -> None:
-    """Let the judge know the elements, and the reader that the host, which *assumed* none, did not.
+    """Give the calibration to the judge; warn that the host did not compensate for it.
 
     Raises
     ------
@@ -249,7 +250,7 @@ def _checked_run(
     points_m: FloatArray,
     elements: Calibration | None,
 ) -> Iterator[None]:
-    """Check the run before its first frame; mute the board behind the last one.
+    """Check the run before its first frame; close the driver after the last one.
 
     A board that does not answer then is a warning, and not the end of the results.
     """
@@ -274,7 +275,7 @@ def _observe_run(
     settling: Progress | None,
     tap: RecordingTransport | None,
 ) -> None:
-    """Take what *board* latched, once it has settled."""
+    """Add the latches of *board* to the record, once the board has settled."""
     board.settle(driver, settling, skip_fields=found.interrupted)
     found.observations = board.observations(driver)
     found.unseen, found.fault_counts = board.unseen, board.fault_counts
@@ -364,6 +365,7 @@ def _unexpected_run_counters(
 
 
 def _frames_of_run(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
+    """Return the frames of the object, solved as configured."""
     solver = cast("Method", config.solver_of_host)
     mode = cast("Mode", config.frame_kind)
     return driver.frames(run_frames.targets_of_run(config, shown), mode=mode, solver=solver)
@@ -372,6 +374,7 @@ def _frames_of_run(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> 
 def _display_run(
     config: VerifyConfig, driver: Driver, frames: list[Frame], progress: Progress | None
 ) -> StreamReport | PlayReport:
+    """Play the frames from the board's memory, or stream them, at the configured rate."""
     lead_us = None if config.pace.lead_ms is None else round(config.pace.lead_ms * 1e3)
     if config.drive.mode == "sequence":
         return driver.play(
@@ -391,7 +394,7 @@ def _display_run(
 
 
 def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
-    """Drop playback latches between the interruption and the MUTE."""
+    """Return the latches without playback latches after the interruption."""
     wanted = {intended.key for intended in found.intended}
     return only_kept_records(
         found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted

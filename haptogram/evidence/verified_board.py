@@ -22,7 +22,7 @@ from haptogram.verification import Tolerance, Verdict
 from haptogram.verification.watch import Expectation, Watch
 from haptogram.verification.watch.result import WatchResult
 
-_QUIET_S: Final = 0.3  # without a new record: the driver is done
+_QUIET_S: Final = 0.3  # time without a new record after which the driver is done
 _LONGEST_S: Final = 10.0
 _POLL_S: Final = 0.05
 _MOST_ROUNDS: Final = 10**9
@@ -147,7 +147,7 @@ class VerifiedBoard(ClosedByWith):
     # --- verdict -------------------------------------------------------------------------------
 
     def _judge(self) -> Iterator[str]:
-        """Yield the faults in lines: the verdict first."""
+        """Yield the verdict, then each fault, as lines."""
         if not self._frames_m:
             raise ConfigurationError(
                 "verified_board: the test did not say which foci it expects: call "
@@ -198,6 +198,7 @@ class VerifiedBoard(ClosedByWith):
 def _verified_focus_problems(
     result: WatchResult, count: int, frames: int, rounds: int | None
 ) -> Iterator[str]:
+    """Yield a line for foci off target, and for a wrong number of latched frames."""
     if result.verdict is not Verdict.PASS:
         yield "foci      not all are where they were expected"
     if rounds is not None and frames != rounds * count:
@@ -207,6 +208,7 @@ def _verified_focus_problems(
 
 
 def _verified_late_problems(records: Sequence[Mapping[str, Any]], most: int) -> Iterator[str]:
+    """Yield a line if more than *most* frames were latched late."""
     late = [record["index"] for record in records if record["kind"] == "latch" and record["late"]]
     if len(late) > most:
         yield f"late      {len(late)} frames were latched late: {_indices_text(late)}"

@@ -51,8 +51,8 @@ _VIRTUAL_BAUD: Final = 3_000_000  # without a rate, frames would come at one mom
 _MOST_LATCHES: Final = 10**9
 _LONGEST_WAIT_S: Final = 1e7
 _POLL_S: Final = 0.01
-_QUIET_S: Final = 15.0  # without a new record: the one that is waited for will not come
-_LAST_WORDS_S: Final = 3.0  # the same, of a board that has ended: nothing holds its writer up
+_QUIET_S: Final = 15.0  # time without a record after which the one that is waited for will not come
+_LAST_WORDS_S: Final = 3.0  # the same for a board that has ended: nothing holds its writer up
 
 
 class VirtualBoard(ClosedByWith):
@@ -173,6 +173,7 @@ class VirtualBoard(ClosedByWith):
     def _power_up(
         self, config: BoardConfig, elements: Calibration | None, *, reconstruct: bool = True
     ) -> None:
+        """Start the board, in this program or in a process, with a fresh back door."""
         if config.dialect is None:  # before a process is started, so that it can be refused
             self.model = _board_model(config, elements)
         self._has_faults = bool(config.plan.faults)
@@ -197,11 +198,13 @@ class VirtualBoard(ClosedByWith):
             undo.pop_all()
 
     def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram:
+        """Start the board in this program, and take over its URL."""
         board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
         self.url = board.url
         return board
 
     def _start_process(self, config: BoardConfig, *, reconstruct: bool) -> BoardProcess:
+        """Start the board as a process that listens at a link in the working folder."""
         self.url = str(self._folder.path / "board")
         port = [f"--link={self.url}", f"--backdoor={self.backdoor}"]
         if not reconstruct:
@@ -410,6 +413,7 @@ def _check_one_session(intended: Sequence[Intended]) -> None:
 
 
 def _board_model(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
+    """Return the true acoustic model of a virtual board."""
     model = AcousticModel(
         TransducerArray.parse(config.array, pitch_m=config.pitch_mm / 1000),
         Medium.air(config.temperature_c),

@@ -104,6 +104,7 @@ def round_trip_over_mesh(points: FloatArray) -> Indices:
 
 
 def _prepostorder(neighbours: list[list[int]], root: int) -> Iterator[int]:
+    """Yield the nodes of a tree, in pre-order at even and in post-order at odd depth."""
     # Node, where it hangs, whether its depth is odd, whether all that hangs on it has been visited.
     to_do = [(root, root, False, False)]
     while to_do:
@@ -132,6 +133,7 @@ def _mesh_spanning_tree(points: FloatArray) -> list[tuple[int, int]]:
 
 
 def _mesh_neighbour_graph(points: FloatArray) -> csr_array:
+    """Return the sparse distances from each point to its nearest neighbours."""
     from scipy.sparse import csr_array
     from scipy.spatial import cKDTree
 
@@ -143,7 +145,7 @@ def _mesh_neighbour_graph(points: FloatArray) -> csr_array:
 
 
 def _mesh_bridges(points: FloatArray, bodies: list[Indices]) -> Iterator[tuple[int, int]]:
-    """Yield an edge from every body but the first to the nearest of those before it.
+    """Yield an edge that joins each body after the first to the nearest earlier body.
 
     The nearest by their centres, and then by their points.
     """

@@ -73,6 +73,7 @@ def sample_object_of_run(config: ShapeConfig, repeat: int = 1) -> NDArray[np.flo
 
 
 def _check_frame_count(repeat: int, count: int, of_what: str) -> None:
+    """Refuse more frames than a run can keep."""
     if count * repeat > MOST_FRAMES:
         raise ConfigurationError(
             f"{repeat} times {count} {of_what} are {count * repeat} frames; "
@@ -81,6 +82,7 @@ def _check_frame_count(repeat: int, count: int, of_what: str) -> None:
 
 
 def _shape_of_run(config: ShapeConfig) -> tactile.TactileObject:
+    """Return the object that the options describe, in metres."""
     radius_m = config.radius_mm / 1e3
     x, y, z = (coordinate / 1e3 for coordinate in config.center_mm)
     center_m = (x, y, z)

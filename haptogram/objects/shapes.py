@@ -287,6 +287,7 @@ def _checked_point_count(wanted: float) -> int:
 
 
 def _check_shape_resolution(resolution_m: float, extent_m: float) -> None:
+    """Refuse a resolution out of bounds or coarser than the object."""
     check_number("resolution_m", resolution_m, _LOWEST_RESOLUTION_M, MAX_COORDINATE_M)
     if resolution_m > extent_m * (1.0 + 1e-9):  # a share of 1 may come out a hair above
         raise ConfigurationError(

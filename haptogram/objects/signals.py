@@ -15,7 +15,7 @@ from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.objects.modulation import FocusFrames
 
 _ROUNDING: Final = 1e-12  # rounding noise, relative to the mean
-_FOCI_AT_A_TIME: Final = 2048  # their weights: 8 MB over 256 elements
+_FOCI_AT_A_TIME: Final = 2048  # foci whose weights are computed at a time: 8 MB over 256 elements
 
 
 @dataclass(frozen=True, eq=False, slots=True)

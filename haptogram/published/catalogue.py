@@ -22,7 +22,7 @@ from haptogram.published.quantities import QUANTITIES
 from haptogram.settings.arguments import did_you_mean
 from haptogram.settings.text_file import read_toml_file
 
-_TEXTS: Final = ("quantity", "ours", "published", "source", "remark")  # no arguments
+_TEXTS: Final = ("quantity", "ours", "published", "source", "remark")  # keys that are no arguments
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,7 +56,7 @@ def _spot(model: AcousticModel, focus_m: Point) -> FocalSpot:
 
 
 def _side_mm(model: AcousticModel, base_mm: float = 0.0) -> float:
-    """Return the span of the centres along x, plus one pitch if there is one."""
+    """Return the side of the array: the span of the centres along x, plus one pitch if known."""
     extent_m = 2.0 * float(model.array.half_extent_m[0])
     return base_mm + 1e3 * (extent_m + (model.array.pitch_m or 0.0))
 
@@ -64,6 +64,7 @@ def _side_mm(model: AcousticModel, base_mm: float = 0.0) -> float:
 def _mean_over_paper_object(
     of_focus: Callable[[AcousticModel, Point], float], model: AcousticModel
 ) -> float:
+    """Return the mean of a quantity over foci on the object of the paper."""
     points = _PAPER_OBJECT.sample(0.010).tolist()
     return float(np.mean([of_focus(model, point) for point in points]))
 

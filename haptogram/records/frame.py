@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from haptogram.acoustics.reconstruct.estimates import Reconstruction
     from haptogram.acoustics.solvers.several import Method
 
-MAX_PHASE_RAD: Final = 1e6  # of a focus
+MAX_PHASE_RAD: Final = 1e6  # largest phase of a focus
 STREAM: Final = 0  # sequence id of streamed frames
 
 
@@ -151,6 +151,7 @@ def _as_focus_position(position_m: Any) -> tuple[float, float, float]:
 
 
 def _as_focus_coordinate(value: Any) -> float:
+    """Return a finite number as a float; raise TypeError otherwise."""
     if isinstance(value, float) and math.isfinite(value):
         return float(value)
     if isinstance(value, bool) or not (isinstance(value, Real) and math.isfinite(value)):

@@ -72,6 +72,7 @@ def read_board_url(url: str, default: BoardConfig | None = None) -> PortConfig:
 
 
 def _port_config_of_url(parts: SplitResult, default: BoardConfig | None) -> PortConfig:
+    """Return the configuration in a haptogram:// URL, over that of *default*."""
     if parts.scheme != "haptogram" or parts.netloc or parts.path.strip("/"):
         raise ConfigurationError("must be haptogram://?name=value&...")
     values: dict[str, Any] = {} if default is None else default.non_default()
@@ -105,5 +106,6 @@ def write_board_url(port: PortConfig) -> str:
 
 
 def _board_url_texts(name: str, value: Any) -> list[str]:
+    """Return the texts of an option in a URL, one for each item of a list."""
     row = URL_OPTIONS[name]
     return [row.write(item) for item in (value if row.count is not None else [value])]

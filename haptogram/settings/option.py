@@ -143,6 +143,7 @@ class Option:
 
     @property
     def _list_text(self) -> str:
+        """Return text that says of what a list option is a list."""
         if self.kind in (str, Path):
             return "a list of texts"
         limits = f"{self.low:.10g} to {self.high:.10g} {self.sign}".rstrip()
@@ -154,6 +155,7 @@ class Option:
         return _SIGNS.get(self.unit, "")
 
     def _checked_item(self, value: Any) -> Any:
+        """Return a value of the option's kind and within its limits, or raise."""
         if self.choices:
             arguments.check_choice(self.name, value, self.choices)
         elif self.kind is int:
@@ -256,6 +258,7 @@ def options_of(kind: type[Any]) -> Mapping[str, Option]:
 
 @functools.cache
 def _option_table(kind: type[Any]) -> Mapping[str, Option]:
+    """Return the options of a settings class by name, those of its groups included."""
     hints, rows = get_type_hints(kind), dict[str, Option]()
     for field in dataclasses.fields(kind):
         if "group" in field.metadata:
@@ -266,6 +269,7 @@ def _option_table(kind: type[Any]) -> Mapping[str, Option]:
 
 
 def _option_row(field: dataclasses.Field[Any], hint: Any) -> Option:
+    """Return the option that a dataclass field declares."""
     kinds = get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
     kind = next(kind for kind in kinds if kind is not type(None))
     count = None

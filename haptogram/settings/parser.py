@@ -209,6 +209,7 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(self.prog, message)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is not among the choices; suggest the nearest command."""
         if action.choices is None or value in action.choices:
             return
         if isinstance(action.choices, dict):  # of parsers: those of the commands
@@ -221,7 +222,7 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, str(error).strip()) from None
 
     def _check_options(self, words: Sequence[str]) -> None:
-        """Refuse unknown options before a value that is missing is complained of."""
+        """Refuse unknown options before missing values are reported."""
         if self._subparsers is not None:  # those after a command are the command's
             words = list(itertools.takewhile(lambda word: word.startswith("-"), words))
         for word in _options_among_command_words(words):
@@ -242,7 +243,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def _in_short(action: argparse.Action) -> argparse.Action:
-    """Return *action* with the first clause of its help, and its default."""
+    """Return a copy of *action* with the first clause of its help, and its default."""
     found = _CLAUSES.fullmatch(action.help or "")
     short = copy.copy(action)
     short.help = "".join(part or "" for part in found.groups()) if found else action.help

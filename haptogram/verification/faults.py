@@ -70,6 +70,7 @@ def drive_fault_candidates(model: AcousticModel, intended: Intended) -> Iterator
 
 
 def _drive_fault_phases(drive: Drive) -> Codes:
+    """Return phase codes scaled to the largest number of bits."""
     return drive.phase_codes.astype(np.int64) << (MAX_PHASE_BITS - drive.phase_bits)
 
 
@@ -82,6 +83,7 @@ def _signed_drive_difference(difference: Codes) -> Codes:
 
 
 def _silent_element_drive_faults(model: AcousticModel, silent: NDArray[np.bool_]) -> Iterator[str]:
+    """Name the dead elements, by columns and rows where possible."""
     if silent.all():
         yield "the whole array is silent"
     elif silent.any():
@@ -112,6 +114,7 @@ def faulty_elements_text(model: AcousticModel, numbers: Sequence[int] | NDArray[
 
 
 def _faulty_element_text(model: AcousticModel, number: int) -> str:
+    """Return the number of an element, with its column and row in a grid."""
     if model.array.grid_shape is None:
         return str(number)
     return f"{number} ({number // model.array.grid_shape[1]}, {number % model.array.grid_shape[1]})"
@@ -120,6 +123,7 @@ def _faulty_element_text(model: AcousticModel, number: int) -> str:
 def _amplitude_drive_faults(
     intended: Intended, latched: Drive, silent: NDArray[np.bool_], allowance: int
 ) -> Iterator[str]:
+    """Name the number of wrong amplitudes, and the worst error."""
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
     wrong = (np.abs(difference) > allowance) & ~silent
     if wrong.any():
@@ -140,6 +144,7 @@ def _phase_drive_faults(
     allowance: int,
     grid: PhaseGrid,
 ) -> list[str]:
+    """Name what explains wrong phases: rounding, order, sign, groups or single elements."""
     wanted = _drive_fault_phases(intended.drive)
     down = None if allowance else _rounded_down_drive_fault(model, intended, grid)
     if down is not None and np.array_equal(found, down):
@@ -219,6 +224,7 @@ def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | No
 def _swapped_drive_fault(
     model: AcousticModel, wanted: Codes, found: Codes, off: NDArray[np.bool_]
 ) -> list[str]:
+    """Name two elements that have each other's phase."""
     numbers = np.flatnonzero(off)
     if len(numbers) != 2:
         return []
@@ -231,7 +237,7 @@ def _swapped_drive_fault(
 def _single_element_drive_faults(
     model: AcousticModel, difference: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> Iterator[str]:
-    """Name elements that are wrong one by one, those with the same error together."""
+    """Name wrong elements by their error, together where they share it."""
     if off.sum() > _NAMED_ELEMENTS and not _are_lines(model, off):
         lags = dict(enumerate((difference * (np.pi * 2.0 / TURN)).tolist()))
         limit_rad = np.pi * grid.code / TURN

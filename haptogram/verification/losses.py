@@ -118,6 +118,7 @@ class LossJudge:
 
     @property
     def _first_due_us(self) -> float:
+        """Return the time from which frames are due on this board: after the last latch."""
         return max(self._last_us, -math.inf if self._first is None else self._first[0].earliest_us)
 
 
@@ -142,7 +143,7 @@ def lost_frames_reason(
     if first.t_apply_us is not None:
         since += f", {_loss_ms(first.t_apply_us - begin_us)} into the run"
     were = "frame was" if due == 1 else "frames were"
-    counted = "" if losses is None else f" ({_counted(lost, losses.counters)})"
+    counted = "" if losses is None else f" ({_counted_drops_text(lost, losses.counters)})"
     # The word of a board alone: nobody knows when its process was given a processor.
     is_late = losses is not None and losses.counters.get("dropped_late")
     own_word = losses is not None and losses.is_machine_in_between and not losses.drops
@@ -165,15 +166,15 @@ def unnamed_losses_reason(
     missing = due - excused - lost - losses.latched
     if missing <= 0:
         return None
-    counted = _counted([], losses.counters)
+    counted = _counted_drops_text([], losses.counters)
     return (
         f"{missing} of {due} frames were {LOST_BY_BOARD}: its counter latched grew by "
         f"{losses.latched} ({counted}); its evidence does not say which"
     )
 
 
-def _counted(lost: Sequence[FrameVerdict], counters: Mapping[str, int]) -> str:
-    """Return the observed drops as text, or else the drop counters of the board."""
+def _counted_drops_text(lost: Sequence[FrameVerdict], counters: Mapping[str, int]) -> str:
+    """Return the observed drops as text, else the board's counts of drops."""
     named = Counter(fault for frame in lost for fault in frame.faults)
     found = ", ".join(f"{name} {number}" for name, number in (named or counters).items())
     return found or _NOT_COUNTED

@@ -20,9 +20,9 @@ Codes: TypeAlias = NDArray[np.int64]
 TURN: Final = 1 << MAX_PHASE_BITS
 _CHARGES: Final = (1, -1, 2, -2, 3, -3)
 _LEAST_ELEMENTS: Final = 12  # least elements: with fewer, a half or a turn may be chance
-_MIDDLE: Final = 1e-6  # m: an element there has no direction
-_CHANGES: Final = 2  # around the middle of a twin
-_UNEVEN: Final = 0.2  # share of the elements by which its halves may differ
+_MIDDLE: Final = 1e-6  # distance from the middle, in m, within which an element has no direction
+_CHANGES: Final = 2  # changes of sign around the middle of a twin trap
+_UNEVEN: Final = 0.2  # share of the elements by which the halves of a twin trap may differ
 
 
 class PhaseGrid(NamedTuple):
@@ -120,6 +120,7 @@ def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:
 
 
 def _serpentine_drive_order(grid: Codes) -> Codes:
+    """Return the codes with every second row reversed."""
     result = grid.copy()
     result[1::2] = result[1::2, ::-1]
     return result

@@ -198,6 +198,7 @@ def check_run_judgement(
 
 
 def _observations_to_verify(entries: Iterable[Observation]) -> Iterator[Observation]:
+    """Yield the observations; refuse other objects."""
     for number, entry in enumerate(entries):
         if not isinstance(entry, Observation):
             check_argument_kind(
@@ -214,7 +215,7 @@ def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
 def _without_earlier(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
-    """Yield *observations* without those of frames before the first intended one."""
+    """Yield *observations* from the first intended frame on."""
     wanted = {frame.key for frame in intended}
     streamed = [key.index for key in wanted if key.sequence == STREAM]
     first = min(streamed, default=None)
@@ -253,6 +254,7 @@ def _named_by_other_frame(
 
 
 def _check_unique_keys(intended: Sequence[Intended]) -> None:
+    """Refuse two intended frames with one key."""
     key, times = next(iter(Counter(frame.key for frame in intended).most_common(1)), (None, 0))
     if times > 1:
         raise ConfigurationError(f"{key} is intended {times} times; a key names one frame")
@@ -267,6 +269,7 @@ def _conclude_run_verdict(
     not_kept: int,
     losses: BoardLosses | None,
 ) -> RunVerdict:
+    """Return the verdict of a run from its frames, losses and cut."""
     not_sent = 0 if cut is None else cut.not_sent
     counts = _run_verdict_counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
     effect = RunConsequences.of(frames, quiet_us)

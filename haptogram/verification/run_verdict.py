@@ -30,7 +30,7 @@ from .tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_tex
 
 _PERCENTILES: Final = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 _SPREAD: Final = ("mean", "std", "min", "max")
-_NAMED_FRAMES: Final = 8  # the JSON names all
+_NAMED_FRAMES: Final = 8  # most frames that a line names; the JSON names all
 
 
 @dataclass(frozen=True)
@@ -141,6 +141,7 @@ class RunVerdict(Judged):
         return max(found, key=lambda one: one.total, default=None)
 
     def _uncertainty_dict(self) -> dict[str, float] | None:
+        """Return the parts of the position uncertainty and their total."""
         found = self.place_uncertainty
         return None if found is None else {**found._asdict(), "total": found.total}
 
@@ -150,6 +151,7 @@ class RunVerdict(Judged):
 
     @functools.cached_property
     def _result(self) -> dict[str, Any]:
+        """Return verdict, reasons, counts and statistics for JSON."""
         coherence, pressure = self.values("coherence"), self.values("pressure_rms_pa")
         force_mn = 1e3 * self.values("force_n")
         evidence = sorted({str(f.evidence) for f in self.frames if f.evidence is not None})
@@ -170,9 +172,9 @@ class RunVerdict(Judged):
             "known_to": dataclasses.asdict(self.uncertainty),
             "uncertainty_mm": self._uncertainty_dict(),
             "effect": None if self.effect is None else self.effect.as_dict(),
-            "coherence": {"min": _least(coherence)},
-            "balance": {"min": _least(self.values("balance"))},
-            "efficiency": {"min": _least(self.values("efficiency"))},
+            "coherence": {"min": _min_or_none(coherence)},
+            "balance": {"min": _min_or_none(self.values("balance"))},
+            "efficiency": {"min": _min_or_none(self.values("efficiency"))},
             "pressure_rms_pa": _run_verdict_spread(pressure),
             "force_mn": _run_verdict_spread(force_mn),
             "lateness_us": _run_verdict_percentiles(
@@ -242,10 +244,12 @@ def cut_run_verdict_text(counts: Mapping[str, int]) -> str:
 
 
 def _has_timing_error(frame: FrameVerdict) -> bool:
+    """Return True if a frame was late, early or latched more than once."""
     return frame.late or frame.early or frame.latches > 1
 
 
 def _run_verdict_error_line(result: dict[str, Any]) -> str:
+    """Return the line of position errors, and of the smallest miss that would show."""
     lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
     along = "along the beam: not observable"
     if axial["max"] is not None:
@@ -263,7 +267,7 @@ def _run_verdict_error_line(result: dict[str, Any]) -> str:
 
 
 def _run_verdict_uncertainty_lines(run: RunVerdict) -> Iterator[str]:
-    """Yield the tolerance, and the uncertainty of the place of a focus."""
+    """Yield the tolerance, and the uncertainty of the focus position."""
     if not run.tolerance.is_strict:
         yield f"  tolerance {tolerance_text(run.tolerance)}, on top of what rounding makes"
     place = run.place_uncertainty
@@ -279,6 +283,7 @@ def _run_verdict_uncertainty_lines(run: RunVerdict) -> Iterator[str]:
 
 
 def _run_verdict_field_line(result: dict[str, Any]) -> str:
+    """Return the line of mean pressure, force and least coherence."""
     pressure, force = result["pressure_rms_pa"], result["force_mn"]
     return (
         f"  field     {pressure['mean']:.0f} Pa RMS on average, force {force['mean']:.2f} ± "
@@ -287,6 +292,7 @@ def _run_verdict_field_line(result: dict[str, Any]) -> str:
 
 
 def _run_verdict_foci_line(result: dict[str, Any]) -> str:
+    """Return the line of balance, efficiency and pressure of several foci."""
     return (
         f"  foci      several in a frame: the weakest has {result['balance']['min']:.2f} of their "
         f"mean or more, efficiency {result['efficiency']['min']:.2f} or more (1: they share the "
@@ -296,6 +302,7 @@ def _run_verdict_foci_line(result: dict[str, Any]) -> str:
 
 
 def _wrong_in_run_verdict(frame: FrameVerdict) -> tuple[str, ...]:
+    """Return status, timing errors and faults of a frame, to group equal frames."""
     times = {"late": frame.late, "early": frame.early, "latched more than once": frame.latches > 1}
     note = frame.note if frame.status is FrameStatus.NOT_VERIFIED else ""
     words = [str(frame.status), *(word for word, is_so in times.items() if is_so)]
@@ -326,6 +333,7 @@ def worst_frame_of(frames: Sequence[FrameVerdict]) -> FrameVerdict:
 
 
 def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
+    """Return the named percentiles of *values*; None for each without values."""
     if not len(values):
         return dict.fromkeys(names.split())
     ordered = np.sort(values)
@@ -333,7 +341,7 @@ def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float 
 
 
 def _percentile(ordered: np.ndarray, percent: float) -> float:
-    """Return that of :func:`numpy.percentile`, which would import numpy.ma: 10 ms."""
+    """Return a percentile as numpy.percentile does, without its slow import of numpy.ma."""
     place = (len(ordered) - 1) * (percent / 100.0)
     low, high = ordered[int(place)], ordered[min(int(place) + 1, len(ordered) - 1)]
     share = place - int(place)
@@ -341,12 +349,13 @@ def _percentile(ordered: np.ndarray, percent: float) -> float:
 
 
 def _run_verdict_spread(values: np.ndarray) -> dict[str, float | None]:
+    """Return mean, deviation and extremes of *values*; None for each without values."""
     if not len(values):
         return dict.fromkeys(_SPREAD)
     return {name: float(getattr(values, name)()) for name in _SPREAD}
 
 
-def _least(values: np.ndarray) -> float | None:
+def _min_or_none(values: np.ndarray) -> float | None:
     return float(values.min()) if len(values) else None
 
 

@@ -19,7 +19,7 @@ from haptogram.settings.frozen import dataclass
 
 _TURN: Final = 256  # codes of a drive in a period
 _WINDOW: Final = 8  # frames or latches that may be missing in a row before order alone counts
-_NOBODY_INTENDED: Final = 1  # loop of their keys: the frames of a host have loop 0
+_NOBODY_INTENDED: Final = 1  # loop in the key of a latch that nobody intended; others have loop 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +121,7 @@ def _has_drive(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> boo
 
 
 def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> Observation:
+    """Return a latch as the observation of *frame*, its common lag removed."""
     if frame is None:
         key, lag = FrameKey(0, STREAM, _NOBODY_INTENDED, latch.number), 0
     else:
@@ -148,10 +149,12 @@ def _common_lag(found: Drive, wanted: Drive) -> int:
 
 
 def _channel_lags(found: Drive, wanted: Drive) -> NDArray[np.int64]:
+    """Return the difference of the phase codes in each channel."""
     return found.phase_codes.astype(np.int64) - wanted.phase_codes.astype(np.int64)
 
 
 def _signed_lags(lags: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return lags within half a turn."""
     return (lags + _TURN // 2) % _TURN - _TURN // 2
 
 

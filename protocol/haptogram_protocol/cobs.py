@@ -61,6 +61,7 @@ def _cobs_byte_by_byte(data: bytes) -> bytes:
 
 
 def _cobs_blocks(piece: bytes) -> bytes:
+    """Return the code of bytes without zero, in blocks of at most 254."""
     whole = len(piece) - len(piece) % BLOCK
     full = [_CODES[BLOCK] + piece[at : at + BLOCK] for at in range(0, whole, BLOCK)]
     return b"".join([*full, _CODES[len(piece) - whole], piece[whole:]])

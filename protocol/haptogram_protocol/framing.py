@@ -145,6 +145,7 @@ class FrameDecoder:
         return found
 
     def _decode(self, encoded: bytes) -> bytes | RemoteProtocolError:
+        """Return the body of an encoded frame, or the error of it."""
         # Errors are not raised here: a traceback would hold the caller's frame, which holds the
         # list, which holds the error. Every damaged frame would be a cycle, in processes that
         # switch the cycle collector off. Raising also takes longer than decoding a frame.
@@ -163,6 +164,7 @@ class FrameDecoder:
 
 
 def _oversized_frame() -> RemoteProtocolError:
+    """Return the error for a run without a delimiter that is too long."""
     return RemoteProtocolError(
         f"more than {MAX_ENCODED_BYTES} bytes without a delimiter", reason="oversize"
     )

@@ -95,7 +95,7 @@ class BackdoorPinCapture:
             self._follow_ramp(latch.t_latch_us)
             left = (end_us - latch.t_latch_us) / max(end_us - begin_us, 1)
             self._ramp = begin_us, end_us, weights / left if left > 0.0 else weights, 1.0
-        self._act(latch.t_latch_us, weights, carrier=carrier)
+        self._queue_change(latch.t_latch_us, weights, carrier=carrier)
 
     def notice(self, notice: events.Notice) -> None:
         """Keep when the output fades, and when it falls silent."""
@@ -110,9 +110,9 @@ class BackdoorPinCapture:
             _, _, full, _ = self._ramp
             self._ramp = None
             if isinstance(notice, events.RampEnded) and notice.restored:
-                self._act(notice.t_us, full)
+                self._queue_change(notice.t_us, full)
         if is_off or (isinstance(notice, events.RampEnded) and not notice.restored):
-            self._act(notice.t_us, None)
+            self._queue_change(notice.t_us, None)
 
     def _record_radiated_change(self, notice: events.RadiatedAnew) -> None:
         """Record the radiated drive after a change of settings."""
@@ -122,7 +122,7 @@ class BackdoorPinCapture:
             full = notice.full.weights()[self._elements]
             self._ramp = begin_us, end_us, full, notice.cut / _FULL
         boundary_us = -(-notice.t_us // self._period_us) * self._period_us
-        self._act(boundary_us, notice.radiated.weights()[self._elements], is_latch=False)
+        self._queue_change(boundary_us, notice.radiated.weights()[self._elements], is_latch=False)
 
     def carried(self, name: str, begin_us: float, data: bytes) -> None:
         """Keep bytes that a line of the UART carries back to back from *begin_us* on."""
@@ -146,9 +146,9 @@ class BackdoorPinCapture:
             left = (end_us - t_us) / (end_us - begin_us)
             codes = np.minimum(np.floor(sizes * _FULL * left + 0.5) / _FULL, cut)
             weights = full * np.divide(codes, sizes, out=np.zeros_like(sizes), where=sizes > 0)
-            self._act(t_us, weights, is_latch=False)
+            self._queue_change(t_us, weights, is_latch=False)
 
-    def _act(
+    def _queue_change(
         self,
         t_us: int,
         weights: ComplexArray | None,
@@ -189,6 +189,7 @@ class BackdoorPinCapture:
     # --- waveforms -----------------------------------------------------------------------------
 
     def _write(self, file: TextIO) -> int:
+        """Write the capture as VCD; return the number of edges."""
         names = [CARRIER, LATCH, *(f"e{n}" for n in self._elements), *self._lines]
         file.write("$comment drive pins of a virtual board of Haptogram $end\n")
         write_vcd_head(file, names, self._lines)
@@ -295,6 +296,7 @@ class BackdoorPinCapture:
 def _write_pin_edges(
     file: TextIO, times_ns: np.ndarray, channels: np.ndarray, levels: np.ndarray
 ) -> None:
+    """Write edges in VCD, with a time stamp before each new time."""
     codes = [vcd_identifier(number) for number in range(int(channels.max(initial=0)) + 1)]
     words = [[f"{level}{code}\n" for code in codes] for level in (0, 1)]
     begun = np.concatenate([[True], times_ns[1:] != times_ns[:-1]])[: len(times_ns)]

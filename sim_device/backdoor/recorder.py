@@ -50,7 +50,7 @@ class BackdoorEstimator:
 
     def estimate_all(self, latches: Sequence[events.Latch]) -> list[Reconstruction]:
         """Return the result of :meth:`estimate` for each; new drives are rebuilt at once."""
-        keys = [_drive_of_latch_record(latch) for latch in latches]
+        keys = [_drive_key_of_latch(latch) for latch in latches]
         known = self._seen
         new = {key: latch for key, latch in zip(keys, latches, strict=True) if key not in known}
         step_rad = functools.cache(self._reconstructor.step_rad)
@@ -75,20 +75,23 @@ class BackdoorEstimator:
         return _remembered(self._patterns, latch, self._classified)
 
     def _classified(self, latch: events.PulseLatch) -> Pattern:
+        """Return the pattern of a pulse latch."""
         from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 
-        steps = self._coarsest(latch)
+        steps = self._coarsest_steps(latch)
         if steps not in self._classifiers:
             self._classifiers[steps] = PatternClassifier(self._model, steps)
         return self._classifiers[steps].classify(latch.weights())
 
-    def _coarsest(self, latch: events.PulseLatch) -> int:
+    def _coarsest_steps(self, latch: events.PulseLatch) -> int:
+        """Return the least number of phase steps that latch, board or pulses have."""
         known = (latch.pulses.steps, self._phase_steps, latch.phase_steps)
         return min(steps for steps in known if steps is not None)
 
     def _reconstruct(self, latch: events.PulseLatch) -> Reconstruction:
+        """Return the field of a pulse latch."""
         return self._reconstructor.reconstruct_weights(
-            latch.weights(), step_rad=math.tau / self._coarsest(latch)
+            latch.weights(), step_rad=math.tau / self._coarsest_steps(latch)
         )
 
 
@@ -98,7 +101,7 @@ def _remembered(
     estimate: Callable[[events.PulseLatch], _Estimate],
 ) -> _Estimate:
     """Return the cached estimate of a drive."""
-    key = _drive_of_latch_record(latch)
+    key = _drive_key_of_latch(latch)
     if key not in known:
         _forget_oldest(known)
         known[key] = estimate(latch)
@@ -106,13 +109,13 @@ def _remembered(
 
 
 def _forget_oldest(known: dict[Hashable, Any]) -> None:
-    """Keep within the bounds of the memory."""
+    """Remove the oldest estimates beyond the limit of the cache."""
     for key in list(islice(known, max(0, len(known) - MEMORY_DRIVES))):
         del known[key]
 
 
-def _drive_of_latch_record(latch: events.AnyLatch) -> tuple[Hashable, ...]:
-    """Return the key that latches share whose drives, latched and radiated, are the same."""
+def _drive_key_of_latch(latch: events.AnyLatch) -> tuple[Hashable, ...]:
+    """Return a key that is equal for latches with equal drives, latched and radiated."""
     if isinstance(latch, events.PulseLatch):
         return latch.weights().tobytes(), latch.pulses.steps
     drives = [latch.radiated] if latch.radiated is latch.drive else [latch.radiated, latch.drive]
@@ -121,7 +124,7 @@ def _drive_of_latch_record(latch: events.AnyLatch) -> tuple[Hashable, ...]:
 
 
 def _latch_observation(latch: events.Latch, estimate: Reconstruction | None) -> Observation:
-    """Return a latch as a reader of its record sees it."""
+    """Return the observation that a reader of the latch's record would make."""
     key = FrameKey(latch.session, latch.key.sequence, latch.key.loop, latch.key.index)
     return Observation(
         key,
@@ -209,7 +212,7 @@ class InlineReconstructionWorker:
         The text of a drive is remembered: it takes most of the time.
         """
         known, estimator = self._texts, self._estimator
-        keys = [(estimator is None, *_drive_of_latch_record(latch)) for latch in latches]
+        keys = [(estimator is None, *_drive_key_of_latch(latch)) for latch in latches]
         new = {key: latch for key, latch in zip(keys, latches, strict=True) if key not in known}
         estimates: Sequence[Reconstruction | None] = [None] * len(new)
         if estimator is not None:

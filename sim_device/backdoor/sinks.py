@@ -131,6 +131,7 @@ class SocketSink:
             self._drop(client)
 
     def _drop(self, client: int) -> None:
+        """Close the connection of a client, with its unsent records."""
         del self._unsent[client]
         with contextlib.suppress(OSError):
             os.close(client)

@@ -44,7 +44,7 @@ STOP_TIMEOUT_S: Final = 8.0  # wait for a worker that has not begun: it may be c
 DRAIN_TIMEOUT_S: Final = 120.0
 SKIP_FIELDS_AFTER_S: Final = 20.0  # time after which the last records have no field
 
-_KEPT_DRIVES: Final = 4096  # that the worker need not make again: of a sequence
+_KEPT_DRIVES: Final = 4096  # drives that the worker keeps, such as those of a sequence
 BATCH: Final = 64  # records that are handed over at a time, unless time is up before
 
 _PROCESS: Final = f"{__package__}.worker_process"
@@ -110,10 +110,12 @@ class ReconstructionWorker:
 
     @property
     def _input(self) -> Any:  # never None: the process was started with a pipe
+        """Return the pipe to the worker."""
         return self._process.stdin
 
     @property
     def _answers(self) -> Any:
+        """Return the pipe from the worker."""
         return self._process.stdout
 
     @property
@@ -168,6 +170,7 @@ class ReconstructionWorker:
             self._batch = 0
 
     def _pack_batch(self) -> None:
+        """Take a batch of waiting records, and pack it for the pipe."""
         self._batch = min(BATCH, len(self._waiting))
         self._unsent = packed_worker_batch([self._waiting.popleft() for _ in range(self._batch)])
 
@@ -238,6 +241,7 @@ class ReconstructionWorker:
 
 
 def _start_worker_process() -> subprocess.Popen[bytes]:
+    """Start the worker as a process of its own, with one thread for numpy."""
     environment = {**os.environ, **dict.fromkeys(_THREADS, "1")}
     environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
     # Not multiprocessing: it would import the caller's main module again, and that may be anything.
@@ -257,7 +261,7 @@ def _start_worker_process() -> subprocess.Popen[bytes]:
 
 
 def _widen_worker_pipe(pipe: int) -> None:
-    """Make a pipe hold more, where the system can: every refused write costs a wake-up."""
+    """Enlarge a pipe where the system can, to avoid writes that block."""
     if sys.platform == "linux":
         with contextlib.suppress(OSError, ImportError):  # 64 KiB, the usual size, will do
             import fcntl
@@ -300,10 +304,12 @@ def _worker_reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...
 
 @functools.lru_cache(maxsize=_KEPT_DRIVES)
 def _drive_at_worker(phases: bytes, amplitudes: bytes, phase_bits: int) -> Drive:
+    """Rebuild a pickled drive."""
     return Drive.from_bytes(phases, amplitudes, phase_bits)
 
 
 def _drive_for_worker(drive: Drive) -> tuple[Any, ...]:
+    """Return a recipe to pickle a drive as its codes."""
     codes = drive.phase_bytes, drive.amplitude_codes.tobytes()
     return _drive_at_worker, (*codes, drive.phase_bits)
 

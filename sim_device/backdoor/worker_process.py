@@ -81,6 +81,7 @@ def _send_to_board(to: int, text: bytes) -> None:
 def _record_batches(
     batches: Iterator[list[Any]], recorder: InlineReconstructionWorker, sink: FileSink | SocketSink
 ) -> None:
+    """Write the records of all batches to the sink, latches together."""
     for batch in batches:
         for kind, items in itertools.groupby(batch, type):
             if kind is Latch:
@@ -105,7 +106,7 @@ def _drain_sink(sink: FileSink | SocketSink) -> None:
 
 
 def _received_batches(chunk: int) -> Iterator[list[Any]]:
-    """Yield the batches of the board, empty ones while it is silent; end when it ends."""
+    """Yield batches from the board, empty ones while idle; end when the board ends."""
     buffer = bytearray()
     with selectors.DefaultSelector() as selector:
         selector.register(0, selectors.EVENT_READ)

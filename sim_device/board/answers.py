@@ -136,6 +136,7 @@ def register_codes(shown: Drive, first: int = 0, stop: int | None = None) -> byt
 
 
 def _trace_readout_of(latch: Latch) -> m.TraceRecord:
+    """Return a latch as a record of the trace ring."""
     return m.TraceRecord(
         number=latch.number & _U32,
         key=latch.key,

@@ -145,6 +145,7 @@ class Board:
         self.output.now_us = t_us
 
     def _refuse_past(self, t_us: int) -> None:
+        """Raise if *t_us* is before the present time of the board."""
         if t_us < self.output.now_us:
             raise ValueError(f"board is at {self.output.now_us} µs, cannot go back to {t_us} µs")
 
@@ -241,6 +242,7 @@ class Board:
         return self._queue.last_apply_us
 
     def _refuse(self, frame: StreamFrame) -> Drop | None:
+        """Return why a stream frame is dropped: state, order, room or time; None if accepted."""
         if self.output.state is not OutputState.ARMED or self._playback is not None:
             return Drop.STATE
         if frame.t_apply_us is None:
@@ -263,6 +265,7 @@ class Board:
         return begins_us + len(content) * settings.point_time_us + settings.latch_lead_us
 
     def _entry(self, frame: StreamFrame) -> QueueEntry:
+        """Return the queue entry of a frame: its registers, and when it is due."""
         drive, bits = self._focuser.registers(frame.content)
         ready_us = self._ready_us(frame.content)
         t_apply_us = ready_us if frame.t_apply_us is None else frame.t_apply_us
@@ -278,6 +281,7 @@ class Board:
         )
 
     def _latch_stream(self) -> None:
+        """Latch the next frame of the queue."""
         entry = self._queue.pop()
         self.last_stream_index = entry.index
         self.output.counters.late += entry.late
@@ -337,10 +341,12 @@ class Board:
         return len(upload.data) if upload.begin.kind is m.UploadKind.CORRECTION else len(upload)
 
     def _refuse_without_upload(self) -> None:
+        """Refuse a request if no upload is pending."""
         if self._uploads.target is None:
             raise RefusalError(m.ErrorCode.BAD_STATE, int(self.output.state))
 
     def _refuse_while_playing(self, sequence: int) -> None:
+        """Refuse a request that would replace the sequence that plays."""
         if self._playback is not None and self._playback.sequence == sequence:
             raise RefusalError(m.ErrorCode.BAD_STATE, int(self.output.state))
 
@@ -383,6 +389,7 @@ class Board:
         self.advance_to(self.output.now_us)
 
     def _check_period(self, period_us: int, content: Content) -> None:
+        """Refuse a period that is too short for the board or its points."""
         limits = self.settings
         points = 0 if isinstance(content, Drive) else len(content)
         too_fast = limits.max_playback_rate_hz * period_us < 1_000_000
@@ -390,6 +397,7 @@ class Board:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["period_us"].offset)
 
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
+        """Refuse a PLAY with a wrong unattended time or start."""
         limits = self.settings
         if not 1 <= unattended_ms <= limits.max_unattended_ms:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["unattended_ms"].offset)
@@ -404,6 +412,7 @@ class Board:
             self.output.renew_lease()
 
     def _latch_playback(self) -> None:
+        """Latch the next frame of the playback; end it after the last one."""
         playback = self._playback
         if playback is None:
             return
@@ -414,6 +423,7 @@ class Board:
             self.stop()  # from here on the host timeout counts again
 
     def _end_playback(self) -> None:
+        """End the playback, if one is under way, and note it."""
         if (ended := self._playback) is not None:
             self._playback, self.output.unattended_ms = None, None
             self.output.note(

@@ -190,11 +190,13 @@ class BoardOutput:
         return (begin_us, self._begin_ramp) if begin_us < NEVER_US else None
 
     def _begin_ramp(self) -> None:
+        """Begin the ramp of the timer that has expired, and note it."""
         self._ramping = True
         ramp, reason = self._timers.begin_ramp(self.config), self._timers.first().reason
         self._new_notices.append(RampBegan(self.now_us, reason, ramp.ends_us))
 
     def _end_ramp_if_restored(self) -> None:
+        """Note the end of the ramp if no timer demands it any more."""
         if self._timers.ramp is None:
             self._ramping = False
             self._new_notices.append(RampEnded(self.now_us, restored=True))
@@ -272,6 +274,7 @@ class BoardOutput:
         return self._radiate(self.latched.drive, t_us)
 
     def _radiate(self, drive: Drive, t_us: int) -> Drive:
+        """Return the radiated drive: corrected, limited to the ceiling, and faded."""
         return radiated_drive_of_registers(
             drive, self.correction, self.config.amplitude_ceiling, self._timers.fade(t_us)
         )

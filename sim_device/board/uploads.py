@@ -136,6 +136,7 @@ class BoardUploads:
         return self._pending
 
     def _check_target(self, begin: m.UploadBegin) -> None:
+        """Refuse a wrong number of points, or a target that does not suit the kind."""
         points = begin.points_per_frame
         most = self._settings.max_points if begin.kind is m.UploadKind.POINTS else 0
         if not min(most, 1) <= points <= most:
@@ -144,6 +145,7 @@ class BoardUploads:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.UploadBegin.WIRE["target"].offset)
 
     def _check_size(self, begin: m.UploadBegin, room: int) -> None:
+        """Refuse a size of no whole frames, or of too many."""
         limits, frame = self._settings, self._frame_size(begin)
         frames, rest = divmod(begin.size, frame)
         if not frames or rest or (begin.kind is m.UploadKind.CORRECTION and frames > 1):
@@ -155,6 +157,7 @@ class BoardUploads:
             raise RefusalError(m.ErrorCode.TOO_LARGE, limit)
 
     def _frame_size(self, begin: m.UploadBegin) -> int:
+        """Return the bytes of one frame of an upload."""
         if begin.kind is m.UploadKind.POINTS:
             return begin.points_per_frame * m.FocalPoint.LAYOUT.size
         return self._settings.count
@@ -162,5 +165,6 @@ class BoardUploads:
 
 @functools.lru_cache(maxsize=1024)
 def _points_uploaded_to_board(piece: bytes) -> tuple[m.FocalPoint, ...]:
+    """Return the focal points packed in *piece*."""
     size = m.FocalPoint.LAYOUT.size
     return tuple(m.FocalPoint.unpack(piece[i : i + size]) for i in range(0, len(piece), size))

@@ -80,6 +80,7 @@ def _log_start_step(options: argparse.Namespace, step: str) -> None:
 
 
 def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
+    """Build the board, its port and outputs, and run it until it ends."""
     _log_start_step(options, "importing numpy, scipy and the board")
     # Here, and not above: --help and a refusal need no numpy.
     from haptogram.machine.view_process import ViewProcess
@@ -161,7 +162,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
 
 
 def _board_error(ends: Sequence[HaptogramError]) -> HaptogramError:
-    """Return one error for all that went wrong; an output that failed hides no lost port."""
+    """Return one error that names all failures; an output error hides no lost port."""
     is_refusal = all(isinstance(error, ConfigurationError) for error in ends)
     return (ConfigurationError if is_refusal else HaptogramError)("; ".join(map(str, ends)))
 
@@ -172,6 +173,7 @@ def _start_line_tap(
     settings: BoardSettings,
     open_recording: OpenRecording | None,
 ) -> LineTap | None:
+    """Return the recorder of the line's bytes; None without --record."""
     from ..backdoor.line_tap import LineTap
 
     if open_recording is None or options.record is None:
@@ -214,6 +216,7 @@ def _start_board_client(options: argparse.Namespace, heartbeat: Heartbeat) -> De
 
 
 def _announce_board(description: str) -> None:
+    """Print where the board listens."""
     gc.collect()
     gc.freeze()  # what is there now stays: no later collection need look at it
     sys.stdout.write(f"listening on {description}\n")
@@ -221,6 +224,7 @@ def _announce_board(description: str) -> None:
 
 
 def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:
+    """Return the port that the options name: pty, serial or TCP."""
     from ..line.pty_port import PtyPort
     from ..line.serial_port import SerialPort
     from ..line.tcp_port import TcpPort
@@ -242,6 +246,7 @@ def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPo
 def _start_board_worker(
     options: argparse.Namespace, settings: BoardSettings
 ) -> ReconstructionWorker | None:
+    """Return the worker that writes the back door; None without --backdoor."""
     if options.backdoor is None:
         return None
     from ..backdoor.worker import ReconstructionWorker

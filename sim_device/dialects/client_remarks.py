@@ -19,7 +19,7 @@ from haptogram_protocol.dialects.looks_like import LOOKED_AT_BYTES, looks_like_d
 from ..board.events import ClientLeft, Notice, Remark, WireCompared
 
 _ALIKE: Final = 3  # frames of one size that prove another array
-_FEW_LOST: Final = 2  # bytes
+_FEW_LOST: Final = 2  # most bytes that an unfinished frame lost on the line
 _FEW: Final = 16  # a frame that lost or gained one in so many bytes is one of this board's
 
 # For what a codec counts: what it is, and what it shows if frame after frame is alike.
@@ -221,6 +221,7 @@ class ClientRemarks:
 
     @property
     def _sizes_text(self) -> str:
+        """Return the sizes that a frame of this wire can have, as text."""
         return " or ".join(map(str, self._sizes))
 
     def _remark_missing_commits(self, unshown: UnshownToClient, t_us: int) -> None:
@@ -236,13 +237,13 @@ class ClientRemarks:
             self._remark(about, text, t_us)
 
     def _tell_compared(self, t_us: int) -> None:
-        """Report once per client that its bytes resemble no other wire format."""
+        """Report once per client whether its bytes were recognised as this wire format."""
         if self._told_own is None or self._told_own < self._is_own:
             self._told_own = self._is_own
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
     def _compare(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Report once per client that its bytes resemble another wire format."""
+        """Compare a client's first bytes with all wires; remark if they are of another one."""
         if self._is_own or self._is_other or not self._first_bytes:
             return
         names = looks_like_dialect(bytes(self._first_bytes))
@@ -268,12 +269,13 @@ class ClientRemarks:
             self._tell_compared(t_us)
 
     def _remark_other_wire(self, text: str, t_us: int) -> None:
+        """Append a remark that the client speaks another wire."""
         self._is_other = True
         self._counters["other_wires"] += 1
         self._remark(About.OTHER_WIRE, text, t_us)
 
     def _are_finer_frames(self) -> bool:
-        """Return True for frames of right size and finer phases, some equal to command bytes."""
+        """Return True if the first bytes are frames of this wire's size, alike at both ends."""
         data = bytes(self._first_bytes)
         for size in self._sizes:
             frames = [data[at : at + size] for at in range(0, len(data) - size + 1, size)]
@@ -318,6 +320,7 @@ class ClientRemarks:
         return kind if fits else None
 
     def _is_of_another_size(self, size: int) -> bool:
+        """Return True if a frame's size is far from every size of this wire."""
         return all(_FEW * abs(size - whole) > whole for whole in self._sizes)
 
     def _remark(self, about: About, text: str, t_us: int) -> None:

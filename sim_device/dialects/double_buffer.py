@@ -105,6 +105,7 @@ class DoubleBuffer(LatchingUnit):
         self._next_widths[:] = self._registers.width
 
     def _set_phases(self, operation: operations.SetPhases, _: int) -> None:
+        """Write corrected phase codes to the hidden buffer of each board."""
         codes = np.frombuffer(operation.codes, np.uint8).astype(np.uint16)
         place = slice(operation.first, operation.first + len(codes))
         if self._registers.correction:
@@ -116,6 +117,7 @@ class DoubleBuffer(LatchingUnit):
         self._written = True
 
     def _set_amplitudes(self, operation: operations.SetAmplitudes, _: int) -> None:
+        """Write pulse widths to the hidden buffer of each board."""
         widths = np.frombuffer(operation.codes, np.uint8)
         place = slice(operation.first, operation.first + len(widths))
         for board in operation.boards:
@@ -123,6 +125,7 @@ class DoubleBuffer(LatchingUnit):
         self._written = True
 
     def _swap(self, _: operations.Swap, t_us: int) -> None:
+        """Exchange the shown and the written codes, and latch."""
         if not self._written:
             self.counters["commits_of_old_codes"] += 1
         self._shown, self._next = self._next, self._shown
@@ -131,16 +134,19 @@ class DoubleBuffer(LatchingUnit):
         self._latch("swap", t_us)
 
     def _set_clocks(self, operation: operations.Clocks, t_us: int) -> None:
+        """Switch the clocks of the outputs, and latch if that changes them."""
         if operation.on != self._clocked:
             self._clocked = operation.on
             self._latch("clocks on" if operation.on else "clocks off", t_us)
 
     def _set_modulation(self, operation: operations.ModulationStep, t_us: int) -> None:
+        """Set the step of the modulation, and latch if that changes it."""
         if operation.step != self._step:
             self._step = operation.step
             self._latch("modulation", t_us)
 
     def _latch(self, cause: str, t_us: int) -> None:
+        """Append a latch of the shown pulses."""
         make = self._registers.modulation
         modulation = None if make is None else make(self._step)
         self._latches.append(PulseLatch(t_us, self._pulses(), cause, modulation=modulation))
@@ -164,5 +170,5 @@ class DoubleBuffer(LatchingUnit):
 def _buffered_values_where_on(
     codes: NDArray[np.uint16], values: NDArray[np.uint16], off: int
 ) -> NDArray[np.uint16]:
-    """Return *values*, and 0 for channels whose code is *off*."""
+    """Return *values*, set to 0 for channels with the code *off*."""
     return np.where(codes == off, 0, values).astype(np.uint16)

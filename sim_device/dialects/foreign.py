@@ -19,7 +19,7 @@ from .unit import HearsBytesUnit, HoldsBackUnit, RunsAheadUnit, Unit
 from .virtual_dialect import VirtualDialect
 
 PAUSE_US: Final = 30_000  # silence after which another frame may begin
-PATIENCE_US: Final = 500_000  # without a byte: the rest of the frame will not come
+PATIENCE_US: Final = 500_000  # time without a byte after which the rest of a frame will not come
 OUTPUT_LIMIT: Final = 16_384  # bytes that wait for the line; what comes then is dropped
 
 
@@ -155,6 +155,7 @@ class VirtualForeignDialect(VirtualDialect):
     # --- what happened -------------------------------------------------------------------------
 
     def _reply(self, replies: Sequence[Reply | bytes]) -> None:
+        """Queue replies for the host; count bytes beyond the output limit as dropped."""
         for reply in replies:
             data = reply if isinstance(reply, bytes) else self._end.send(reply)
             room = OUTPUT_LIMIT - len(self._output)
@@ -163,13 +164,14 @@ class VirtualForeignDialect(VirtualDialect):
             self._output += data[:room]
 
     def _unshown(self) -> UnshownToClient:
-        """Return the counts and pending bytes since the last latch."""
+        """Return the counts and bytes of frames that no latch has shown yet."""
         kinds, end = self._counted_since_latch().keys(), self._commits
         if end is None:
             return UnshownToClient(self._end.pending, kinds=kinds)
         return UnshownToClient(end.unfinished, end.uncommitted, end.commit, kinds)
 
     def _counted_since_latch(self) -> dict[str, int]:
+        """Return the counters that have grown since the last latch, and by how much."""
         counters = self._end.counters + self._unit.counters
         return {
             kind: count - self._counted[kind]

@@ -143,6 +143,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         return passed
 
     def _act_on(self, event: connection.BoardEvent) -> None:
+        """Pass an event to the watcher, carry it out, and collect its effects."""
         if self._watch is not None:
             self._watch(event)
         self._dispatch(event)
@@ -178,6 +179,7 @@ class VirtualHaptogramDialect(VirtualDialect):
     # --- events of the link --------------------------------------------------------------------
 
     def _dispatch(self, event: connection.BoardEvent) -> None:
+        """Renew the lease, then stream, greet or answer, by the kind of event."""
         if event.renews_lease:
             self.board.output.renew_lease()
         if isinstance(event, connection.StreamReceived):
@@ -188,6 +190,7 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._answer(event)
 
     def _stream(self, event: connection.StreamReceived) -> None:
+        """Submit a stream frame to the board; count and note it if dropped."""
         dropped: str | None
         try:
             content = self.content(event.message)
@@ -212,6 +215,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         return drive_of_registers(*codes)
 
     def _greet(self, hello: m.Hello, request: connection.RequestReceived) -> None:
+        """Open a session at board and link, and reply with the board's identity."""
         self.board.open_session(hello.nonce)
         self._link.open_session(hello.nonce)
         self._traced = 0
@@ -220,6 +224,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         self._link.reply(request, reply, self._first_byte_us)  # before any event of the session
 
     def _answer(self, request: connection.RequestReceived) -> None:
+        """Reply to a request, or refuse it."""
         try:
             reply = self._reply_to(request.message, request)
         except RefusalError as refusal:
@@ -228,11 +233,13 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._link.reply(request, reply, self._first_byte_us)
 
     def _reply_to(self, message: m.Message, request: connection.RequestReceived) -> m.Message:
+        """Carry out a request and return the reply."""
         if (own := self._handlers.get(type(message))) is not None:
             return own(message, request)
         return answers.ANSWERS[type(message)](self.board, message)
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:
+        """Return the full device time near now that a wire time of 32 bits means."""
         return None if t_wire_us is None else m.unwrap(t_wire_us, self.board.output.now_us, 32)
 
     @property
@@ -291,6 +298,7 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._trace_dropped += not sent
 
     def _trace_message(self, latch: Latch) -> m.Message | None:
+        """Return the trace event of a latch in the configured mode; None if none is due."""
         config, key = self.board.output.config, latch.key
         if config.trace_mode is m.TraceMode.DRIVE:
             self._traced += 1
@@ -304,15 +312,18 @@ class VirtualHaptogramDialect(VirtualDialect):
         return m.Trace(index=key.index, crc=latch.drive.digest())
 
     def _schedule_status(self) -> None:
+        """Set when the next STATUS is due; never if its period is 0."""
         period_us = self.board.output.config.status_period_ms * 1000
         self._next_status_us = self.board.output.now_us + period_us if period_us else None
 
     def _send_status(self, t_us: int) -> None:
+        """Send STATUS, unless too much output waits, and schedule the next."""
         if self._link.output_bytes < _STATUS_LIMIT:
             self._link.send_event(m.Status(*self._status()), now_us=t_us)
         self._schedule_status()
 
     def _status(self) -> answers.StatusFields:
+        """Return the fields that STATUS and STATUS_REPLY share."""
         free = self.board.settings.rx_window
         return answers.board_status(self.board, self.counters, free_bytes=free)
 

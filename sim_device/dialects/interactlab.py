@@ -109,15 +109,17 @@ class InteractlabUnit(LatchingUnit):
             elif self._starts_us == now_us:
                 self._start(now_us)
             else:
-                self._look(now_us)
+                self._read_if_filled(now_us)
         replies, self._replies = self._replies, []
         return replies
 
     @property
     def _is_idle(self) -> bool:
+        """Return True if neither a start nor a read is scheduled."""
         return self._starts_us is None and self._looks_us is None
 
     def _wait_for_frame(self, now_us: int) -> None:
+        """Schedule the clearing of the output in one second, unless a frame arrives."""
         self._clears_us = now_us + SECOND_US
         self._wakes_us = self._clears_us - 1
 
@@ -129,13 +131,14 @@ class InteractlabUnit(LatchingUnit):
         )
         self._looks_us = now_us + _READ_US
 
-    def _look(self, now_us: int) -> None:
-        """Read the FIFO if it holds a frame."""
+    def _read_if_filled(self, now_us: int) -> None:
+        """Read the FIFO unless it is empty."""
         self._looks_us = None
         if self._fifo:
             self._read(now_us)
 
     def _read(self, now_us: int) -> None:
+        """Take a frame from the FIFO; schedule its latch and the next read."""
         frame = self._fifo.popleft()
         if not self._fifo:
             self._wait_for_frame(now_us)
@@ -151,6 +154,7 @@ class InteractlabUnit(LatchingUnit):
 
 
 def _interactlab_pulses(frame: wire.QueueFrame) -> PulseDrive:
+    """Return the pulses of a frame's phases and duties."""
     return PulseDrive(
         np.frombuffer(frame.phases, np.uint8), np.frombuffer(frame.duties, np.uint8), STEPS
     )

@@ -82,6 +82,7 @@ def _emulation_plugins() -> dict[str, Emulation]:
 
 
 def _loaded_emulation(point: EntryPoint) -> Emulation:
+    """Load the dialect of a plugin; raise if it does not suit this version."""
     emulation = point.load()
     if not isinstance(emulation, Emulation):
         raise TypeError(f"a {type(emulation).__name__}, not an Emulation")

@@ -110,6 +110,7 @@ class VirtualSoakBoard:
         self._dialect.advance_to(self._now_us(t_ns))
 
     def _now_us(self, t_ns: int) -> int:
+        """Return the device time, never before what the board has reached."""
         return max(self.device_us(t_ns), self._dialect.board.output.now_us)
 
     def take_frames(self) -> list[bytes]:
@@ -169,12 +170,12 @@ class VirtualSoakModel(VirtualSoakBoard):
 
     def hear(self, sent: SentFrame, t_ns: int, up_free_ns: int) -> Verdict:
         """Take a frame that came whole at *t_ns*, and return the verdict on it."""
-        if sent.drive is not None and self._keeps(sent, sent.drive, t_ns):
+        if sent.drive is not None and self._keep_if_in_time(sent, sent.drive, t_ns):
             return sent.index
         return self.receive(sent.wire, t_ns, up_free_ns)[-1]
 
-    def _keeps(self, sent: SentFrame, drive: m.Phases | m.Drives, t_ns: int) -> bool:
-        """Keep a frame if it is the next one, comes in time, and finds its place in the queue."""
+    def _keep_if_in_time(self, sent: SentFrame, drive: m.Phases | m.Drives, t_ns: int) -> bool:
+        """Keep a frame and return True if it is the next one, in time, and the queue has room."""
         if sent.index != self._next_index or sent.session != self._session:
             return False
         now_us = self.device_us(t_ns)
@@ -199,14 +200,14 @@ class VirtualSoakModel(VirtualSoakBoard):
         """Take bytes; see :meth:`VirtualSoakBoard.receive`."""
         self._take_kept()
         verdicts = super().receive(data, t_ns, up_free_ns)
-        self._look_ahead()
+        self._update_limits()
         return verdicts
 
     def advance_to(self, t_ns: int) -> None:
         """Let everything happen that is due up to *t_ns*."""
         self._take_kept()
         super().advance_to(t_ns)
-        self._look_ahead()
+        self._update_limits()
 
     def take_due(self) -> list[DueLatch]:
         """Return the latches since the last call that are known."""
@@ -214,6 +215,7 @@ class VirtualSoakModel(VirtualSoakBoard):
         return taken
 
     def _take_kept(self) -> None:
+        """Pass the kept frames to the board together; note the latches due."""
         if self._kept:
             for entry in self._dialect.take_run(self._kept):
                 due = self._session, entry.index, entry.t_latch_us, entry.late, entry.drive
@@ -222,12 +224,13 @@ class VirtualSoakModel(VirtualSoakBoard):
         self._note_latches()
 
     def _note_latches(self) -> None:
+        """Note the latches due since the last call."""
         for one in self.take_latches():
             due = one.session, one.index, one.t_latch_us, one.late, one.drive
             self._due.append(DueLatch(*due))
 
-    def _look_ahead(self) -> None:
-        """Note which frames can be kept from now on, and until when."""
+    def _update_limits(self) -> None:
+        """Set which frames can be kept from now on, and until when."""
         self._note_latches()
         board = self._dialect.board
         self._session, self._next_index = self.session, self._dialect.next_stream_index

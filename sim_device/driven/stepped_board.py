@@ -72,7 +72,7 @@ class VirtualSteppedBoard:
         return self._dialect.take_output()
 
     def _advance_through(self, end_us: int) -> bytes:
-        """Let time pass, with a host that reads; return the bytes that the board sends."""
+        """Let time pass while the host reads; return the bytes that the board sends."""
         said = b""
         while self._now_us < end_us:
             next_us = self._dialect.next_event_us()
@@ -82,7 +82,7 @@ class VirtualSteppedBoard:
 
 
 def _stepped_board_settings(limits: dict[str, Any]) -> BoardSettings:
-    """Return the settings of a board with these *limits*."""
+    """Return the settings of a board with the given *limits*."""
     nx, ny, pitch_um = (limits.pop(name) for name in ("grid_nx", "grid_ny", "pitch_um"))
     limits["features"] = Feature(limits.pop("features"))
     model = AcousticModel.default(nx, ny, pitch_m=pitch_um * 1e-6)

@@ -52,6 +52,7 @@ def clock_fault_changes(plan: FaultPlan, clock: BoardClock) -> Iterator[tuple[st
 
 
 def _check_clock_faults(plan: FaultPlan, ppm: int, rates: list[ClockChange]) -> None:
+    """Refuse faults that together would stop the device clock or turn it back."""
     slowest = min(
         (ppm + sum(c.ppm for c in rates if c.at_ns <= rate.at_ns) for rate in rates),
         default=ppm,
@@ -69,6 +70,7 @@ def _clock_fault_amount(fault: Fault) -> int:
 
 
 def _clock_fault_rates(fault: Fault) -> Iterator[ClockChange]:
+    """Yield the change of rate when a fault begins, and its undoing when it ends."""
     yield ClockChange(fault.from_ns, ppm=_clock_fault_amount(fault))
     if fault.until_ns != FOR_EVER_NS:
         yield ClockChange(fault.until_ns, ppm=-_clock_fault_amount(fault))

@@ -57,11 +57,13 @@ def sealed_by_fault(body: bytes) -> bytes:
 
 
 def _crc_fault(body: bytes, _: Values, source: random.Random) -> bytes:
+    """Return the frame with one bit of its CRC flipped."""
     wrong = zlib.crc32(body) ^ 1 << source.randrange(8 * framing.CRC_BYTES)
     return cobs_encode(body + wrong.to_bytes(framing.CRC_BYTES, "little"))
 
 
 def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
+    """Return the frame lengthened or cut by some bytes, with a right CRC."""
     more = round(values["bytes"])
     if more < 0:
         cut = body[: max(framing.HEADER_BYTES, len(body) + more)]
@@ -70,6 +72,8 @@ def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes |
 
 
 def _header_fault(change: _Change) -> LineFault:
+    """Return a fault that changes fields of a frame's header and seals it with a right CRC."""
+
     def rewrite(body: bytes, values: Values, _: random.Random) -> bytes | None:
         header, payload = Header.unpack(body[: framing.HEADER_BYTES]), body[framing.HEADER_BYTES :]
         fields = {name: getattr(header, name) for name in Header.WIRE}
@@ -80,6 +84,7 @@ def _header_fault(change: _Change) -> LineFault:
 
 
 def _shifted_header_by_fault(by_us: float, header: Header) -> dict[str, int]:
+    """Return the shifted time of a timed stream frame; no change for others."""
     timed = header.type in STREAM_RANGE and not header.flags & Flag.IMMEDIATE
     return {"time_us": (header.time_us + round(by_us)) & 0xFFFFFFFF} if timed else {}
 
@@ -109,6 +114,7 @@ FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
 
 
 def _clock_report_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
+    """Return a frame of the board with shifted times."""
     header, message = messages.parse_body(body)
     by_us = round(values["us"] + values["jitter_us"] * source.uniform(-1, 1))
     return _rebuilt_faulty_report(header, _told_later(message, by_us), by_us) if by_us else None
@@ -127,6 +133,7 @@ def _told_later(record: Any, by_us: int) -> Any:
 
 
 def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | None:
+    """Return a status that claims ARMED and no errors; None for other frames."""
     header, message = messages.parse_body(body)
     if not isinstance(message, messages.Status | messages.StatusReply):
         return None
@@ -139,6 +146,7 @@ def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | N
 
 
 def _rebuilt_faulty_report(header: messages.Header, message: messages.Message, by_us: int) -> bytes:
+    """Return the frame of a changed message, with its time shifted and a right CRC."""
     return sealed_by_fault(
         messages.build_body(
             message,

@@ -55,7 +55,7 @@ def inject_on_line(
 def _faults_on_transducers(
     plan: FaultPlan, t_ns: int
 ) -> Iterator[tuple[int, Fault, random.Random]]:
-    """Yield the faults of transducers that are there at *t_ns*, each with its source of chance."""
+    """Yield the transducer faults active at *t_ns*, each with its random source."""
     for number, fault in enumerate(plan.faults):
         if is_transducer_fault(fault.name) and fault.is_there(t_ns):
             yield number, fault, _fault_random(plan, number, "device", t_ns, b"")
@@ -64,6 +64,7 @@ def _faults_on_transducers(
 def _fault_random(
     plan: FaultPlan, number: int, where: str, t_ns: int, data: bytes
 ) -> random.Random:
+    """Return a random source that is the same for the same bytes at the same time."""
     return random.Random(f"{plan.seed}/{number}/{where}/{t_ns}/{zlib.crc32(data)}")
 
 

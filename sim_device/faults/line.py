@@ -34,7 +34,7 @@ Edit: TypeAlias = Callable[[bytearray, Values, random.Random], int]
 
 
 def _fault_places(count: int, chance: float, source: random.Random) -> Iterator[int]:
-    """Yield the places out of *count* that are hit: by their gaps, as most chances are low."""
+    """Yield the random places out of *count* that are hit, each with probability *chance*."""
     if chance <= 0:
         return
     place = -1
@@ -61,6 +61,7 @@ def fault_on_bytes(edit: Edit) -> LineFault:
 
 
 def _flip_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Flip random bits; return their number."""
     places = list(_fault_places(8 * len(data), values["ber"], source))
     for place in places:
         data[place // 8] ^= 1 << place % 8
@@ -68,6 +69,7 @@ def _flip_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _drop_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Remove random bytes; return their number."""
     places = list(_fault_places(len(data), values["p"], source))
     for place in reversed(places):
         del data[place]
@@ -75,6 +77,7 @@ def _drop_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _insert_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Insert random bytes; return their number."""
     places = list(_fault_places(len(data), values["p"], source))
     for place in reversed(places):
         data.insert(place, source.randrange(256))
@@ -82,6 +85,7 @@ def _insert_fault(data: bytearray, values: Values, source: random.Random) -> int
 
 
 def _burst_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Replace runs of bytes by random ones; return the number of runs."""
     places = list(_fault_places(len(data), values["p"], source))
     for place in places:
         stop = min(len(data), place + round(values["bytes"]))
@@ -99,6 +103,7 @@ def _loss_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Replace all bytes by one zero; return 1 if it did."""
     fires = data != b"\x00" and source.random() < values["p"]
     if fires:
         data[:] = b"\x00"  # what a receiver makes of a line held low
@@ -106,6 +111,7 @@ def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _baud_fault(data: bytearray, values: Values, _: random.Random) -> int:
+    """Sample the bytes at a wrong bit rate; return 1 if any changed."""
     received, __ = sample_uart_characters(bytes(data), 1 + values["ppm"] / 1e6)
     is_changed = received != data
     data[:] = received
@@ -118,11 +124,12 @@ def _no_line_fault(chunks: list[FaultChunk], _: Values, __: random.Random) -> Ac
 
 
 def _gone_fault(_: list[FaultChunk], __: Values, ___: random.Random) -> Acted:
-    """Drop all bytes, uncounted."""
+    """Drop all bytes; the unplugged port is counted elsewhere."""
     return [], 0  # it fires once, when the port goes: see FaultInjector.has_left
 
 
 def _duplicate_fault(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
+    """Repeat random chunks; return the chunks and the number of copies."""
     doubled: list[FaultChunk] = []
     for chunk in chunks:
         doubled += [chunk] * (1 + (source.random() < values["p"]))
@@ -130,6 +137,7 @@ def _duplicate_fault(chunks: list[FaultChunk], values: Values, source: random.Ra
 
 
 def _delay_fault(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
+    """Delay all chunks by one random time."""
     late_us = values["us"] + values["jitter_us"] * source.random()
     late_ns = round(late_us * _NS_PER_US)
     late = [FaultChunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks]
@@ -137,6 +145,7 @@ def _delay_fault(chunks: list[FaultChunk], values: Values, source: random.Random
 
 
 def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
+    """Cut chunks into pieces with gaps between them."""
     size, gap_ns = round(values["bytes"]), round(values["gap_us"] * _NS_PER_US)
     cut = [
         FaultChunk(chunk.t_ns + k * gap_ns, chunk.data[start : start + size])

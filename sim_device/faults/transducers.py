@@ -110,25 +110,29 @@ _Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Shown]
 
 
 def _off_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
-    """Return zero amplitude."""
+    """Return the drive's phase at zero amplitude."""
     return now.drive.turns[now.place], 0.0
 
 
 def _intermittent_fault(now: FaultContext, values: Values, source: random.Random) -> _Shown:
+    """Return the drive, silent at random."""
     silent = source.random() < values["p"]
     return now.drive.turns[now.place], 0.0 if silent else now.drive.amplitudes[now.place]
 
 
 def _stuck_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
+    """Return a fixed phase, with the amplitudes as they are."""
     return round(values["code"]) / _CODES, now.drive.amplitudes[now.place]
 
 
 def _delayed_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
+    """Return the drive with its phase shifted by a code."""
     turned = (now.drive.turns[now.place] + round(values["code"]) / _CODES) % 1.0
     return turned, now.drive.amplitudes[now.place]
 
 
 def _garbage_fault(now: FaultContext, _: Values, source: random.Random) -> _Shown:
+    """Return random phases, with the amplitudes as they are."""
     count = now.place.stop - now.place.start
     codes = np.frombuffer(source.randbytes(count), np.uint8)
     return codes / _CODES, now.drive.amplitudes[now.place]

@@ -92,6 +92,7 @@ class PtyLink:
 
     @contextlib.contextmanager
     def _named_errors(self) -> Iterator[None]:
+        """Convert an OSError into an error that names the link."""
         try:
             yield
         except OSError as error:
@@ -99,6 +100,7 @@ class PtyLink:
             raise ConfigurationError(f"link '{self._path}' cannot be made: {reason}") from error
 
     def _is_current(self, lock: int) -> bool:
+        """Return True if the lock file at the path is still the one opened as *lock*."""
         try:
             return os.path.samestat(os.fstat(lock), os.stat(self._lock_path))
         except FileNotFoundError:

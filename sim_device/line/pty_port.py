@@ -49,6 +49,7 @@ class PtyPort(BoardPort):
             raise
 
     def _open(self) -> None:
+        """Open a pseudo-terminal in raw mode, and point the link to it."""
         pty, tty = (posix_module(name, "a pty port", INSTEAD_OF_PTY) for name in ("pty", "tty"))
         self._fd, self._slave = pty.openpty()
         for fd in (self._fd, self._slave):
@@ -89,6 +90,7 @@ class PtyPort(BoardPort):
         self._close_both()
 
     def _close_both(self) -> None:
+        """Close both ends of the pseudo-terminal."""
         for fd in {self._fd, self._slave} - {_CLOSED}:
             with contextlib.suppress(OSError):
                 os.close(fd)
@@ -96,6 +98,7 @@ class PtyPort(BoardPort):
         self._unsent = b""
 
     def _lost(self, error: OSError) -> bytes:
+        """Return no bytes if a client closed the terminal; raise PortLostError otherwise."""
         if error.errno == errno.EIO:  # a client closed: only said where our slave did not count
             return b""
         return super()._lost(error)

@@ -96,6 +96,7 @@ class TcpPort(BoardPort):
         self._server.close()
 
     def _accept(self) -> None:
+        """Admit a waiting client; send it away while another one is connected."""
         if (admitted := self._doorman.admit()) is None:
             return
         client, address = admitted
@@ -118,6 +119,7 @@ class TcpPort(BoardPort):
             _LOG.info("client gone")
 
     def _lost(self, error: OSError) -> bytes:
+        """Treat a lost client as one that has left; raise for other errors."""
         if error.errno not in _GONE:
             return super()._lost(error)
         self._drop_client()

@@ -191,6 +191,7 @@ class PolledUart(Uart):
         return bytes(found)
 
     def _next_poll_ns(self, t_ns: int) -> int:
+        """Return the time of the first poll at or after *t_ns*."""
         return -(-t_ns // self._poll_ns) * self._poll_ns
 
 
@@ -243,7 +244,7 @@ class UsbUart(Uart):
         self._held = b""
 
     def _timer_ns(self) -> int | None:
-        """Return the time at which the timer runs out with data there."""
+        """Return when the latency timer next expires with bytes to deliver."""
         first_ns = self._sent_ns if self._held else self.arrival_ns(1)
         if first_ns is None:
             return None

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from haptogram.acoustics.model.directivities import OrientedDirectivity
 
 MIN_DISTANCE_M: Final = 1e-3
-_POINTS_PER_CHUNK: Final = 1 << 14  # cached too; some 0.1 ms, so that Ctrl-C is heard
-_PAIRS_PER_CHUNK: Final = 1 << 13  # a temporary takes 64 kB: cached, and never mapped afresh
+_POINTS_PER_CHUNK: Final = 1 << 14  # points of a chunk: some 0.1 ms, so that Ctrl-C is heard
+_PAIRS_PER_CHUNK: Final = 1 << 13  # pairs of a chunk: temporaries of 64 kB stay in the cache
 
 
 class FieldEngine(Protocol):
@@ -100,6 +100,7 @@ def propagators(model: AcousticModel, points_m: ArrayLike) -> ComplexArray:
 
 
 def _field_propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
+    """Return (M, N) the pressure at each point by each element at full amplitude."""
     x, y, z = (points[:, None, i] - model.array.positions_m[:, i] for i in range(3))
     distance = np.sqrt(x * x + y * y + z * z)
     gain = _field_gain(model, (x, y, z), distance)
@@ -174,6 +175,7 @@ def _field_gain(
 
 
 def _point_batch_size(model: AcousticModel) -> int:
+    """Return the number of points whose pairs with all elements fit in one chunk."""
     return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 
@@ -264,7 +266,7 @@ def points_clear_of_elements(
 
 
 def _field_points_behind(model: AcousticModel, points: FloatArray) -> NDArray[np.intp]:
-    """Return the indices of the points behind every baffled element: one pass for most arrays."""
+    """Return the indices of the points that lie behind every baffled element."""
     first, *others = sounding_half_spaces(model)
     behind = np.flatnonzero(points @ first[:3] + first[3] < 0.0)
     for front in others:

@@ -29,8 +29,8 @@ from haptogram.acoustics.model.own_axes import axes_about_normal, plane_axes
 from haptogram.settings.arguments import check_positive, check_whole
 
 MAX_DIRECTIONS: Final = 1_000_000
-_MOST_DIRECTIONS: Final = 100_000  # unless asked for
-_CLIMBED: Final = 16  # directions; the loudest of a grid may be next to another
+_MOST_DIRECTIONS: Final = 100_000  # most directions, unless more are asked for
+_CLIMBED: Final = 16  # directions that are refined: the loudest of a grid may be next to another
 STATEMENT: Final = (
     "Unweighted levels of the linear free field, re 20 uPa; no reflections, no demodulated sound, "
     "no judgement. Compare with the limits that apply where the array is used."

@@ -190,7 +190,7 @@ class ReflectingDisc:
 
 
 def _force_disc_axes(array: TransducerArray, normal: ArrayLike | None) -> FloatArray:
-    """Return the (3, 3) axes of a disc, its normal last; without one, those of *array*."""
+    """Return the (3, 3) axes of a disc, its normal last; the array's own axes without a normal."""
     if normal is None:
         return array.axes
     given = as_coordinates("normal", normal)

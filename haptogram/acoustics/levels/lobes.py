@@ -21,7 +21,7 @@ from haptogram.acoustics.model.drive import as_drive
 from haptogram.settings.arguments import check_number
 
 _POINTS_PER_WAVELENGTH: Final = 3
-_CLIMBED: Final = 8  # maxima of the grid
+_CLIMBED: Final = 8  # maxima of the grid that are refined
 _MAX_HALF_WIDTH_M: Final = 0.5
 
 

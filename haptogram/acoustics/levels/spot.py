@@ -18,7 +18,7 @@ _HALF_POWER: Final = 10.0 ** (-3.0 / 20.0)
 _HALF_PRESSURE: Final = 10.0 ** (-6.0 / 20.0)
 
 _STEPS_PER_WAVELENGTH: Final = 32
-_LATERAL_REACH: Final = 8.0  # wavelengths
+_LATERAL_REACH: Final = 8.0  # half the length of a line across the beam, in wavelengths
 _AXIAL_REACH: Final = 40.0
 
 

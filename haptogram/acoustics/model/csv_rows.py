@@ -30,6 +30,7 @@ def read_element_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
 
 
 def _element_row_cells(where: str, line: str) -> list[str]:
+    """Split a CSV line into stripped cells, or raise."""
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as error:

@@ -31,7 +31,7 @@ from haptogram.settings.frozen import dataclass
 PhaseCodes: TypeAlias = NDArray[np.uint8 | np.uint16]
 
 MAX_PHASE_BITS: Final = 16
-REGISTER_BITS: Final = 8  # of the registers of most boards, and of the wire
+REGISTER_BITS: Final = 8  # phase bits of the registers of most boards, and of the wire
 FULL_AMPLITUDE: Final = 255
 _CEILING: Final = 1.0 + 1e-6  # a magnitude of 1, with the rounding of single precision
 
@@ -240,6 +240,7 @@ def check_phase_bits(bits: int) -> int:
 
 
 def _phase_code_type(bits: int) -> type[np.uint8] | type[np.uint16]:
+    """Return the integer type that holds codes of so many bits."""
     return np.uint8 if bits <= REGISTER_BITS else np.uint16
 
 
@@ -264,6 +265,7 @@ def as_drives(weights: ArrayLike, count: int) -> ComplexArray:
 
 
 def _check_drives(drives: NDArray[np.complexfloating], count: int) -> None:
+    """Refuse drives whose last dimension is not the number of elements."""
     if drives.ndim not in (1, 2) or drives.shape[-1] != count:
         raise ConfigurationError(f"weights have shape {drives.shape}, must end in {count} elements")
 
@@ -302,6 +304,7 @@ def _codes_of_bytes(codes: bytes) -> NDArray[np.uint8]:
 def _as_drive_codes(
     name: str, values: ArrayLike, limit: int, kind: type[np.uint8] | type[np.uint16]
 ) -> NDArray[Any]:
+    """Return codes as a read-only array, shared if already one; refuse codes above *limit*."""
     if isinstance(values, np.ndarray) and values.dtype == kind and limit == _MOST_CODES[kind]:
         # Nobody can change bytes, nor what is read-only and no view: those are shared.
         flags = values.flags

@@ -300,7 +300,7 @@ _Array = TypeVar("_Array", bound=TransducerArray)
 
 
 def _array_with_axes(array: _Array, axes: FloatArray) -> _Array:
-    """Set the own axes of a new *array*, in place of those that its elements suggest."""
+    """Replace the derived own axes of a new *array* by *axes*; return the array."""
     read_only_array(axes)
     object.__setattr__(array, "axes", axes)
     return array
@@ -316,6 +316,7 @@ def _check_element_count(count: int) -> None:
 
 
 def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
+    """Return the normals scaled to length 1; refuse a zero normal."""
     if normals.shape != (count, 3):
         raise ConfigurationError(f"normals have shape {normals.shape}, must be ({count}, 3)")
     lengths = np.linalg.norm(normals, axis=1)
@@ -326,7 +327,7 @@ def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
 
 
 def _element_fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return a half-space for each direction: of parallel elements, that of the rearmost."""
+    """Return the plane in front of the elements, for each direction that elements face."""
     planes = np.column_stack([normals, _ROUNDING_M - (normals * positions).sum(axis=1)])
     rear_first = planes[np.argsort(-planes[:, 3], kind="stable")]
     _, first = np.unique(np.round(rear_first[:, :3], 9) + 0.0, axis=0, return_index=True)
@@ -347,6 +348,7 @@ def _closest_elements(positions: FloatArray) -> tuple[float, int, int]:
 
 
 def _check_element_spacing(positions: FloatArray) -> None:
+    """Refuse elements that are too close to each other."""
     distance, first, second = _closest_elements(positions)
     if distance <= MIN_SPACING_M:
         raise ConfigurationError(
@@ -356,6 +358,7 @@ def _check_element_spacing(positions: FloatArray) -> None:
 
 
 def _read_position_rows(path: Path) -> list[list[float]]:
+    """Return the rows of a CSV file of positions, with normals if the header has them."""
     lines = read_element_rows(path, "array")
     if not lines:
         raise ConfigurationError(f"{path}: no elements")

@@ -63,6 +63,7 @@ def find_lattice(array: TransducerArray) -> Lattice | None:
 def _lattice_along(
     direction: FloatArray, normal: FloatArray, offsets: FloatArray
 ) -> Lattice | None:
+    """Return the lattice with rows along *direction*; None if elements lie beside its nodes."""
     axes = plane_axes(normal, direction)
     found = None if axes is None else grid_rows_and_columns(axes, offsets)
     if axes is None or found is None:

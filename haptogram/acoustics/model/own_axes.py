@@ -31,11 +31,11 @@ def array_axes(
 ) -> FloatArray:
     """Return the (3, 3) axes of an array, see :attr:`.geometry.TransducerArray.axes`."""
     offsets = positions - positions.mean(axis=0)
-    face = _face_axes(offsets, normals)
+    face = _face_normal(offsets, normals)
     if np.abs(face - _UP).max() < _UPRIGHT:  # rounding does not tilt an array
         face = _UP
     if grid_shape is not None:
-        axes = plane_axes(face, _axes_along_rows(positions, face, grid_shape))
+        axes = plane_axes(face, _row_direction(positions, face, grid_shape))
         if axes is not None:
             return axes + 0.0
     upright = _axes_turned_least(face)
@@ -93,7 +93,7 @@ def _levels_along_axis(
     return levels, rank
 
 
-def _face_axes(offsets: FloatArray, normals: FloatArray) -> FloatArray:
+def _face_normal(offsets: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the normal of the plane that contains the elements; else their mean normal."""
     facing = mean_array_normal(normals)
     if facing is None:
@@ -122,7 +122,7 @@ def _fallback_axis(normals: FloatArray) -> FloatArray:
     return signed
 
 
-def _axes_along_rows(
+def _row_direction(
     positions: FloatArray, face: FloatArray, grid_shape: tuple[int, int]
 ) -> FloatArray:
     """Return the vector between the first two elements along x; zero for a single element."""

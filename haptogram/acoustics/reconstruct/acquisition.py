@@ -23,7 +23,7 @@ _SUBARRAY_COUNT: Final = 100
 _SUBARRAY_RADIUS_M: Final = 0.075
 HOPELESS_RAD: Final = 1.2  # a chance fit leaves about 1.5; one inverted element in ten, 1.0
 _RIVALS: Final = 64  # cells looked at, best first
-_RIVAL_SEPARATION: Final = 0.25  # of the distance to the array: a grating lobe lies further away
+_RIVAL_SEPARATION: Final = 0.25  # least distance of cells, relative to that of the array
 
 
 class FocusAcquisition:
@@ -49,6 +49,7 @@ class FocusAcquisition:
             self._phasors = self._phasors * np.exp(1j * lags_rad).astype(np.complex64)
 
     def _subarray_radius(self, active: BoolArray) -> float:
+        """Return the radius of the first subarray to fit, with enough active elements."""
         nearest = np.sort(self._distance[active])
         radius = min(_SUBARRAY_RADIUS_M, float(nearest[:_SUBARRAY_COUNT][-1]))
         # A sparse array still needs four elements for four unknowns; of one that sounds alone the

@@ -173,6 +173,7 @@ def _coarse_search_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
 
 
 def _search_intervals(low: float, high: float) -> tuple[FloatArray, float]:
+    """Return the centres of equal cells that divide a span, and half their length."""
     # A span of whole cells stays so, whatever the rounding of a turned array says.
     count = max(1, math.ceil((high - low) / _COARSE_CELL_M - 1e-6))
     half = (high - low) / count / 2.0
@@ -205,6 +206,7 @@ def _halve_search_cells(
 
 
 def _search_cell_clearance_m(cells: FloatArray, positions: FloatArray) -> FloatArray:
+    """Return (M,) the distance of each cell from its nearest element."""
     clearance, across = np.full(len(cells), np.inf), np.ascontiguousarray(cells.T)
     for position in positions:
         clearance = np.minimum(clearance, _distances_m(across, position))

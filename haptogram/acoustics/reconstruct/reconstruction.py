@@ -63,7 +63,7 @@ from haptogram.settings.frozen import dataclass
 _Found = TypeVar("_Found")
 _MIN_TRACKED: Final = 4
 _AT_ONCE: Final = 512  # drives of a call of compiled code
-_SILENT: Final = 1e-6  # relative to full drive; far below half an amplitude step
+_SILENT: Final = 1e-6  # largest amplitude of a silent element; far below half an amplitude step
 _MAX_STARTS: Final = 12
 _TRIM_ROUNDS: Final = 6
 _MIN_AGREEING: Final = 8  # twice the unknowns: fewer would agree on some point by chance
@@ -177,6 +177,7 @@ class Reconstructor:
     def _all_of(
         self, asked: Sequence[DriveToFind], reconstruct: Callable[..., _Found]
     ) -> list[Reconstruction | _Found]:
+        """Return the field of each: beside the last one at once, others by *reconstruct*."""
         found: list[Reconstruction | _Found] = []
         while len(found) < len(asked):
             beside = self._foci_beside_last(asked[len(found) : len(found) + self._at_once])
@@ -207,6 +208,7 @@ class Reconstructor:
 
     @cached_property
     def _warm(self) -> WarmReconstructor | None:
+        """Return the compiled reconstructor that starts at the last focus; None if unavailable."""
         if self.why_not_compiled is not None or self._tracker is None:
             return None
         return WarmReconstructor(self._model, self._disc, self._tracker)
@@ -240,7 +242,7 @@ class Reconstructor:
         """
         if step_rad is None:
             step_rad = phase_step_rad(self._phase_bits or REGISTER_BITS)
-        radiated = self._radiated(weights, step_rad, slack_rad)
+        radiated = self._as_radiated_drive(weights, step_rad, slack_rad)
         if isinstance(radiated, NoFocus):
             return radiated
         found, tried = self._locate_quickly(radiated)
@@ -255,7 +257,7 @@ class Reconstructor:
         as long where there is no focus. Parameters and errors are those of
         :meth:`reconstruct_weights`.
         """
-        radiated = self._radiated(weights, step_rad, slack_rad)
+        radiated = self._as_radiated_drive(weights, step_rad, slack_rad)
         return radiated if isinstance(radiated, NoFocus) else self._locate_quickly(radiated)[0]
 
     def _best_of_rivals(
@@ -283,9 +285,10 @@ class Reconstructor:
                 rivals.append(fit.position_m)
         return best, rivals
 
-    def _radiated(
+    def _as_radiated_drive(
         self, given: ArrayLike, step_rad: float, slack_rad: float
     ) -> _ReconstructedDrive | NoFocus:
+        """Return phases and active elements of the weights; NoFocus if none is active."""
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
         weights = as_weights(given)
         if weights.shape != (self._model.array.count,):
@@ -310,17 +313,17 @@ class Reconstructor:
         if start is not None:
             fit = self._fit(radiated, start, radiated.active)
             if self._explains(fit, radiated):
-                return self._single(fit, radiated, way), []
+                return self._as_focus(fit, radiated, way), []
         tried: list[PhaseFit] = []
         if self._last_focus is not None:
             tried.append(self._fit(radiated, self._last_focus, radiated.active))
             if self._explains(tried[0], radiated):
-                return self._single(tried[0], radiated, "warm"), tried
+                return self._as_focus(tried[0], radiated, "warm"), tried
             jumped = self._acquisition_for(radiated.active).widening_fit(
                 radiated.phases_rad, radiated.active, radiated.step_rad, self._last_focus
             )
             if self._explains(jumped, radiated):
-                return self._single(jumped, radiated, "warm"), tried
+                return self._as_focus(jumped, radiated, "warm"), tried
             partial = self._fit_most(tried[0], radiated)
             if partial is not None:
                 return self._all_or_most(partial, radiated), tried
@@ -355,7 +358,7 @@ class Reconstructor:
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
         ):
             if self._explains(fit, radiated):
-                return self._single(fit, radiated, "global")
+                return self._as_focus(fit, radiated, "global")
             tried.append(fit)
         # Only when no start explains all elements may some be wrong: from a bad start, a correct
         # drive looks like one with outliers.
@@ -370,7 +373,7 @@ class Reconstructor:
         """Return a focus fitted to all elements, else to most of them."""
         whole = self._fit(radiated, partial.position_m, radiated.active)
         if self._explains(whole, radiated):
-            return self._single(whole, radiated, "global")
+            return self._as_focus(whole, radiated, "global")
         return self._mostly_single(partial, radiated)
 
     def _acquisition_for(self, active: BoolArray) -> FocusAcquisition:
@@ -383,6 +386,7 @@ class Reconstructor:
         return self._acquisition
 
     def _fit(self, radiated: _ReconstructedDrive, start: FloatArray, used: BoolArray) -> PhaseFit:
+        """Fit a focus to the phases of the elements *used*, from *start*."""
         return fit_focus(
             self._model, radiated.phases_rad, start, step_rad=radiated.step_rad, active=used
         )
@@ -408,9 +412,11 @@ class Reconstructor:
         return None
 
     def _explains(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> bool:
-        return fit.residual_rms_rad <= radiated.limit_rad and self._in_front(fit.position_m)
+        """Return True if a fit has a small residual and its focus can be there."""
+        return fit.residual_rms_rad <= radiated.limit_rad and self._is_reachable(fit.position_m)
 
-    def _in_front(self, position: FloatArray) -> bool:
+    def _is_reachable(self, position: FloatArray) -> bool:
+        """Return True if a focus can be at *position*: in front, not too near, not too far."""
         array = self._model.array
         offsets = array.positions_m - position
         nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
@@ -419,9 +425,10 @@ class Reconstructor:
         above = height_m > low_m and CLEARANCE_M <= nearest <= REACH_M
         return bool(above and points_in_front(self._model, position[None])[0])
 
-    def _single(
+    def _as_focus(
         self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]
     ) -> SingleFocus:
+        """Return a fit as a focus, with pressure and force there; the next search starts at it."""
         rivals: list[FloatArray] = []
         if radiated.step_rad >= COARSE_RAD:
             fit, rivals = self._best_of_rivals(fit, radiated)
@@ -449,7 +456,7 @@ class Reconstructor:
             return math.inf
 
     def _mostly_single(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> NotSingle:
-        """Return a fit as not a single focus, with its outlier elements."""
+        """Return a fit to most elements as not a single focus, with its outlier elements."""
         self._last_focus = fit.position_m
         residual = fit.residual_rad[radiated.active]
         pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
@@ -465,7 +472,8 @@ class Reconstructor:
     def _not_single(
         self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _ReconstructedDrive
     ) -> NotSingle:
-        points = [fit.position_m for fit in tried if self._in_front(fit.position_m)] + starts
+        """Return the loudest of the points tried, with the least residual of the fits."""
+        points = [fit.position_m for fit in tried if self._is_reachable(fit.position_m)] + starts
         loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
         loudest = points[int(loudness.argmax())]
         pressure, coherence = arrival_at_point(self._model, radiated.weights, loudest)

@@ -27,7 +27,7 @@ _MAX_STEPS: Final = 16
 _FIRST_COUNT: Final = 40  # elements whose wide beam forgives a start that is off
 _WIDENING: Final = 2.5  # growth of the number of elements from fit to fit
 _RIVALS: Final = 48  # regions looked at, best first
-_APART: Final = 0.1  # of their distance
+_APART: Final = 0.1  # least distance of two regions, relative to that of the array
 _REACH_M: Final = 1.25 * MAX_TARGET_DISTANCE_M
 _CLEARANCE_M: Final = 0.75 * MIN_TARGET_DISTANCE_M
 _CODES: Final = np.dtype(np.uint8)
@@ -152,7 +152,7 @@ class FocusTracker:
         """
         self._check_codes(codes)
         if self._cells is None:
-            self._prepare()
+            self._set_up_search()
         cells = self._cells
         assert cells is not None
         score = np.empty(cells.shape[1], np.float32)
@@ -176,7 +176,8 @@ class FocusTracker:
         self._kernels = compiled_kernels()
         self.acquire(np.zeros(self._model.array.count, dtype=np.uint8))
 
-    def _prepare(self) -> None:
+    def _set_up_search(self) -> None:
+        """Set the cells of the search volume, and the phasors of the first elements there."""
         first = self._order[: self._counts[0]]
         positions = self._model.array.positions_m[first]
         cells, matrix = search_volume(self._model, positions)
@@ -196,6 +197,7 @@ class FocusTracker:
         return fix
 
     def _fit(self, codes: NDArray[np.uint8], start: Point, count: int) -> Fix:
+        """Fit a focus to the phase codes of the first *count* elements."""
         return Fix(
             *self._kernels.fit_phases_kernel(
                 codes,
@@ -225,6 +227,7 @@ class FocusTracker:
         return above and _CLEARANCE_M <= fix.clearance_m <= _REACH_M
 
     def _check_codes(self, codes: NDArray[np.uint8]) -> None:
+        """Refuse phase codes of another type or number of elements."""
         # One object for each type: a comparison takes longer.
         if (codes.dtype is not _CODES and codes.dtype != _CODES) or codes.shape != self._shape:
             raise ConfigurationError(

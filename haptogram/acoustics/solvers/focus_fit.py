@@ -313,6 +313,7 @@ def _are_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool
 
 
 def _as_fit_mask(active: ArrayLike | None, count: int) -> BoolArray:
+    """Return a mask of active elements, all without *active*; refuse an empty one."""
     mask = np.ones(count, dtype=np.bool_) if active is None else np.asarray(active, dtype=np.bool_)
     if mask.shape != (count,):
         raise ConfigurationError(f"active has shape {mask.shape}, must be ({count},)")

@@ -160,6 +160,7 @@ def _iterative_backpropagation(
 def _gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
+    """Iterate between foci of the wanted levels and elements of full amplitude."""
     for _ in range(rounds):
         drive = _solver_phasor(matrix.conj().T @ (wanted * _solver_phasor(matrix @ drive)))
     return drive
@@ -168,6 +169,7 @@ def _gerchberg_saxton(
 def _weighted_gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
+    """Iterate as Gerchberg and Saxton, with weights that even out the foci."""
     kernels = load_kernels()
     if kernels is None:
         return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
@@ -297,6 +299,7 @@ def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArra
 
 
 def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
+    """Return the wanted amplitudes of all foci, within limits, or raise."""
     levels = as_float_vector("amplitudes", amplitudes, count)
     low, high = float(levels.min()), float(levels.max())
     for level in (low, high):
@@ -306,12 +309,13 @@ def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
 
 
 def _reachable_foci_levels(matrix: ComplexArray, wanted: FloatArray) -> float:
-    """Return the common factor that uses the whole power if the foci do not overlap."""
+    """Return the factor by which the wanted levels use the full power, without interference."""
     largest = np.abs(matrix).sum(axis=1)
     return float(1.0 / np.sqrt(((wanted / largest) ** 2).sum()))
 
 
 def _solver_phasor(values: ComplexArray) -> ComplexArray:
+    """Return complex *values* with magnitude 1; zero stays zero."""
     level = np.abs(values)
     phasors: ComplexArray = values / np.where(level > 0.0, level, 1.0)
     return phasors

@@ -18,7 +18,7 @@ from haptogram.settings.text_file import flat_document
 
 _LEVELS: Final = ("p50", "p90", "p99")  # a tenth of a run holds too few frames for p99.9
 _SIGMAS: Final = 4.0  # limit at which none of three dozen comparisons differs by chance
-_MAD_TO_SIGMA: Final = 1.4826  # for a normal distribution
+_MAD_TO_SIGMA: Final = 1.4826  # standard deviation over median deviation, for a normal distribution
 _MEDIAN_LOSS: Final = 1.2533  # a median varies so much more than a mean
 _LEAST_US: Final = 1.0  # resolution of the board's clock
 _CONTROL: Final = "control"
@@ -99,12 +99,14 @@ def bench_differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[st
 
 
 def _bench_percentiles(result: Mapping[str, Any]) -> dict[str, TimingPercentiles]:
+    """Return the percentiles of every stage in a bench's JSON result."""
     return {name: TimingPercentiles(**stage) for name, stage in result["stages"].items()}
 
 
 def _bench_change(
     stage: str, level: str, before: TimingPercentiles, after: TimingPercentiles | None
 ) -> BenchChange | None:
+    """Return the change of a percentile between two benches, with its noise; None if unmeasured."""
     if after is None or not before.blocks or not after.blocks:
         return None
     one, other = before.blocks[level], after.blocks[level]

@@ -138,6 +138,7 @@ def _bench_run_of(
     seen: Mapping[int, Observation],
     processors: dict[str, float],
 ) -> BenchRun:
+    """Return the stages of every frame of a stream, from host stamps and observed latches."""
     ticks, paced = report.ticks, config.port is not None
     due_us = np.array([i.t_apply_us for i in driver.intended], dtype=np.int64)
     received_us, latched_us = _bench_device_times(driver.intended, seen)
@@ -178,7 +179,7 @@ def _bench_stages(
     transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the host's stages of every frame; those of a skipped frame are nan after its wake."""
+    """Return the host's stages of every frame; NaN after the wake of a skipped frame."""
     unsent = np.where(sent, 0.0, np.nan)
     return {
         "wake": lateness_us,
@@ -192,6 +193,7 @@ def _bench_stages(
 def _bench_misses(
     parts: attribution.BenchLatenessParts, stalled: NDArray[np.bool_]
 ) -> dict[str, list[attribution.LatenessMisses]]:
+    """Count late frames at port and board, by cause, for each limit of lateness."""
     return {
         place: [
             attribution.count_late_bench_frames(
@@ -222,6 +224,7 @@ def _bench_device_times(
 
 
 def _bench_host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convert device times to host times in ns; NaN stays NaN."""
     return np.array(
         [np.nan if np.isnan(us) else driver.clock.to_host_ns(int(us)) for us in device_us]
     )

@@ -122,7 +122,7 @@ class SoakComparison:
         return frames
 
     def _judge(self, verdict: int | str, t_ns: int, up_free_ns: int) -> bool:
-        """Compare a verdict with the model's; return whether the frame ends the output."""
+        """Compare the board's verdict with the model's; return True if the frame ends output."""
         sent = self._line.next_sent(verdict)
         if sent is None:
             return False
@@ -140,6 +140,7 @@ class SoakComparison:
         return sent.type in (m.Hello.TYPE, m.Mute.TYPE) and due == "request"
 
     def _judge_lateness(self, sent: Sent, index: int, t_ns: int) -> None:
+        """Attribute a late frame to the fault that delayed it, or report a violation."""
         late_us = m.signed_difference(self._board.device_us(t_ns), sent.due_us, 32)
         if late_us <= 0:
             return
@@ -189,6 +190,7 @@ class SoakComparison:
                 self._due.appendleft(due)
 
     def _compare_latch(self, latch: SoakLatch, due: SoakLatch, index: int) -> None:
+        """Count a latch; report a violation if its time or drive differs from the model's."""
         self._tally.totals["latched"] += 1
         self._tally.count("late", latch.late, column="late")
         if (latch.t_latch_us, latch.late) != (due.t_latch_us, due.late):
@@ -198,6 +200,7 @@ class SoakComparison:
             self._tally.violate("torn latch", f"frame {index} is not the drive that was sent")
 
     def _compare_silence(self, t_ns: int, *, requested: bool) -> None:
+        """Report a violation if board and model no longer agree whether the output is silent."""
         before, self._silent = self._silent, (self._board.is_silent, self._model.is_silent)
         silent, due = self._silent
         if silent == due or before == self._silent:

@@ -38,6 +38,7 @@ Pieces: TypeAlias = list[tuple[int, bytes]]
 
 
 def _flip_damage(wire: bytes, source: random.Random) -> Pieces:
+    """Flip a few random bits of a frame."""
     flipped = bytearray(wire)
     for place in source.sample(range(8 * len(wire)), source.randint(1, _MOST_FLIPS)):
         flipped[place // 8] ^= 1 << place % 8
@@ -51,10 +52,12 @@ def _replaced(wire: bytes, source: random.Random, gone: int, new: int) -> Pieces
 
 
 def _delay_damage(wire: bytes, source: random.Random) -> Pieces:
+    """Delay a whole frame, short delays as likely as long ones."""
     return [(round(_LEAST_DELAY_NS * (_MOST_DELAY_NS / _LEAST_DELAY_NS) ** source.random()), wire)]
 
 
 def _slice_damage(wire: bytes, source: random.Random) -> Pieces:
+    """Cut a frame in two, with a delay between the parts."""
     place = source.randrange(1, len(wire))
     return [(0, wire[:place]), (source.randrange(_LEAST_DELAY_NS), wire[place:])]
 
@@ -192,7 +195,7 @@ class SoakLine:
         return pieces
 
     def _carry(self, data: bytes, t_ns: int, wait_ns: int) -> None:
-        """Schedule the arrival of bytes at the rate of the line."""
+        """Schedule the arrival of bytes behind earlier ones, at the rate of the line."""
         if not data:
             return
         start_ns = max(self.free_ns, t_ns)
@@ -236,6 +239,7 @@ class SoakLine:
         return sent
 
     def _explain_damage(self, hit: SoakHit | None, verdict: int | str) -> None:
+        """Count damage under the fault that caused it, or report a violation."""
         if hit is None:
             self._tally.violate(UNEXPLAINED, f"damage at {self._end} without a fault: {verdict}")
         elif verdict not in DAMAGE:

@@ -69,6 +69,7 @@ class SoakHost(HostConnection):
             self._tally.violate("undamaged frame dropped", text)
 
     def _compare_event(self, event: events.EventReceived, sent: Sent) -> None:
+        """Report a violation for events lost without a fault, or if the board leaks memory."""
         lost = self._line.explain_gap(sent)
         if event.gap != lost:
             text = f"the host misses {event.gap} events, and {lost} were lost"
@@ -201,7 +202,7 @@ class SoakRig:
         return data
 
     def _carry(self, deadline_ns: int) -> bool:
-        """Carry bytes to the board until some come to the host; return False if none come."""
+        """Carry bytes to the board until it answers; return False at the deadline."""
         down, up = self.down.arriving, self.up.arriving
         while True:
             down_ns = down[0][0] if down else _NEVER_NS
@@ -227,7 +228,7 @@ class SoakRig:
         """Do nothing: the board stays."""
 
     def _note_request(self, wire: bytes) -> None:
-        """Record why the host had to retry."""
+        """Note a request; attribute its repetition to a fault, or report a violation."""
         hits = self.tally.request_hits
         if wire != self._last_request:
             hits.clear()
@@ -240,6 +241,7 @@ class SoakRig:
         self._last_request = wire
 
     def _take_from_board(self) -> None:
+        """Send the frames of the board up the line, each with its session."""
         for wire in self.comparison.take_frames(self._now_ns):
             if wire[2] == m.HelloReply.TYPE:  # an event just before it is of the session before
                 self._session = self._board.session
@@ -249,7 +251,7 @@ class SoakRig:
 
 
 def _soak_drives(count: int) -> list[m.Phases | m.Drives]:
-    """Return frames of random codes, some with amplitudes: no half of one is a half of another."""
+    """Return frames of random codes, some with amplitudes; no two share a half."""
     source = random.Random(_DRIVES)
     return [
         m.Phases(source.randbytes(count))

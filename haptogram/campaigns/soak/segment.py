@@ -81,7 +81,7 @@ def run_soak_segment(
 
 
 def _soak_clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ...]:
-    """Return a drift within what the board declares, and a step in every other segment."""
+    """Return a clock drift within the declared limit and, for half of the long segments, a step."""
     drift = Fault("clock.ppm", {"ppm": float(source.randint(-_PPM, _PPM))})
     step_us, at_s = source.randint(*_STEP_US), seconds * source.uniform(0.3, 0.6)
     if seconds < _LEAST_FOR_STEP_S or source.random() < 0.5:
@@ -123,6 +123,7 @@ class _SoakSegment:
     # --- streaming -----------------------------------------------------------------------------
 
     def _connect(self) -> None:
+        """Open a session with random timers, and arm the board."""
         rig, source = self._rig, self._source
         rig.new_session()
         rig.down.calm = rig.up.calm = False
@@ -207,6 +208,7 @@ class _SoakSegment:
             self._connect()
 
     def _some_time_ns(self) -> int:
+        """Return a random duration, shorter or longer than the timers."""
         return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * NS_PER_MS
 
     def _resume(self, since_ns: int) -> None:

@@ -21,7 +21,7 @@ from .rows import Row, row_of_crash, row_of_point
 from .workers import Workers
 
 _TRIES: Final = 3  # attempts at a point whose worker dies
-_MOST_JOURNAL: Final = 1 << 34  # characters
+_MOST_JOURNAL: Final = 1 << 34  # most characters of a journal
 
 #: Runs the words of a command; returns exit status, result as JSON, and text on standard error.
 RunWords: TypeAlias = Callable[[Sequence[str]], tuple[int, bytes, str]]
@@ -119,7 +119,7 @@ class SweepCampaign:
         file: TextIO | None,
         show: Callable[[], None],
     ) -> None:
-        """Keep every worker busy; suspect points run alone."""
+        """Give points to idle workers; a point that may kill its worker runs alone."""
         while left or self._suspects or running:
             count = 1 if self._suspects else workers.count
             while (self._suspects or left) and len(running) < count:
@@ -148,7 +148,7 @@ class SweepCampaign:
             raise error
 
     def _mark_suspects(self, numbers: list[int], file: TextIO | None) -> None:
-        """Mark the points that ran when a worker died."""
+        """Mark the points under way when a worker died: each of them runs again, alone."""
         if len(numbers) == 1:
             self._deaths[numbers[0]] += 1
         for number in numbers:
@@ -159,6 +159,7 @@ class SweepCampaign:
                 self._write(row_of_crash(self.plan[number], text), file)
 
     def _write(self, row: dict[str, Any], file: TextIO | None) -> None:
+        """Keep a row, and append it to the journal at once."""
         self.rows[row["point"]] = row
         if file is not None:
             file.write(json.dumps(row) + "\n")

@@ -70,7 +70,7 @@ def row_of_point(point: SweepPoint, status: int, content: bytes, said: str) -> R
     said : str
         Its text on standard error; the last line is the reason if there is no result.
     """
-    row = _row_begin(point) | {"verdict": _VERDICTS.get(status, ERROR)}
+    row = _first_row_columns(point) | {"verdict": _VERDICTS.get(status, ERROR)}
     if not content:
         lines = _PAINT.sub("", said).strip().splitlines() or [f"exit status {status}"]
         return row | {"reason": lines[-1].removeprefix(f"haptogram {point.words[0]}: ")}
@@ -91,10 +91,11 @@ def row_of_point(point: SweepPoint, status: int, content: bytes, said: str) -> R
 
 def row_of_crash(point: SweepPoint, reason: str) -> Row:
     """Return the row of a point that came to no end."""
-    return _row_begin(point) | {"verdict": ERROR, "reason": reason}
+    return _first_row_columns(point) | {"verdict": ERROR, "reason": reason}
 
 
-def _row_begin(point: SweepPoint) -> Row:
+def _first_row_columns(point: SweepPoint) -> Row:
+    """Return the first columns of a row: number, command and values of its point."""
     command = shlex.join(["haptogram", *point.words])
     return {"point": point.number, "command": command, **point.values}
 

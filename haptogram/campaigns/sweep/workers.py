@@ -67,6 +67,7 @@ def _begin_worker() -> None:
 
 
 def _end_with_parent() -> None:
+    """Wait until the parent process ends, then end this worker."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -113,7 +114,7 @@ def dask_workers(address: str, jobs: int) -> Iterator[Workers]:
 
 
 def _checked_dask_workers(found: dict[str, Any]) -> int:
-    """Return the number of workers, whose versions are those of this machine."""
+    """Return the number of workers; refuse workers with other versions than this machine."""
     own = found["client"]["packages"]
     parts = [("the scheduler", found["scheduler"], _WIRE)]
     parts += [(f"worker {name}", one, _WIRE + _ROWS) for name, one in found["workers"].items()]

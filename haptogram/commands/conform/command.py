@@ -101,6 +101,7 @@ def _run_conform(
     outputs: CommandOutputs,
     writer: RecordingWriter | None,
 ) -> int:
+    """Run the suite, judge its captures, write and print the result; return the exit status."""
     from haptogram.report.conformance.text import suite_text
 
     begin_s = time.time()
@@ -146,6 +147,7 @@ def _run_conform_cases(
     virtual: Virtual,
     writer: RecordingWriter | None,
 ) -> SuiteResult:
+    """Run the chosen cases on the chosen board."""
     from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 
     check_conform_arguments(arguments)
@@ -193,6 +195,7 @@ def _conform_seed(arguments: argparse.Namespace) -> int:
 def _conform_access(
     arguments: argparse.Namespace, virtual: Virtual, writer: RecordingWriter | None
 ) -> Access:
+    """Return the way to the board: virtual, at a port or spawned; recorded if asked."""
     from haptogram.conformance.run.access import RecordedAccess
     from haptogram.evidence.recordings.tap import RecordedBoards
 
@@ -250,6 +253,7 @@ def _list_conform_cases(cases: tuple[Case, ...]) -> int:
 
 
 def _compare_conform_results(arguments: argparse.Namespace) -> int:
+    """Write the page that compares results of several devices."""
     from haptogram.report.conformance.document import suite_comparison_document
     from haptogram.report.conformance.result import read_suite_json
 

@@ -118,6 +118,7 @@ class PinConfig(CaptureConfig):
 
 
 def _acts_in_conform_run(arguments: argparse.Namespace) -> bool:
+    """Return True if cases will run: neither a comparison nor a list was asked for."""
     return not arguments.compare and not arguments.list
 
 
@@ -164,6 +165,7 @@ def add_conform_options(parser: Parser) -> None:
 
 
 def _add_conform_choice(group: argparse._ArgumentGroup) -> None:
+    """Add the options that choose cases and their depth."""
     group.add_argument("--list", action="store_true", help="list the cases and run none")
     add_command_options(group, options_of(ChoiceConfig).values(), explore="a few dialogues")
     depth = group.add_mutually_exclusive_group()
@@ -176,6 +178,7 @@ def _add_conform_choice(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_conform_results(group: argparse._ArgumentGroup) -> None:
+    """Add the options for output files and the baseline."""
     add_command_options(group, output_options("junit json html summary stamp record"))
     add_file_option(group, "--write-baseline", help="write today's failures as expected [none]")
     group.add_argument("--verbose", action="store_true", help="print every case")
@@ -214,6 +217,7 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
 
 
 def _check_conform_regex(text: str) -> None:
+    """Refuse a --port-regex that is invalid or has no group."""
     try:
         groups = re.compile(text).groups
     except re.error as error:
@@ -227,6 +231,7 @@ def _check_conform_regex(text: str) -> None:
 
 
 def _is_conform_port(arguments: argparse.Namespace) -> bool:
+    """Return True if the board under test is at a port, and not the virtual one."""
     return arguments.port is not None and not asks_to_conform_virtual_board(arguments)
 
 

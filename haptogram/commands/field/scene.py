@@ -137,6 +137,7 @@ def read_field_drive_file(path: Path, count: int, phase_bits: int) -> acoustics.
 
 
 def _field_drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
+    """Return the phase and amplitude code in a row of a drive file."""
     try:
         phase, amplitude = (int(cell) for cell in cells)
     except ValueError as error:
@@ -145,6 +146,7 @@ def _field_drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
 
 
 def _field_focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
+    """Return the focus in metres: as asked, else that of the preset, else 150 mm ahead."""
     if arguments.focus_mm is None and arguments.preset:
         return find_preset(arguments.preset).focus_m
     return metres_of_position(arguments.focus_mm or (0.0, 0.0, 150.0))
@@ -209,7 +211,7 @@ def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> 
 
 
 def _scene_sequence(arguments: argparse.Namespace, scene: FieldScene) -> tuple[ComplexArray, str]:
-    """Return the drives that are repeated, and what they are."""
+    """Return the drives that the scene repeats, and their description."""
     if scene.is_sequence or not len(scene.targets_m):
         count = len(scene.weights)
         return scene.weights, (

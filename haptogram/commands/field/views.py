@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_NO_FOCUS: Final = 0.25  # of the target's distance: a maximum farther off is not its focus
+_NO_FOCUS: Final = 0.25  # largest shift of a focus, relative to the target's distance
 
 
 def check_field_picture_size(arguments: argparse.Namespace) -> None:
@@ -145,7 +145,7 @@ def _describe_field_place(
 
 
 def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
-    """Yield what the phases of a drive from a file make: a focus, and how linear it is."""
+    """Yield lines about the focus that a drive from a file makes, and its nonlinearity."""
     found = Reconstructor(scene.model, scene.phase_bits).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
         yield f"no focus: {found.reason}"
@@ -159,11 +159,13 @@ def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
 
 
 def _describe_finite_amplitude(scene: FieldScene, focus_m: ArrayLike) -> Iterator[str]:
+    """Yield a warning where the sound is too loud for linear acoustics."""
     text = finite_amplitude_text(NumpyEngine(scene.model), scene.weights[0], focus_m)
     yield from () if text is None else textwrap.wrap(text, 98, subsequent_indent="  ")
 
 
 def _describe_field_focus(engine: NumpyEngine, scene: FieldScene) -> Iterator[str]:
+    """Yield lines about pressure, peak and spot of the focus at the first target."""
     target, weights = scene.targets_m[0], scene.weights[0]
     rms = float(np.abs(engine.pressure(weights, [target])[0])) / math.sqrt(2.0)
     yield f"target ({position_text(target)}) mm: {rms:.0f} Pa RMS, {level_db_spl(rms):.1f} dB SPL"
@@ -186,6 +188,7 @@ def _describe_field_focus(engine: NumpyEngine, scene: FieldScene) -> Iterator[st
 
 
 def _describe_field_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) -> str:
+    """Return a line about the pressure peak: its shift from the target, or why there is none."""
     try:
         peak = find_pressure_peak(engine, weights, target)
     except ConfigurationError as error:
@@ -203,4 +206,5 @@ def _describe_field_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatA
 
 
 def _extent_text(size_m: float) -> str:
+    """Return a length in mm as text; it may lie beyond the searched volume."""
     return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"

@@ -125,6 +125,7 @@ def describe_felt(felt: ModulationResult, bandwidth_hz: float) -> Iterator[str]:
 
 
 def _describe_felt_frames(felt: ModulationResult) -> Iterator[str]:
+    """Yield a line about the frames: points or modulation, frequency and depth."""
     frames, config = felt.frames, felt.modulation
     held = "" if config.dwell_ms is None else f", each point held {config.dwell_ms:g} ms"
     if felt.frequency_hz is None:
@@ -152,11 +153,13 @@ def _describe_felt_frames(felt: ModulationResult) -> Iterator[str]:
 
 
 def _modulation_periods_text(frequency_hz: float, frames: FocusFrames) -> str:
+    """Return the number of periods and the frames in each, as text."""
     count = round(frequency_hz * frames.duration_s)
     return f", {count} period{'s' * (count != 1)}, {frames.rate_hz / frequency_hz:.4g} in each"
 
 
 def _describe_felt_spectrum(felt: ModulationResult) -> Iterator[str]:
+    """Yield a table of the strongest spectral lines of the felt signal."""
     highest_hz = max(FELT_UP_TO_HZ, felt.frames.rate_hz + (felt.frequency_hz or 0.0))
     lines = felt.signal.lines(_LEAST_SHARE, highest_hz)
     if not lines:

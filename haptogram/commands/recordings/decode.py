@@ -99,6 +99,7 @@ def _recognised_source(source: Source) -> tuple[str, str]:
 
 
 def _decode_annotator(name: str, *, from_board: bool) -> Annotator:
+    """Return the annotator for the wire of a dialect, else for Haptogram's own."""
     from haptogram_protocol.annotation.frames import FrameAnnotator
     from haptogram_protocol.annotation.operations import OperationAnnotator
     from haptogram_protocol.dialects.table import DIALECTS
@@ -131,7 +132,7 @@ def _print_decoded_text(found: _Found, *, verbose: bool) -> bool:
     lines = [f"{head}{piece.text}"]
     if verbose:
         lines += [f"{'':{len(head)}}{name} = {value}" for name, value in piece.fields.items()]
-    return _written_decoded_text("\n".join(lines))
+    return _print_unless_broken("\n".join(lines))
 
 
 def _print_decoded_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is always in full
@@ -144,10 +145,10 @@ def _print_decoded_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG00
     line |= {"name": piece.name or None, "fault": piece.fault or None}
     if piece.header is not None:
         line["header"] = annotated_fields_of(piece.header)
-    return _written_decoded_text(json.dumps(line | {"fields": piece.fields}))
+    return _print_unless_broken(json.dumps(line | {"fields": piece.fields}))
 
 
-def _written_decoded_text(text: str) -> bool:
-    """Print *text* and return True, unless standard output has failed."""
+def _print_unless_broken(text: str) -> bool:
+    """Print *text*; return False if standard output has failed."""
     print(text)
     return getattr(sys.stdout, "error", None) is None

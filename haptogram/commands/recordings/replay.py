@@ -92,7 +92,7 @@ def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
 def _changed_replay_options(
     options: Mapping[str, Any], arguments: argparse.Namespace
 ) -> dict[str, Any]:
-    """Return the options of the recorded board with those of the command line."""
+    """Return the recorded board's options, overridden by those of the command line."""
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
     elif ":" in (code := options.get("mutant") or "") and arguments.mutant is None:
@@ -108,6 +108,7 @@ def _changed_replay_options(
 
 
 def _check_replay_array(options: Mapping[str, Any], array: str) -> None:
+    """Refuse an array with another number of transducers than that of the recording."""
     from haptogram.acoustics import TransducerArray
 
     before = TransducerArray.parse(str(options.get("array", DEFAULT_ARRAY))).count

@@ -94,6 +94,7 @@ def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
 
 
 def _detected_format(begin: bytes) -> str:
+    """Return the file format, recording, hex or raw, by the first bytes."""
     if begin.startswith(MAGIC):
         return "recording"
     found = _BYTES.match(begin)
@@ -146,6 +147,7 @@ def _source_blocks_from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[byt
 
 
 def _recording_as_source(path: Path) -> Source:
+    """Return the bytes of a recording as a source to decode; refuse standard input."""
     from haptogram.evidence.recordings.reader import Recording
 
     if path == _STDIN:
@@ -157,6 +159,7 @@ def _recording_as_source(path: Path) -> Source:
 
 
 def _recorded_source_chunks(recording: Recording, source: Source) -> Iterator[RecordedChunk]:
+    """Yield the bytes of a recording with sender and time, from its first entry on."""
     from haptogram.evidence.recordings.channels import TO_BOARD, TO_HOST
 
     senders = {TO_BOARD: "host", TO_HOST: "board"}

@@ -41,7 +41,7 @@ def hear_interrupts_in_callbacks() -> Iterator[None]:
 
 
 def _interrupt_main_thread() -> None:
-    """Send a signal, which ends what the main thread waits for; a flag alone would not."""
+    """Send a signal to interrupt a blocking call of the main thread; a flag would not."""
     if sys.platform == "win32" or (main_thread := threading.main_thread().ident) is None:
         _thread.interrupt_main()
     else:

@@ -86,6 +86,7 @@ class CommandOutputs:
             self.provenance = Provenance.of_run(settings.command_line, stamp)
 
     def _check_formats(self, *, pictures: bool) -> None:
+        """Refuse, before the run, a picture or page that cannot be written."""
         if self.paths.get("--picture", files.STANDARD_OUTPUT) != files.STANDARD_OUTPUT:
             from haptogram.report.figures import check_picture_format
 
@@ -157,6 +158,7 @@ class CommandOutputs:
         return all(written)
 
     def _is_written(self, path: Path, write: WriteFile) -> bool:
+        """Write a file and announce it; return False, after the error text, if it failed."""
         try:
             write(path)
         except ConfigurationError as error:

@@ -90,6 +90,7 @@ class PatientStandardStream:
         self._attempt(self._stream.flush)
 
     def _attempt(self, write: Any) -> None:
+        """Write, unless an earlier write failed; redirect the stream after an error."""
         if self.error is not None:
             return
         try:

@@ -164,6 +164,7 @@ def _measured_by_verify(
     settling: Progress | None,
     writer: RecordingWriter | None,
 ) -> RunRecord:
+    """Display the object on the board and return the record of the run."""
     from haptogram.evidence.run_record import measure_run, measure_run_of_dialect
 
     config = boards.config
@@ -199,6 +200,7 @@ def _verify_result(
 def _record_verify_result(
     writer: RecordingWriter, found: RunRecord, verdict: RunVerdict, result: dict[str, Any]
 ) -> None:
+    """Record the intended frames, the verdict on each, and the summary."""
     from haptogram.evidence.recordings.channels import SUMMARY
     from haptogram.evidence.recordings.recorded_run import record_intended
     from haptogram.evidence.recordings.scene import ERROR, WARNING
@@ -218,7 +220,7 @@ def _record_verify_result(
 def _begin_verify_recording(
     writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig
 ) -> None:
-    """Write which board is at the other end; of a board in virtual time, when it began."""
+    """Write which board is under test and, in virtual time, when it was powered up."""
     options = None if config.link.port is not None else virtual.non_default()
     boot_ns = 0 if config.link.virtual_time else None
     writer.opened(0, options, boot_ns, paced=options is not None)
@@ -262,7 +264,7 @@ def _verified_faults_dict(
 
 
 def _verified_host_dict(found: RunRecord) -> dict[str, object] | None:
-    """Return the figures of the host's loop, if the run came to its end."""
+    """Return the figures of the host's stream loop; None without its report."""
     from haptogram.driver.dialect_driver import DialectReport
     from haptogram.driver.stream import StreamReport
 

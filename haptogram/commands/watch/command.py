@@ -119,6 +119,7 @@ def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
 
 
 def _check_watch_source(arguments: argparse.Namespace) -> None:
+    """Refuse contradictory sources; a client's words belong to --as-device."""
     if arguments.as_device:
         arguments.client = [word for word in (arguments.source, *arguments.client) if word]
         arguments.source = None
@@ -293,6 +294,7 @@ def _shows_no_pattern(result: WatchResult) -> bool:
 
 
 def _why_watch_is_incomplete(end: Record) -> str | None:
+    """Return why latches are missing before the end record; None if none are."""
     if end.get("cut"):
         return f"the capture was cut off: {end['cut']}"
     if not end["clean"]:
@@ -302,7 +304,7 @@ def _why_watch_is_incomplete(end: Record) -> str | None:
 
 @contextlib.contextmanager
 def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
-    """Yield a function that appends a line to the frames file and flushes; None without a file."""
+    """Yield a function that appends a line to the frames file at once; None without a file."""
     if path is None:
         yield None
     elif path == STANDARD_OUTPUT:
@@ -317,6 +319,7 @@ def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
 
 
 def _write_watch_line(file: FileIO, path: Path, line: str) -> None:
+    """Write a whole line to a file that may take only a part at a time."""
     rest = line.encode("ascii")
     with writing_file(path, "--frames"):
         while rest:

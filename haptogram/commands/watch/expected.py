@@ -59,6 +59,7 @@ def make_watch_expectation(
 
 
 def _read_expected_frames(path: Path) -> list[Foci]:
+    """Return the foci of each expected frame from a CSV file."""
     from haptogram.acoustics.model.csv_rows import read_element_rows
 
     rows = read_element_rows(path, "--expect-file")

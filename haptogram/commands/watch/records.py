@@ -156,12 +156,13 @@ def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> Watched
 
 
 def _watched_list(records: list[Record]) -> WatchedRecords:
-    """Return a source that yields these records once."""
+    """Return a source that yields the given records once."""
     parts = [records]
     return WatchedRecords("bytes", lambda: parts.pop() if parts else None, lambda: None)
 
 
 def _watched_board_settings(arguments: argparse.Namespace) -> BoardConfig:
+    """Return the settings of the board that watch starts or assumes."""
     return BoardConfig.of(**given_options(arguments, WATCHED_BOARD_OPTIONS))
 
 
@@ -171,7 +172,7 @@ def _read_watched_bytes(source: str) -> bytes:
 
 
 def _refuse_watched_client_bytes(source: str) -> None:
-    """Raise if *source* is a file that holds bytes of a client, and say which dialect it needs."""
+    """Raise if *source* is a file of client bytes; name the option for their dialect."""
     from haptogram_protocol.dialects.looks_like import looks_like_dialect
 
     path = Path(source)

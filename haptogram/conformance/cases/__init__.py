@@ -49,6 +49,7 @@ def select(cases: Sequence[Case], wanted: Sequence[str]) -> Iterator[Case]:
 
 
 def _is_case_of(case: Case, name: str) -> bool:
+    """Return True if *name* is the case, its clause, or a section that contains the clause."""
     if name in (case.id, case.clause):
         return True
     return case.clause.startswith((f"{name}/", f"{name}.")) and "/" not in name

@@ -72,6 +72,7 @@ def _stream_frames(board: BoardClient, since: int) -> None:
 
 
 def _play_sequence(board: BoardClient) -> None:
+    """Upload a sequence, play it with trace events, and stop it."""
     frames = phases_that_fit(board, _FRAMES)
     data = b"".join(board.random_registers() for _ in range(frames))
     upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, data)

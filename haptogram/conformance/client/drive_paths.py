@@ -94,6 +94,7 @@ def _play_points(board: BoardClient, number: int) -> m.Message:
 
 
 def _play_to_end(board: BoardClient, points: int = 0) -> None:
+    """Play the stored sequence to its end."""
     play_out(board, _SEQUENCE, _FRAMES, period_us=period_to_play(board, points))
 
 

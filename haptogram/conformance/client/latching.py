@@ -250,6 +250,7 @@ def latches_received_from_board(
 def _latch_received_in_trace(
     board: BoardClient, header: m.Header, message: m.Message
 ) -> ClientLatch | None:
+    """Return the latch that a trace event reports; None for other messages."""
     t_us, late = board.clock.unwrap(header.time_us), bool(header.flags & m.Flag.LATE)
     if isinstance(message, m.Trace):
         return ClientLatch(message.index, t_us, message.crc, late)
@@ -263,6 +264,7 @@ def _latch_received_in_trace(
 
 
 def _latches_received_from_ring(board: BoardClient) -> list[ClientLatch]:
+    """Read the whole trace ring; return its latches."""
     found: list[ClientLatch] = []
     first = 0
     while True:

@@ -96,6 +96,7 @@ class DialogueRecording:
         return f"sent between: {self._sent_text(list(sent))}"
 
     def _sent_text(self, sent: Sequence[Annotated]) -> str:
+        """Return the sent frames as text, each with its answer where that is unambiguous."""
         answers: dict[int | None, str] = {
             frame.header.seq: _answer_name(frame)
             for frame in self._frames(TransferDirection.BOARD)
@@ -152,6 +153,7 @@ def error_name(error: m.Error) -> str:
 
 
 def _answer_name(frame: Annotated) -> str:
+    """Return the name of a response, or of the code of an ERROR."""
     return error_name(frame.message) if isinstance(frame.message, m.Error) else frame.name
 
 
@@ -205,6 +207,7 @@ def _client_transcript_lines(transfers: Iterable[Transfer], start_us: int) -> li
 def _client_transcript_lines_of(
     transfer: Transfer, start_us: int, pieces: list[bytes]
 ) -> list[str]:
+    """Return the lines of one transfer: time, sender, bytes, and the frames that it completes."""
     head = f"{(transfer.t_us - start_us) / 1e6:+11.6f} s {transfer.direction.value} "
     shown = transfer.data[:_SHOWN_BYTES]
     rows = [shown[start : start + _PER_LINE].hex(" ") for start in range(0, len(shown), _PER_LINE)]

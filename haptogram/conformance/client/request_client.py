@@ -235,10 +235,12 @@ class RequestClient:
                 return
 
     def _is_answered(self, seq: int | None, since: int) -> bool:
+        """Return True if a response to request *seq* was received since a mark."""
         answers = self.wire.received[since:] if seq is not None else ()
         return any(p.is_response and p.header is not None and p.header.seq == seq for p in answers)
 
     def _forget_unanswered(self) -> None:
+        """Treat all sent bytes as read by the board."""
         self._unanswered, self._unanswered_bytes = [], 0
 
     # --- requests and answers ------------------------------------------------------------------

@@ -52,6 +52,7 @@ def points_of_stream_kind(message: m.Message) -> int:
 
 
 def _stream_kind_of_drives(board: BoardClient) -> m.Message:
+    """Return a DRIVES message of random codes."""
     return m.Drives(board.random.randbytes(2 * board.identity.transducers))
 
 

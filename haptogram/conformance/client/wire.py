@@ -420,6 +420,7 @@ class RawFrameClient:
         self.held_up_us = max(self.held_up_us, duration_us)
 
     def _begin_delays(self) -> None:
+        """Reset the measured delays of the host."""
         self.held_up_us = self.trip_us = 0
         self._board_waited_us = self._board.waited_us()
         self._leave()
@@ -479,6 +480,7 @@ def decoded_frame(piece: bytes) -> bytes:
 
 
 def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> ReceivedByClient:
+    """Decode a piece between delimiters: header, message, or the fault of it."""
     try:
         body = decoded_frame(piece)
     except RemoteProtocolError as error:

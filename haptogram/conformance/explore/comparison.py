@@ -343,6 +343,7 @@ def _dialogue_counter_difference(
 
 
 def _dialogue_element_difference(got: Sequence[m.Element], due: Sequence[m.Element]) -> str:
+    """Return the first difference between two lists of transducers; 1 um is allowed."""
     if len(got) != len(due):
         return f"{len(got)} transducers, due are {len(due)}"
     for mine, wanted in zip(got, due, strict=True):
@@ -354,6 +355,7 @@ def _dialogue_element_difference(got: Sequence[m.Element], due: Sequence[m.Eleme
 
 
 def _is_within(got: int, due: int, tolerance_us: int) -> bool:
+    """Return True if two device times, of 32 bits, differ by at most the tolerance."""
     return abs(m.signed_difference(got & 0xFFFFFFFF, due & 0xFFFFFFFF, 32)) <= tolerance_us
 
 

@@ -271,6 +271,7 @@ class Lockstep:
         return early_us if self.is_exact else early_us + line_us
 
     def _wait_until(self, t_us: int) -> None:
+        """Idle until an estimated device time."""
         self._board.wire.idle(max(0, t_us - self._board.clock.device_estimate_us()))
 
     # --- one slot ------------------------------------------------------------------------------
@@ -340,7 +341,7 @@ class Lockstep:
             models.receive_near(at_us, frame, _NEAR_US)
 
     def _send(self, wires: Iterable[bytes]) -> None:
-        """Send the frames of a slot; the board has time to read them."""
+        """Send the frames of a slot, in pieces that the board has time to read."""
         for piece in pieces_of_slot(b"".join(wires)):
             self._board.wire.send(piece)
 
@@ -384,7 +385,7 @@ class Lockstep:
         wire.wait(are_there, left_us if self._is_virtual else left_us + _MISSED_US)
 
     def _has_dropped_traces(self, host: DialogueHost, base: DialogueBase) -> bool:
-        """Return True if the board has dropped traces in the dialogue, as it may."""
+        """Return True if the board has dropped trace events, which SPEC.md allows."""
         link = self._board.link
         host.seq += 1
         since = link.mark()
@@ -431,6 +432,7 @@ class Lockstep:
 
 
 def _annotated_text(wire: bytes) -> str:
+    """Return the frames in *wire* as text."""
     return "; ".join(annotated_frame_text(piece) for piece in wire.split(DELIMITER) if piece)
 
 
@@ -448,10 +450,12 @@ def _slot_arrivals(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) ->
 
 
 def _count_answers(frames: Iterable[FrameInDialogue | ReceivedByClient]) -> int:
+    """Return the number of responses among *frames*."""
     return sum(
         frame.header is not None and frame.header.type in m.RESPONSE_RANGE for frame in frames
     )
 
 
 def _count_frames(messages: Iterable[m.Message | None]) -> int:
+    """Return the number of messages that a board must send; some are optional."""
     return sum(message is None or not is_optional_in_dialogue(message) for message in messages)

@@ -225,7 +225,7 @@ class DialogueModels:
         self.receive(at_us, [wire])
 
     def _is_in_time_or_late(self, header: m.Header, early_us: int, late_us: int) -> bool:
-        """Return True if a stream frame that came between two times may be in time, or late."""
+        """Return True if a frame that arrived between two times may be in time, or may be late."""
         if header.type not in m.STREAM_RANGE or header.flags & IMMEDIATE:
             return False
         t_us = m.unwrap(header.time_us, early_us, 32)
@@ -288,6 +288,7 @@ def _flushes_in_dialogue(header: m.Header) -> bool:
 
 
 def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:
+    """Return the frames in *data*; raise if the model has sent a damaged one."""
     found = []
     for body in FrameDecoder(CLIENT_COBS).feed(data):
         if isinstance(body, RemoteProtocolError):

@@ -88,6 +88,7 @@ def _tabled_effect(name: str, before: Held) -> dict[str, object]:
 
 
 def _effect_of_row(name: str) -> Due:
+    """Return a function that computes the effect in the row *name* of the table in SPEC.md."""
     return lambda _, before: _tabled_effect(name, before)
 
 

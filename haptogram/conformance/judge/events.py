@@ -71,7 +71,7 @@ def event_of_unattended_time(board: BoardClient) -> None:
 
 
 def _run_out_timer(board: BoardClient, config: m.Config) -> None:
-    """Wait until the timer has expired."""
+    """Set the ramp to zero, and wait until a short timer has expired."""
     _without_ramp(board, config)
     _wait_for_short_timer(board)
 
@@ -83,6 +83,7 @@ def _without_ramp(board: BoardClient, config: m.Config) -> None:
 
 
 def _wait_for_short_timer(board: BoardClient) -> None:
+    """Idle until a timer of the shortest length has expired."""
     board.wire.idle_beyond((_SHORT_MS + 5) * _MS)
 
 

@@ -122,7 +122,7 @@ def judge_drive_of_points(
 
 
 def _check_codes(codes: bytes, errors: NDArray[np.float64], what: str) -> None:
-    """FAILED, with the worst of *codes*, if it is off by more than one step."""
+    """FAILED if any of *codes* is off by more than one step; the worst one is named."""
     n = int(np.abs(errors).argmax())
     due = (codes[n] - errors[n]) % _STEPS
     check(abs(errors[n]) <= _WORST_STEPS, f"{what} {n} is {codes[n]}, due is {due:.2f}")

@@ -82,6 +82,7 @@ def _upload_progress(board: BoardClient) -> object:
 
 
 def _check_held_status(board: BoardClient, status: m.StatusReply, config: m.ConfigReply) -> None:
+    """FAILED unless config_crc in STATUS matches the configuration and the correction."""
     crc, told = status.config_crc, config.config_crc
     check_equal(
         crc, told, f"config_crc is {crc:#010x} in STATUS_REPLY, {told:#010x} in CONFIG_REPLY"
@@ -97,6 +98,7 @@ def _check_held_drives(
     config: m.ConfigReply,
     drives: Mapping[m.DriveKind, m.DriveReply],
 ) -> None:
+    """FAILED unless the drives that are read back are of the last latch in STATUS."""
     for kind, reply in drives.items():
         name = f"READ_DRIVE({kind.name})"
         told, due = reply.t_latch_us, status.last_latch_us
@@ -171,6 +173,7 @@ def held_state_changes(before: Held, after: Held, due: Held | None = None) -> st
 
 
 def _is_held_state_change(name: str, due: object, value: object) -> bool:
+    """Return True if a value differs from the one due; a growing counter may be larger."""
     if due is ANYTHING:
         return False
     if name.removeprefix("the counter ") in _GROWING:

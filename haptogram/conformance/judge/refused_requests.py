@@ -150,6 +150,7 @@ def requests_refused_by_value(board: BoardClient) -> Iterator[Refusal]:
 
 
 def _uploads_to_be_refused(board: BoardClient) -> Iterator[Refusal]:
+    """Yield UPLOAD_BEGIN requests with a wrong target, size or kind."""
     count, identity = board.identity.transducers, board.identity
     bad, length, large = m.ErrorCode.BAD_VALUE, m.ErrorCode.BAD_LENGTH, m.ErrorCode.TOO_LARGE
     wrong: list[tuple[str, m.UploadBegin, m.ErrorCode]] = [
@@ -267,5 +268,6 @@ def _accepted_play(board: BoardClient) -> m.Play:
 def _request_to_be_refused(
     reason: str, message: m.Message, code: m.ErrorCode, **header: Any
 ) -> Refusal:
+    """Return a request with the error code that is due, named by type and reason."""
     name = f"{message.TYPE.name}, {reason}"
     return Refusal(name, int(message.TYPE), message.serialize(), code, header)

@@ -63,6 +63,7 @@ def judge_same_answer(again: ReceivedByClient, first: ReceivedByClient, name: st
 
 
 def _mute_between_repetitions(board: BoardClient) -> None:
+    """Send a MUTE between two repeated requests."""
     board.link.call(m.Mute(), m.MuteReply)
 
 
@@ -123,11 +124,13 @@ def _refused_between_repetitions(
 
 
 def _stream_between_repetitions(board: BoardClient) -> None:
+    """Send two stream frames, the second with an unknown flag."""
     board.link.send(board.link.stream_wire(board.flat_phases()))
     board.link.send(board.link.stream_wire(board.flat_phases(), flags=0x40))
 
 
 def _damaged_between_repetitions(board: BoardClient) -> None:
+    """Send a damaged PING, and bytes that are no frame."""
     board.link.send(malformed_frames.malformed_ping(board.link))
     board.link.send(b"\x00\xff\x01\x02\x00", b"\x00\x05\x01\x02\x03\x04\x00")
 

@@ -151,6 +151,7 @@ class StandingRules:
         return False
 
     def _note_all(self, broken: Broken, piece: ReceivedByClient) -> None:
+        """Note which clauses a frame was judged by, and the broken ones."""
         judged = self._findings.judged
         for clause, text in broken:
             judged.add(clause)
@@ -167,6 +168,7 @@ class StandingRules:
     # --- HELLO -----------------------------------------------------------------------------------
 
     def _judge_identity(self, _: ReceivedByClient, message: m.HelloReply) -> Broken:
+        """Judge that HELLO_REPLY has the same identity as before."""
         was = self._since.identity or message
         fields = (field.name for field in dataclasses.fields(message))
         kept = (name for name in fields if name not in _OF_SESSION)
@@ -177,6 +179,7 @@ class StandingRules:
     # --- STATUS ----------------------------------------------------------------------------------
 
     def _judge_status(self, _: ReceivedByClient, message: m.Status | m.StatusReply) -> Broken:
+        """Judge that state, reason and counters of a status agree, and no counter has decreased."""
         yield "HG-3.9/2", self._wrong_counter_sum(message.counters)
         due = _REASONS[OutputState(message.state)]
         text = f"{message.state.name} with the reason {message.reason.name}"
@@ -211,6 +214,7 @@ class StandingRules:
     # --- Configuration and geometry --------------------------------------------------------------
 
     def _judge_config(self, _: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge that the configuration and its CRC change only when they are set."""
         since = self._since
         if isinstance(message, m.UploadCommitReply):
             since.config_crc = None
@@ -228,6 +232,7 @@ class StandingRules:
             since.config_crc = message.config_crc
 
     def _judge_geometry(self, _: ReceivedByClient, message: m.GeometryReply) -> Broken:
+        """Judge that each transducer is always reported at the same place."""
         since = self._since
         if since.identity is None:
             return
@@ -240,6 +245,7 @@ class StandingRules:
         yield "HG-7.5/1", "; ".join(wrong[:2])
 
     def _judge_upload_limits(self, _: ReceivedByClient, message: m.UploadBeginReply) -> Broken:
+        """Judge that UPLOAD_BEGIN_REPLY has the limits of HELLO_REPLY."""
         identity = self._since.identity
         if identity is None:
             return
@@ -251,6 +257,7 @@ class StandingRules:
     # --- Events ----------------------------------------------------------------------------------
 
     def _judge_events(self, piece: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge that events are numbered without a gap within a session."""
         header, since = piece.header, self._since
         assert header is not None  # take
         if header.session and header.session != since.session:
@@ -265,6 +272,7 @@ class StandingRules:
         since.next_event = (header.seq + 1) & 0xFFFF
 
     def _judge_order(self, piece: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge that STATE_CHANGED precedes PLAYBACK_ENDED of the same moment."""
         header, since = piece.header, self._since
         assert header is not None  # take
         if isinstance(message, m.StateChanged):
@@ -289,6 +297,7 @@ class StandingRules:
             yield "HG-3.1/1", text if not -_SPARE_US <= off_us <= most_us else ""
 
     def _judge_traces(self, piece: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge record numbers of the ring, and the carrier periods between traced latches."""
         header, since = piece.header, self._since
         assert header is not None  # take
         if isinstance(message, m.TraceReply):
@@ -333,6 +342,7 @@ class StandingRules:
                 yield "HG-8.6/3", ""
 
     def _judge_room(self, piece: ReceivedByClient, message: m.Message) -> Broken:
+        """Judge that the free memory for uploads does not shrink."""
         identity = self._since.identity
         if identity is None or piece.header is None or not piece.is_response:
             return

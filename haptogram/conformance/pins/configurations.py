@@ -99,6 +99,7 @@ class ConfigurationsByPins:
 
 
 def _begin_of_configuration(item: tuple[float, object]) -> float:
+    """Return the time from which a configuration is in force."""
     return item[0]
 
 

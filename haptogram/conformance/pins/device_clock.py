@@ -128,7 +128,7 @@ class PinDialogueClock:
         return min(max(bisect_left(self.knots, period) - 1, 0), len(self.bends) - 1)
 
     def _off_us(self, period: float) -> float:
-        """Return the deviation of the device time from the straight line."""
+        """Return by how much the device clock deviates, at a capture time, from a constant rate."""
         gap = self._gap(period)
         rate = (self.off_us[gap + 1] - self.off_us[gap]) / (self.knots[gap + 1] - self.knots[gap])
         return float(self.off_us[gap] + rate * (period - self.knots[gap]))
@@ -165,7 +165,7 @@ def _mark_lateness(
 
 
 def _robust_rate(arrivals: FloatArray, late: FloatArray) -> float:
-    """Return the median of the slopes between marks that are half of all apart."""
+    """Return the median slope between marks that are half the run apart."""
     half = len(arrivals) // 2
     if not half:
         return 0.0

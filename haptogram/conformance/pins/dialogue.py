@@ -302,5 +302,6 @@ def _read_line(
 
 
 def _next_time(times: Sequence[float], t: float, otherwise: float) -> float:
+    """Return the first of the sorted *times* at or after *t*."""
     place = bisect.bisect_left(times, t)
     return times[place] if place < len(times) else otherwise

@@ -138,6 +138,7 @@ def _note_missing_line(dialogue: PinDialogue, findings: PinClauseFindings) -> No
 
 
 def _check_elements(dialogue: PinDialogue) -> None:
+    """Refuse a channel map that names an element beyond those of the board."""
     count = next((reply.transducers for _, reply in dialogue.said(m.HelloReply)), None)
     for element, pin in dialogue.record.pins.items():
         if count is not None and element >= count:
@@ -150,6 +151,7 @@ def _check_elements(dialogue: PinDialogue) -> None:
 def _clause_result_by_pins(
     clause: str, findings: PinClauseFindings, cut: str, expected: dict[str, str]
 ) -> CaseResult:
+    """Return the result of a clause from its findings: broken, unclear, kept, or not shown."""
     case = PIN_CASES[clause]
     broken, held = findings.broken.get(clause, []), findings.held[clause]
     unclear = findings.unclear.get(clause, [])

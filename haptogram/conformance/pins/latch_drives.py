@@ -188,6 +188,7 @@ class LatchDriveClauseJudge:
         return bad, is_compared
 
     def _amplitude_limit(self, one: DriveAfterLatch) -> float:
+        """Return the allowed error of an amplitude: of the capture, plus rounding of the codes."""
         return self.limits.amplitude + one.shown.steps / _FULL
 
     def _audible(self, one: DriveAfterLatch) -> NDArray[np.bool_]:

@@ -65,6 +65,7 @@ class LatchMomentClauseJudge:
         first: dict[int, float],
         findings: PinClauseFindings,
     ) -> None:
+        """Judge that all pins change together, and at the time at which the latch is due."""
         record = self.pulses.record
         begin, end = min(first.values()), max(after.values())
         where = time_by_pins(record, latch.at)
@@ -88,7 +89,7 @@ class LatchMomentClauseJudge:
     def _judge_time(
         self, findings: PinClauseFindings, clause: str, late: float, within: float, than: str
     ) -> None:
-        """FAILED if pins change *late*, beyond the uncertainty *within* of the clock.
+        """Add a finding for pins that change *late*; it is doubtful if the clock is known worse.
 
         A clock that is known worse than a period shows no board to be in time.
         """

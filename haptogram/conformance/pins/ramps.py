@@ -62,6 +62,7 @@ def _judge_ramp_clause(
     changes: Sequence[tuple[float, float, int | None]],
     findings: PinClauseFindings,
 ) -> None:
+    """Judge that the pins fall along a straight line during a ramp, and never rise."""
     record = dialogue.record
     per_ms = record.carrier_hz * 1e-3
     louder, off_line, seen = [], [], 0

@@ -114,6 +114,7 @@ def _pins_sounding_against_clause(
 
 
 def _silence_clauses_due(dialogue: PinDialogue) -> Iterator[SilenceDue]:
+    """Yield every silence that the dialogue demands, with its clause and its begin."""
     yield from _silence_clauses_after_requests(dialogue)
     yield from _silence_clauses_by_words(dialogue)
     yield from _silence_clauses_after_arm(dialogue)

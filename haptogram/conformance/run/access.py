@@ -137,6 +137,7 @@ class RecordedAccess:
         return self._recorded_transport(self._access.reset())
 
     def _recorded_transport(self, transport: Transport) -> Transport:
+        """Return a transport that is recorded; take over the URL of a started program."""
         self.url = self._access.url  # of a program that names its port when it starts
         return self._wrap(transport)
 
@@ -207,6 +208,7 @@ class PortAccess:
         return open_access_port(self.open, self.boot_timeout_s)
 
     def _set_lines(self, states: dict[str, bool], then: dict[str, bool] | None = None) -> None:
+        """Set control lines of the port, such as DTR; then, after a pulse, set them back."""
         if not states:
             return
         try:

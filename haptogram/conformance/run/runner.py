@@ -150,7 +150,7 @@ class SuiteRunner:
         )
 
     def _places(self, cases: Sequence[Case]) -> Iterator[int]:
-        """Yield case indices in run order; cases that judge the whole run come last.
+        """Yield case indices in run order; cases that judge the whole run are last.
 
         At a wall clock those that wait for the wrap of the clock run when it is near after a reset
         for another case; those for which it never was come last, and wait 10 s each.
@@ -241,7 +241,7 @@ class SuiteRunner:
         return _combined_attempts(tried)
 
     def _try(self, case: Case) -> _Outcome:
-        """Run a case once; skip it if it is deeper than the selected depth."""
+        """Run a case once; skip a case beyond the selected depth."""
         if case.body is None:
             return _Outcome(Behaviour.NOT_OBSERVED, case.summary)
         depth = case.least_depth(virtual=self._access.virtual)
@@ -356,7 +356,7 @@ class SuiteRunner:
         return HeldUpError(f"for {text}")
 
     def _side_effects(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return a text on state changes and drops that the finding does not mention."""
+        """Return a text on state changes and broken rules that the finding does not mention."""
         events = [event for _, event in board.link.events(m.StateChanged, 0)]
         told = {event.reason.name: f"{event.state.name}, {event.reason.name}" for event in events}
         told.pop(MuteReason.MUTE.name, None)  # which the host asked for
@@ -398,6 +398,7 @@ class SuiteRunner:
 
     @property
     def _is_slow(self) -> bool:
+        """Return True if the line is too slow for the times of SPEC.md to be measured."""
         return self._connection.baudrate < _MEASURED_SHARE * _LEAST_BAUD
 
     def _on_slow_line(self, found: str) -> str:
@@ -454,10 +455,12 @@ def _broken_case_outcome(error: Exception) -> _Outcome:
 
 
 def _is_shown(behaviour: Behaviour) -> bool:
+    """Return True if a result needs a transcript: FAILED, NON_STRICT or INCONCLUSIVE."""
     return behaviour in (Behaviour.FAILED, Behaviour.NON_STRICT, Behaviour.INCONCLUSIVE)
 
 
 def _not_run_result(case: Case, clause: Clause, why: str) -> CaseResult:
+    """Return the inconclusive result of a case that did not run."""
     evidence = case.evidence if case.body else Evidence.WIRE
     return CaseResult(
         case.id, case.clause, clause.text, case.summary, Behaviour.INCONCLUSIVE, evidence, why

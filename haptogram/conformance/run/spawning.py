@@ -37,6 +37,7 @@ class _SpawnAccessOutput:
         self._thread.start()
 
     def _drain(self) -> None:
+        """Read the output of the program to its end; keep the first and the last bytes."""
         with self._stream as stream:
             while data := os.read(stream.fileno(), _KEPT_BYTES):
                 room = _KEPT_BYTES - len(self._first)
@@ -113,6 +114,7 @@ class SpawnAccess:
         )
 
     def _start(self) -> _SpawnAccessOutput:
+        """Start the program in a process group of its own; return its output."""
         interrupts = DelayedInterrupts()  # one that came before there is a process would leave it
         interrupts.install()
         try:
@@ -135,6 +137,7 @@ class SpawnAccess:
         return self._output
 
     def _wait_for_port(self, output: _SpawnAccessOutput) -> str:
+        """Return the port that the program prints; raise if it ends or prints none in time."""
         assert self._process is not None  # _start has set it
         end_s = time.monotonic() + self.boot_timeout_s
         while True:
@@ -173,6 +176,7 @@ class SpawnAccess:
 
 
 def _end_process_group(process: subprocess.Popen[bytes]) -> None:
+    """Terminate a process with all its children; kill them if they do not end."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(process.pid, number)

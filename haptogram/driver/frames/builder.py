@@ -122,6 +122,7 @@ class FrameBuilder:
         return [f for batch, phases in batches for f in self._phases(batch, phases, solver)]
 
     def _check_mode(self, mode: Mode) -> None:
+        """Refuse a mode that the board does not take, or that ignores a calibration."""
         check_choice("mode", mode, tuple(MODE_OF.values()))
         if mode in NEEDED_FEATURE and not self._identity.features & NEEDED_FEATURE[mode]:
             raise ConfigurationError(f"mode {mode}: the board takes no such frames")
@@ -138,6 +139,7 @@ class FrameBuilder:
             )
 
     def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode) -> None:
+        """Refuse a frame whose foci or amplitudes the mode or the board cannot carry."""
         if mode == "points" and len(foci) > self._identity.max_points:
             raise ConfigurationError(
                 f"frame {number}: {len(foci)} foci; the board takes {self._identity.max_points}"
@@ -152,6 +154,7 @@ class FrameBuilder:
     def _phases(
         self, foci: Sequence[tuple[Focus, ...]], phases_rad: NDArray[np.float64], solver: Method
     ) -> list[Frame]:
+        """Return frames of phase codes at full amplitude, one per group of foci."""
         codes = quantise_phase(phases_rad, REGISTER_BITS)
         full = bytes([FULL_AMPLITUDE]) * codes.shape[1]
         return [
@@ -166,12 +169,14 @@ class FrameBuilder:
         ]
 
     def _drives(self, foci: tuple[Focus, ...], solver: Method) -> Frame:
+        """Return a frame of phase and amplitude codes, solved here."""
         drive = Drive.from_weights(frame_weights(self._model, foci, solver), REGISTER_BITS)
         data = drive.phase_codes.tobytes() + drive.amplitude_codes.tobytes()
         message = messages.Drives(data)
         return Frame(foci, drive, message, self._geometry_hash, solver)
 
     def _points(self, foci: tuple[Focus, ...]) -> Frame:
+        """Return a frame of points, with the drive that the board will compute for them."""
         points = tuple(_frame_focus_on_wire(focus) for focus in foci)
         rounded = tuple(_frame_focus_from_wire(point) for point in points)
         speed_mm_s = frame_sound_speed_mm_s(self._model)
@@ -264,6 +269,7 @@ def frame_sound_speed_mm_s(model: AcousticModel) -> int:
 
 
 def _check_frame_solver(solver: Method, mode: Mode) -> None:
+    """Refuse an unknown solver, and one that the board does not use for points."""
     check_choice("solver", solver, METHODS)
     if mode == "points" and solver != "naive":
         raise ConfigurationError(
@@ -272,6 +278,7 @@ def _check_frame_solver(solver: Method, mode: Mode) -> None:
 
 
 def _frame_focus_on_wire(focus: Focus) -> messages.FocalPoint:
+    """Return a focus rounded to the units of the wire."""
     x_um, y_um, z_um = (round(value * 1e6) for value in focus.position_m)
     turns = math.floor(focus.phase_rad / math.tau * _TURN + 0.5)
     return messages.FocalPoint(
@@ -280,5 +287,6 @@ def _frame_focus_on_wire(focus: Focus) -> messages.FocalPoint:
 
 
 def _frame_focus_from_wire(point: messages.FocalPoint) -> Focus:
+    """Return a focus in metres and radians."""
     position_m = (point.x_um / 1e6, point.y_um / 1e6, point.z_um / 1e6)
     return Focus(position_m, point.amplitude / _U16, point.phase / _TURN * math.tau)

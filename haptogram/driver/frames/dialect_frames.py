@@ -29,7 +29,7 @@ from haptogram_protocol.errors import LocalProtocolError
 
 _REGISTER_BITS: Final = 8  # phase bits of the drives in records and verdicts
 _TURN: Final = 1 << _REGISTER_BITS
-_SESSION: Final = 0  # these wires know none
+_SESSION: Final = 0  # session of every frame: these wires know none
 _HIGHEST_CHANNEL: Final = 0xFFFF  # highest channel of any dialect
 
 

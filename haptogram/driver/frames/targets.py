@@ -48,6 +48,7 @@ def as_frame_foci(targets: Targets) -> list[tuple[Focus, ...]]:
 
 
 def _as_target_rows(targets: Any) -> Iterable[Any]:
+    """Return the targets as rows; refuse a single value."""
     rows = np.asarray(targets)
     if rows.ndim == 0:
         raise ConfigurationError(
@@ -57,6 +58,7 @@ def _as_target_rows(targets: Any) -> Iterable[Any]:
 
 
 def _is_one_target_point(targets: Any) -> bool:
+    """Return True for three numbers: one point, not three targets."""
     if isinstance(targets, np.ndarray):
         return bool(targets.shape == (3,))
     is_row = isinstance(targets, tuple | list) and len(targets) == 3

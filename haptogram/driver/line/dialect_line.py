@@ -12,7 +12,7 @@ from haptogram_protocol.dialects.codec import Dialect, Display, Operation, Reply
 
 _NS_PER_S: Final = 1_000_000_000
 _RETRY_NS: Final = 1_000_000  # how soon a port that took nothing, or a board, is asked again
-_REFUSED: Final = 0  # these boards say why in words
+_REFUSED: Final = 0  # error code of every refusal: these boards say why in words
 
 
 class DialectLine:
@@ -106,6 +106,7 @@ class DialectLine:
         return seen
 
     def _wait_for_answer(self, operation: Operation) -> None:
+        """Read until every due reply has arrived; raise after the timeout."""
         deadline_ns = self.now_ns() + self._timeout_ns
         while self._host.due:
             self._check_time(deadline_ns, operation)
@@ -117,6 +118,7 @@ class DialectLine:
             self.run_until(self._line.room_at_ns(size))
 
     def _write(self, data: bytes) -> None:
+        """Write all bytes at the pace of the line; raise if the port takes none in time."""
         self._wait_for_room(len(data))
         if self._line is not None:
             self._line.add(len(data), self.now_ns())
@@ -134,7 +136,7 @@ class DialectLine:
             self.run_until(self.now_ns() + _RETRY_NS)
 
     def _take(self, deadline_ns: int) -> None:
-        """Read replies until the deadline; raise DeviceError on a refusal."""
+        """Read replies until the deadline; raise DeviceError if the board refuses an operation."""
         data = self._transport.read_available(deadline_ns)
         for reply in self._host.receive_data(data) if data else []:
             self._replies.append(reply)
@@ -142,6 +144,7 @@ class DialectLine:
                 raise DeviceError(f"{self.url}: the board refused: {why}", code=_REFUSED)
 
     def _check_time(self, deadline_ns: int, operation: Operation) -> None:
+        """Raise once the deadline for an answer has passed."""
         if self.now_ns() >= deadline_ns:
             raise NoAnswerError(
                 f"{self.url}: no answer to {type(operation).__name__} within "

@@ -147,6 +147,7 @@ class Link:
         self._push()
 
     def _wake_ns(self, deadline_ns: int) -> int:
+        """Return when to wake: at the deadline, or earlier for a retry or unwritten bytes."""
         due_us = self.connection.next_deadline_us()
         if due_us is not None:
             deadline_ns = min(deadline_ns, due_us * 1000)
@@ -303,12 +304,14 @@ class Link:
             self._awaited.pop(seq, None)
 
     def _check_time(self, deadline_ns: int, what: str) -> None:
+        """Raise once the deadline has passed while waiting for *what*."""
         if self.now_ns() >= deadline_ns:
             raise errors.NoAnswerError(
                 f"{self.url}: {what} was not answered within {self._timeout_ns / NS_PER_S:g} s"
             )
 
     def _message(self, outcome: _Outcome | None, reply: type[_M]) -> _M:
+        """Return the reply to a request; raise if it timed out, was refused or given up."""
         if outcome is None:
             raise errors.NoAnswerError(f"{self.url}: a request was given up for a MUTE")
         if isinstance(outcome, RequestTimedOut):
@@ -335,6 +338,7 @@ class Link:
         self.connection.port_closed()
 
     def _check_open(self) -> None:
+        """Raise if the transport is closed."""
         if isinstance(self._transport, ClosedTransport):
             raise self._transport.error()
 
@@ -406,6 +410,7 @@ def open_line_session(link: Link) -> HelloReply:
 
 
 def _explain_line_silence(link: Link, error: errors.NoAnswerError) -> NoReturn:
+    """Raise the likely cause of silence: no bytes, no frames, or another board."""
     connection = link.connection
     seconds = f"{link.timeout_ns / 1e9:g} s"
     if not connection.bytes_received:

@@ -27,7 +27,7 @@ DEFAULT_BAUDRATE: Final = 3_000_000
 _MOST_BAUDRATE: Final = 1_000_000_000  # a line without a rate, such as a pty, can be taken as fast
 _CHUNK: Final = 65_536
 _UNREGISTERED: Final = "; sim_device.register_url_handler() makes it known"
-_GONE: Final = (OSError, ValueError, TypeError)  # the last two: closed under our feet
+_GONE: Final = (OSError, ValueError, TypeError)  # errors of a lost or closed port
 _BUSY: Final = frozenset({errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK})
 _ABSENT: Final = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
 _NETWORKED: Final = ("socket", "rfc2217")
@@ -332,6 +332,7 @@ def _lost_transport(url: str, error: BaseException) -> errors.LinkLostError:
 
 
 def _close_transport(port: Any) -> None:
+    """Close a port, and the socket that pyserial leaves open."""
     held = getattr(port, "_socket", None)  # pyserial leaves one open that was reset
     with contextlib.suppress(OSError, ValueError):
         port.close()

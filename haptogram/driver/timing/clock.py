@@ -185,9 +185,11 @@ class ClockEstimate:
         self._rate_ppb = round(self._drift.ppm * 1000) if known else 0
 
     def _margin_at(self, sample: ClockSample, host_ns: int) -> float:
+        """Return the uncertainty of *sample* at another time: it grows with the drift."""
         return sample.margin_ns + abs(host_ns - sample.host_ns) * self._growth_ppm / 1e6
 
     def _offset_ns(self, host_ns: int) -> int:
+        """Return the device clock minus the host clock, extrapolated to *host_ns*."""
         best = self._chosen
         return best.offset_ns + (host_ns - best.host_ns) * self._rate_ppb // _PPB
 
@@ -237,6 +239,7 @@ class ClockEstimate:
 
     @property
     def _newest_ns(self) -> int:
+        """Return the host time of the newest clock sample."""
         return self._samples[-1].host_ns if self._samples else self._chosen.host_ns
 
     @property

@@ -10,10 +10,12 @@ from fractions import Fraction
 from typing import Final
 
 _LONGEST_DEFAULT_US: Final = 100_000
-_SHARE: Final = Fraction(3, 4)  # of the board's queue, whose rest takes up a burst, and horizon
-_GUARD_US: Final = 200  # above the worst delay seen: two clocks and a carrier period
-_GUARD_SHARE: Final = 4  # and a part in so many of it
-_LATENESS_DECAY: Final = 0.9  # per report without a late frame
+_SHARE: Final = Fraction(
+    3, 4
+)  # share of the board's queue, whose rest takes up a burst, and of its horizon
+_GUARD_US: Final = 200  # margin above the worst delay seen: two clocks and a carrier period
+_GUARD_SHARE: Final = 4  # part of the worst delay, 1 / n, that is added as well
+_LATENESS_DECAY: Final = 0.9  # factor on the lateness for each report without a late frame
 _MOST_LATENESS_US: Final = 10_000.0
 _FIRST_EPOCH: Final = 8  # reports; each epoch is twice as long as the one before
 
@@ -114,6 +116,7 @@ class LeadTrim:
         self.lead_us = lead_us
 
     def _begin_epoch(self) -> None:
+        """Forget the measured delays; the next epoch is twice as long."""
         self._delays_us.clear()
         self._frames = 0
         self._epoch *= 2

@@ -136,6 +136,7 @@ class Capture:
         return replace(self, channels=channels, end=end)
 
     def _times(self) -> NDArray[np.int64]:
+        """Return the distinct times of edges, of the first 100 000 on each channel."""
         some = [channel.times[:100_000] for channel in self.channels.values()]
         return np.unique(np.concatenate(some)) if some else np.zeros(0, np.int64)
 
@@ -199,7 +200,7 @@ def estimated_capture_step(times: NDArray[np.int64]) -> float:
 def _shared_capture_step(
     distinct: NDArray[np.float64], distances: NDArray[np.float64], times: NDArray[np.int64]
 ) -> float | None:
-    """Return the sampling step that divides all *distances* of edges; None if there is none."""
+    """Return the sampling step that divides all *distances* of edges; None if none does."""
     for share in range(1, _MOST_SHARES + 1):
         step = _refined_capture_step(distinct, float(distinct[0]) / share)
         every = np.diff(times)
@@ -217,7 +218,7 @@ def _shared_capture_step(
 
 
 def _refined_capture_step(distances: NDArray[np.float64], step: float) -> float:
-    """Return the step near *step* that *distances* are multiples of, if there is one."""
+    """Return the step near *step* that divides all *distances*; None if none does."""
     # The least distance, and with it the step, is known to a tick: more cannot be counted.
     least = float(distances[0])
     limit = max(_LEAST_COUNT, _SURE_SHARE * least, least / step)

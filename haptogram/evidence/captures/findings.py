@@ -144,6 +144,7 @@ def capture_document(found: HeldDrives, findings: list[str]) -> dict[str, Any]:
 
 
 def _listed_capture_findings(values: Any, is_known: Any = True) -> list[float | None]:
+    """Return values as a JSON list, None where a value is not known."""
     known = np.isfinite(values) & is_known
     pairs = zip(values.tolist(), known.tolist(), strict=True)
     return [round(value, 6) if ok else None for value, ok in pairs]

@@ -133,6 +133,7 @@ def _calibrated_responses(mapped: ChannelMap, elements: Mapping[str, int]) -> di
 
 
 def _clock_phase(rises: _Floats, falls: _Floats) -> float:
+    """Return the mean phase of pulses within the carrier period, in radians."""
     return float(np.angle(np.exp(1j * math.pi * (rises + falls)).sum()))
 
 
@@ -186,7 +187,7 @@ def _captured_edges_without_spikes(
 def _edge_defects(
     edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool, longest: float
 ) -> list[str]:
-    """Return the defects of a pin while others pulse; it is driven for *longest* on end."""
+    """Return the defects of a pin; *longest*: the most periods it is driven without a break."""
     found = []
     if not len(edges.times):
         level = "high" if edges.first_level else "low"
@@ -203,7 +204,7 @@ def _edge_defects(
 
 
 def _longest_captured_drive_ticks(edges: ChannelEdges, active_low: bool, end: int) -> float:
-    """Return for how many ticks a pin is at its driven level on end, at most."""
+    """Return the longest time, in ticks, for which a pin stays at its driven level."""
     bounds = np.concatenate([[edges.defined_from], edges.times, [end]])
     skipped = int(edges.first_level is active_low)
     return float(np.diff(bounds)[skipped::2].max(initial=0))

@@ -176,6 +176,7 @@ class ShiftRegisters:
 
 
 def _checked_chain(name: str, elements: object) -> list[int]:
+    """Return the elements at the outputs of a chain, or raise."""
     if (
         not isinstance(elements, list)
         or not 1 <= len(elements) <= _MOST_OUTPUTS
@@ -205,7 +206,7 @@ def _rising_edges(capture: Capture, name: str) -> NDArray[np.int64]:
 
 
 def _edges_of_levels(levels: NDArray[np.bool_], ticks: NDArray[np.int64]) -> ChannelEdges:
-    """Return the edges of an output that has these *levels* from *ticks* on."""
+    """Return the edges of an output that takes each of *levels* at its tick."""
     if not len(levels):
         return ChannelEdges(np.zeros(0, np.int64), False)
     changed = np.flatnonzero(levels[1:] != levels[:-1]) + 1

@@ -56,6 +56,7 @@ def read_sigrok(path: Path) -> Capture:
 
 
 def _read_whole_sigrok(path: Path, archive: zipfile.ZipFile) -> Capture:
+    """Read metadata and all sample files of a sigrok session into a capture."""
     names = archive.namelist()
     if "metadata" not in names:
         raise ConfigurationError(f"{path}: a zip without metadata, no session file of sigrok")
@@ -145,6 +146,7 @@ class _SigrokSamples:
             )
 
     def _take_byte(self, byte: int, samples: NDArray[np.uint8]) -> None:
+        """Append the edges of the eight channels in one byte of the samples."""
         assert self._last is not None  # take() sets it
         changed = np.empty(len(samples), np.uint8)
         changed[0] = samples[0] ^ self._last[byte]

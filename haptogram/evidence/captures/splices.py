@@ -43,7 +43,7 @@ def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> 
 
 
 def _first_jump_in_capture(rises: _Floats, sample: float) -> float | None:
-    """Return the tick of the last pulse before the first lasting jump of the phase."""
+    """Return the tick of the last pulse before the first permanent jump of phase."""
     steps = np.diff(rises)
     if len(steps) < 2 * _AROUND:
         return None

@@ -141,7 +141,7 @@ class _VcdBody:
         self._change(times[places[order]], channels[order], np.concatenate(written)[order])
 
     def _channels(self, data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Numbers:
-        """Return the channel of one bit of each identifier; -1: there is none."""
+        """Return the channel of one bit of each identifier; -1 for a bit without a channel."""
         ours = [place for place, (_, number) in enumerate(self.bits) if number == bit]
         known = np.array([self.bits[place][0] for place in ours])
         if not len(known):
@@ -195,6 +195,7 @@ class _VcdBody:
         return times
 
     def _decimals(self, data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
+        """Return the whole numbers whose digits lie between *starts* and *ends*."""
         digits = ends - starts
         if len(digits) and not 1 <= digits.min() <= digits.max() <= _MOST_DIGITS:
             raise ConfigurationError(f"{self.path}: a time has no digit, or over {_MOST_DIGITS}")
@@ -208,7 +209,7 @@ class _VcdBody:
         return values
 
     def _change(self, times: _Numbers, channels: _Numbers, values: _Bytes) -> None:
-        """Take changes of value in the order of the file."""
+        """Append changes of value to their channels; refuse a capture of too many edges."""
         ours = channels >= 0
         channels, times, values = channels[ours], times[ours], values[ours]
         narrow = channels.astype(np.int16 if len(self.bits) <= _NARROW else np.int64)
@@ -247,7 +248,7 @@ def _vcd_words_before_identifiers(kinds: _Bytes) -> _Numbers:
 
 
 def _vcd_bits(data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Bytes:
-    """Return the character of one bit of each vector; x if invalid.
+    """Return the character of one bit of each vector; digits left out are filled in.
 
     Digits that are left out are 0, or the x or z of the first one (clause 18.2.1).
     """

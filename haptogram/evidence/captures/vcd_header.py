@@ -66,6 +66,7 @@ def read_vcd_header(path: Path, file: BinaryIO) -> tuple[VcdHeader, bytes]:
 
 
 def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
+    """Parse the declarations of a VCD file: time unit, scopes, variables and buses."""
     scopes: list[str] = []
     found: list[_Variable] = []
     buses: list[tuple[list[str], list[str]]] = []
@@ -121,6 +122,7 @@ def _vcd_timescale(path: Path, text: str) -> float:
 
 
 def _packed_vcd_code(path: Path, code: str) -> int:
+    """Return an identifier as an integer of its bytes; refuse a long one."""
     if len(code) > LONGEST_ID:
         raise ConfigurationError(
             f"{path}: identifier {code!r} has {len(code)} characters, can have {LONGEST_ID}"

@@ -32,7 +32,7 @@ def records_of_held_drives(held: HeldDrives, board: Mapping[str, Any]) -> list[d
             f"elements 0 to {count - 1}"
         )
     records = [dict(board)]
-    records += [_remark(text) for text in _limits_of_capture(held, count)]
+    records += [_client_remark_record(text) for text in _limits_of_capture(held, count)]
     begins = np.array([held.begins[0], *(latch.end for latch in held.latches)])
     times_us = np.rint(record.seconds(begins) * 1e6).astype(np.int64).tolist()
     for number, t_us in enumerate(times_us):
@@ -43,7 +43,8 @@ def records_of_held_drives(held: HeldDrives, board: Mapping[str, Any]) -> list[d
     return [*records, end]
 
 
-def _remark(text: str) -> dict[str, Any]:
+def _client_remark_record(text: str) -> dict[str, Any]:
+    """Return the record of a remark about the client."""
     return {"kind": "event", "event": "remark", "about": About.CLIENT, "text": text}
 
 

@@ -89,6 +89,7 @@ def upload_loss_text(records: Sequence[Mapping[str, Any]]) -> str | None:
 
 
 def _dialect_latches_of_run(records: Sequence[Mapping[str, Any]]) -> list[UnnumberedLatch]:
+    """Return the latches that the host caused, from the first to the last one that sounds."""
     from haptogram.verification.watch.latch import OWN_CAUSES
 
     channels = [int(channel) for channel in records[0]["channels"]] if records else []
@@ -178,4 +179,5 @@ def pulse_observation_of(record: Mapping[str, Any], channels: Sequence[int]) -> 
 
 
 def _pulse_numbers(text: str, kind: str) -> np.ndarray[Any, Any]:
+    """Return the array that a record has as base64 text."""
     return np.frombuffer(base64.b64decode(text), dtype=kind)

@@ -74,6 +74,7 @@ class WatchedBoard:
         self.missing = 0
 
     def _channels_of_a_board(self, record: Mapping[str, Any]) -> int:
+        """Return the channels of one board: of the dialect, else of the record."""
         if self.dialect in DIALECTS:
             return DIALECTS[self.dialect].channels
         return int(record.get("channel_count", self.model.array.count))

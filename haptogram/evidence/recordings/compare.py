@@ -257,6 +257,7 @@ def _compared_replay_details(recorded: Fields, replayed: Fields) -> Iterator[str
 
 
 def _compared_replay_codes(before: Codes, after: Codes) -> str:
+    """Return how many phases and amplitudes of two drives differ, as text."""
     count = len(before.phases)
     if count != len(after.phases):
         return f"size: {count} elements recorded, {len(after.phases)} replayed"

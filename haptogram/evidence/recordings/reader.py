@@ -71,7 +71,7 @@ class RecordingEntry:
         try:
             return base64.b64decode(self.fields["data"], validate=True)
         except (TypeError, ValueError) as error:
-            raise self._damage("holds no bytes") from error
+            raise self._damaged_error("holds no bytes") from error
 
     @property
     def latch(self) -> LatchRecord:
@@ -85,7 +85,7 @@ class RecordingEntry:
         try:
             return LatchRecord.from_record(self.fields)
         except (TypeError, ValueError) as error:
-            raise self._damage("holds no latch") from error
+            raise self._damaged_error("holds no latch") from error
 
     @property
     def fields(self) -> dict[str, Any]:
@@ -101,10 +101,11 @@ class RecordingEntry:
         except (ValueError, RecursionError):
             found = None
         if not isinstance(found, _Fields):
-            raise self._damage("is no object of JSON")
+            raise self._damaged_error("is no object of JSON")
         return found
 
-    def _damage(self, what: str) -> ConfigurationError:
+    def _damaged_error(self, what: str) -> ConfigurationError:
+        """Return the error for an entry that cannot be read; *what* names the defect."""
         return ConfigurationError(
             f"the recording is damaged, or of another program: an entry of {self.topic} at "
             f"{self.t_ns} ns {what}"
@@ -147,7 +148,7 @@ class Recording:
         self.is_whole = False
         self.damaged = 0
         self.run: dict[str, Any] = {}
-        self._check()
+        self._check_beginning()
 
     def entries(self, topics: Collection[str] | None = None) -> Iterator[RecordingEntry]:
         """Yield the messages of *topics*, or of all, up to the end or to where it was cut off.
@@ -199,7 +200,8 @@ class Recording:
 
     # --- the file ------------------------------------------------------------------------------
 
-    def _check(self) -> None:
+    def _check_beginning(self) -> None:
+        """Refuse a file without the header of a recording; read its version and run."""
         from mcap.records import Header, Metadata
 
         seen: list[Any] = []
@@ -221,6 +223,7 @@ class Recording:
         self.run = next((entry.fields for entry in self.entries((channels.RUN,))), {})
 
     def _check_version(self, text: str, library: str) -> None:
+        """Refuse a recording of another format version; say what can be done."""
         shown, library = text[:_VERSION_DIGITS], library or "an unknown one"
         if text != str(channels.VERSION):
             is_old = text.isdecimal() and shown == text and int(text) < channels.VERSION
@@ -276,6 +279,7 @@ class Recording:
             return self._channels_at_end()
 
     def _channels_at_end(self) -> list[Any]:
+        """Return schemas and channels from the summary at the end; none if it is missing."""
         from mcap.reader import make_reader
 
         try:
@@ -300,7 +304,7 @@ class _RecordingAsItWas:
 
 
 def _opened_recording(path: Path) -> BinaryIO:
-    """Open a file that begins as a recording does."""
+    """Open a recording; refuse a file with another beginning."""
     with reading_file(path, "recording"):
         file = path.open("rb")
         begin = file.read(len(channels.MAGIC))

@@ -110,7 +110,7 @@ def _why_recording_incomplete(recording: Recording, found: int, count: int | Non
 
 
 def _intended_fields(frame: Intended) -> dict[str, Any]:
-    """Return the fields by which a recording holds *frame*, but for its drive."""
+    """Return the recorded fields of *frame*, except its drive."""
     return {
         **dataclasses.asdict(frame.key),
         "number": frame.number,

@@ -200,6 +200,7 @@ def _recorded_parts(
 
 
 def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
+    """Return the opening of a line that an entry records; None for other entries."""
     if entry.topic != LINK:
         return None
     fields = entry.fields
@@ -251,6 +252,7 @@ def _replay_line(
     make_board: MakeReplayBoard,
     result: ReplayResult,
 ) -> None:
+    """Replay one line to a new board, and add the comparison to *result*."""
     board = make_board(_replay_options(opening, facts), paced=opening.paced)
     if opening.boot_ns is not None:
         start_ns = opening.boot_ns
@@ -273,7 +275,7 @@ def _replay_line(
 
 
 def _replay_options(opening: _Opening, facts: LineFacts) -> Mapping[str, Any]:
-    """Return the options of the board; those of a board at a port follow from its HELLO_REPLY."""
+    """Return the recorded options of the board; without any, derive them from its HELLO_REPLY."""
     if opening.options is not None:
         return opening.options
     hello = facts.hello
@@ -318,18 +320,18 @@ class _ReplayLine:
     def _take(self, entry: RecordingEntry) -> None:
         """Feed a recorded entry to the board or the comparison."""
         if entry.topic == TO_BOARD:
-            self._pass_to(entry)
+            self._advance_to(entry)
             self.to_board += len(entry.data)
             waited_ns = entry.t_ns - entry.published_ns
             self._board.write(self._now_ns, entry.data, waited_ns)
         elif entry.topic == TO_HOST:
-            self._pass_to(entry)
+            self._advance_to(entry)
             for piece in self._recorded.feed(entry.data):
                 self.comparison.add_frame(RECORDED, piece)
             now_us = self._board.boot_us + self._now_ns // 1000
             self.comparison.note_bytes(now_us, entry.data, self._collect())
         elif entry.topic == LINK:
-            self._pass_to(entry)
+            self._advance_to(entry)
             if entry.fields["event"] == "hardware_fault":
                 self._board.raise_hardware_fault(self._now_ns)
             else:
@@ -342,8 +344,8 @@ class _ReplayLine:
             if not self._is_over:
                 self._add(RECORDED, record)
 
-    def _pass_to(self, entry: RecordingEntry) -> None:
-        """Advance the board to the time of an entry."""
+    def _advance_to(self, entry: RecordingEntry) -> None:
+        """Set the present time to that of an entry, unless it is already later."""
         self._now_ns = max(self._now_ns, entry.t_ns - self._start_ns)
 
     def _collect(self) -> bytes:
@@ -469,7 +471,7 @@ class _RecordingPlayer:
             start_ns = now_ns - entry.t_ns if start_ns is None else start_ns
             if entry.topic == TO_HOST:
                 for piece in self._recorded.feed(entry.data):
-                    self._note(RECORDED, piece)
+                    self._compare_frame(RECORDED, piece)
                 self._wait_for_clock()
             else:
                 self._listen_until(start_ns + entry.t_ns)
@@ -495,15 +497,17 @@ class _RecordingPlayer:
             self._listen_until(self._port.now_ns() + _RETRY_NS)
 
     def _listen_until(self, t_ns: int) -> None:
+        """Read and compare the board's frames until a time."""
         while True:
             data = self._port.read_available(t_ns)
             self.to_host += len(data)
             for piece in self._replayed.feed(data):
-                self._note(REPLAYED, piece)
+                self._compare_frame(REPLAYED, piece)
             if self._port.now_ns() >= t_ns:
                 return
 
-    def _note(self, side: str, piece: Annotated) -> None:
+    def _compare_frame(self, side: str, piece: Annotated) -> None:
+        """Compare a frame; the first ones of both sides give the shift of the clock."""
         self.comparison.add_frame(side, piece)
         if piece.header is None or side in self._first_us:
             return
@@ -515,6 +519,7 @@ class _RecordingPlayer:
             self._check_array(piece.message)
 
     def _check_array(self, hello: messages.HelloReply) -> None:
+        """Refuse a board with another number of transducers than the recorded one."""
         before = self._hello
         if before is not None and before.transducers != hello.transducers:
             raise ConfigurationError(
@@ -523,6 +528,7 @@ class _RecordingPlayer:
             )
 
     def _send(self, data: bytes) -> None:
+        """Write all bytes to the port; read while it takes none."""
         rest = data
         while rest:
             written = self._port.write_some(rest)

@@ -116,7 +116,7 @@ def focus_of_recording(
 
 
 def _scene(t_ns: int, name: str, spheres: list[Fields]) -> Fields:
-    """Return an update by which one entity replaces the last of its name."""
+    """Return a scene update that replaces the entity of the same name."""
     entity = {
         "timestamp": _time(t_ns),
         "frame_id": _AXES,
@@ -131,6 +131,7 @@ def _scene(t_ns: int, name: str, spheres: list[Fields]) -> Fields:
 
 
 def _sphere(place_m: Sequence[Any], size_cm: Sequence[float], colour: Sequence[float]) -> Fields:
+    """Return a sphere of a scene, by place, size and colour."""
     return {
         "pose": {"position": _vector(_CM * value for value in place_m), "orientation": _turn()},
         "size": _vector(size_cm),

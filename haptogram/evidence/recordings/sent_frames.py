@@ -113,6 +113,7 @@ def recorded_sent_frames(recording: Recording, count: int) -> Iterator[SentFrame
 
 
 def _frame_drive(message: messages.Message, count: int) -> Drive | None:
+    """Return the drive of a sent frame; None if it has none or the board refuses it."""
     try:
         codes = messages.drive_codes(message, count)
     except RemoteProtocolError:  # the board refuses it
@@ -124,6 +125,7 @@ def _frame_drive(message: messages.Message, count: int) -> Drive | None:
 
 
 def _frame_focus_m(message: messages.Message) -> tuple[float, float, float] | None:
+    """Return the first focus of a POINTS frame in metres; None for other frames."""
     if not isinstance(message, messages.Points):
         return None
     first = message.points[0]

@@ -121,6 +121,7 @@ class RecordingWriter(ClosedByWith):
             self._begin(command, configuration or {})
 
     def _begin(self, command: str, configuration: Mapping[str, Any]) -> None:
+        """Write header, channels and the description of the run."""
         self._ids = begin_recording(self._writer, f"haptogram {haptogram.__version__}")
         versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
         run = {"command": command, "configuration": configuration, "versions": versions}
@@ -246,6 +247,7 @@ class RecordingWriter(ClosedByWith):
             self.flush()
 
     def _encode(self) -> None:
+        """Write all queued entries to the MCAP writer."""
         entries, self._waiting = self._waiting, []
         for topic, t_ns, data, published_ns in entries:
             self._writer.add_message(self._ids[topic], t_ns, data, published_ns)
@@ -260,6 +262,7 @@ class RecordingWriter(ClosedByWith):
                 self._fail(error)
 
     def _fail(self, error: OSError) -> None:
+        """Keep the first error as the reason why the recording ended; close the file."""
         if not self.failure:
             self.failure = f"{self.path}: the recording ended early: {plain_reason(error)}"
             self._file.give_up()

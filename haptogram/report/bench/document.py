@@ -60,6 +60,7 @@ def bench_document(run: BenchRun, result: Result, changes: Sequence[str] = ()) -
 
 
 def _bench_stages_section(run: BenchRun, result: Result) -> Section:
+    """Return table and picture of the stages of a frame."""
     last = len(_STAGE_HEAD) - 1
     rows = list(_bench_stages_rows(result))
     return Section(
@@ -179,7 +180,7 @@ def _bench_machine_rows(result: Result) -> Iterator[str]:
         yield f"processors during the run: {shares}"
 
 
-_BINS: Final = np.geomspace(0.1, 1e6, 141)  # microseconds
+_BINS: Final = np.geomspace(0.1, 1e6, 141)  # borders of the histogram, in microseconds
 _SHOWN: Final = (
     ("wake", "wake, from the intended time", style.BLUE),
     ("work", "encode and write", style.ORANGE),

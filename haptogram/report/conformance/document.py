@@ -64,6 +64,7 @@ def suite_document(suite: SuiteResult) -> Document:
 
 
 def _suite_page_content(suite: SuiteResult) -> dict[str, Any]:
+    """Return the content that only the page of a suite shows."""
     cases_of: dict[str, list[CaseResult]] = {number: [] for number in load_clauses()}
     for result in suite.results:
         cases_of[result.clause].append(result)
@@ -108,10 +109,12 @@ def suite_comparison_document(suites: Sequence[SuiteResult]) -> Document:
 
 
 def _case_tone(result: CaseResult) -> str:
+    """Return the colour of a case: by its behaviour, bad if the board did not recover."""
     return _TONES[result.behaviour] if result.recovers else "bad"
 
 
 def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
+    """Yield the failures by cause, then each reason why cases were not judged."""
     for result in failures_by_cause(suite.results):
         level = Level.ERROR if result.is_new_failure else Level.WARNING
         yield Finding(level, result.case, f"{wording.case_finding(result)}: {result.requirement}")
@@ -125,6 +128,7 @@ def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
 
 
 def _cases_not_judged(suite: SuiteResult) -> list[CaseResult]:
+    """Return the inconclusive cases that are no failure."""
     found = (result for result in suite.results if result.behaviour is Behaviour.INCONCLUSIVE)
     return [result for result in found if not result.is_failure]
 
@@ -147,6 +151,7 @@ def _case_check(result: CaseResult) -> Check:
 
 
 def _chapter_table(suite: SuiteResult) -> Table:
+    """Return the number of cases in each chapter, by behaviour."""
     shown = wording.ordered_behaviours(result.behaviour for result in suite.results)
     rows = []
     for chapter, results in wording.conformance_chapters_of_cases(suite.results).items():

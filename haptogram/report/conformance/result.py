@@ -26,24 +26,25 @@ def _recovery_of_json(found: dict[str, Any] | None) -> Recovery | None:
     return None if found is None else Recovery(found["frames"], found["text"])
 
 
-def _same(value: Any) -> Any:
+def _unchanged(value: Any) -> Any:
+    """Return *value*, as the column has it."""
     return value
 
 
 #: The fields of a case in JSON: the field of its result, how it is written, and how it is read.
 _FIELDS: Final[Mapping[str, tuple[str, Callable[[Any], Any], Callable[[Any], Any]]]] = {
-    "case": ("case", _same, _same),
-    "clause": ("clause", _same, _same),
-    "requirement": ("requirement", _same, _same),
-    "what": ("summary", _same, _same),
+    "case": ("case", _unchanged, _unchanged),
+    "clause": ("clause", _unchanged, _unchanged),
+    "requirement": ("requirement", _unchanged, _unchanged),
+    "what": ("summary", _unchanged, _unchanged),
     "behaviour": ("behaviour", str, Behaviour),
     "evidence": ("evidence", str.upper, lambda text: Evidence(text.lower())),
-    "detail": ("detail", _same, _same),
+    "detail": ("detail", _unchanged, _unchanged),
     "recovery": ("recovery", _recovery_as_json, _recovery_of_json),
-    "expected": ("expected", _same, _same),
+    "expected": ("expected", _unchanged, _unchanged),
     "seen": ("seen", lambda seen: [*map(str, seen)], lambda seen: tuple(map(Behaviour, seen))),
     "transcript": ("transcript", list, tuple),
-    "traceback": ("traceback", _same, _same),
+    "traceback": ("traceback", _unchanged, _unchanged),
 }
 
 

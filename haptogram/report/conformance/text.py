@@ -16,7 +16,7 @@ _CAUSES: Final = 3  # failures with their bytes; the others may follow from thes
 _IN_FULL = (Behaviour.FAILED, Behaviour.FLAKY, Behaviour.INCONCLUSIVE, Behaviour.NON_STRICT)
 _FAILURES: Final = 12  # most failures that one line names
 _NAMED: Final = 3  # cases that are named where they have a reason in common
-_NEXT_FRAME: Final = "\n" + 17 * " "  # of a dialogue
+_NEXT_FRAME: Final = "\n" + 17 * " "  # line break before the next frame of a dialogue
 _LONG_HEX: Final = re.compile(r"\b([0-9a-f]{64})[0-9a-f]{9,}")
 _CUT_HEX: Final = r"\1 ..."
 
@@ -33,6 +33,7 @@ def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
 
 
 def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
+    """Yield the cases in full, the failures by cause, and the summary."""
     common = {case for cases in _common_reasons(suite).values() for case in cases}
     failures = failures_by_cause(suite.results)
     alike = common_finding(failures)
@@ -84,6 +85,7 @@ def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
 
 
 def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
+    """Yield the lines of one case: requirement, summary, findings and transcript."""
     known = f" (expected: {result.expected})" if result.expected and result.is_failure else ""
     yield f"{result.case}  {result.behaviour} [{evidence_text(result.evidence)}]{known}"
     yield f"    requirement  {result.requirement}"
@@ -98,6 +100,7 @@ def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
 
 
 def _named_cases(cases: Sequence[str]) -> str:
+    """Return the names of a few cases, or the number of many."""
     return ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
 
 
@@ -111,7 +114,7 @@ def _cases_by_reason(suite: SuiteResult, behaviour: Behaviour) -> dict[str, list
 
 
 def _common_reasons(suite: SuiteResult) -> dict[str, list[str]]:
-    """Return the reasons for which more than a few cases were inconclusive, such as no board."""
+    """Return the reasons that made several cases inconclusive, such as no board."""
     reasons = _cases_by_reason(suite, Behaviour.INCONCLUSIVE)
     return {reason: cases for reason, cases in reasons.items() if len(cases) > _NAMED}
 
@@ -250,6 +253,7 @@ def _request_of(answer: _Frame | list[_Frame], host: Sequence[_Frame]) -> list[_
 
 
 def _frames_of(transcript: Sequence[str]) -> list[_Frame]:
+    """Return the frames in the lines of a transcript."""
     found: list[_Frame] = []
     start, head, sender = 0, "", ""
     for number, line in enumerate(transcript):

@@ -32,7 +32,7 @@ _NARROWEST_IN: Final = 3.2
 _NEAR_M: Final = 2.5e-3
 _FEW_TARGETS: Final = 4
 _MANY_TARGETS: Final = 200
-_WIDER: Final = 0.5  # of the height of a picture: an array farther off is not drawn
+_WIDER: Final = 0.5  # largest distance of a drawn array, in heights of the picture
 _EDGE_MM: Final = 4.0
 
 
@@ -270,6 +270,7 @@ def _plane_picture_size(plane: PicturePlane) -> tuple[float, float]:
 
 
 def _marked_plane_picture(plane: PicturePlane, targets_m: ArrayLike) -> list[list[float]]:
+    """Return the targets near the plane; none if there are too many to mark."""
     targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
     distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
     shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()

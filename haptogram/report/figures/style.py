@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FORMATS: Final = (".png", ".svg", ".pdf")
 MAGNITUDE_MAP: Final = "cividis"
 PHASE_MAP: Final = "twilight"
-DPI: Final = 200  # of a picture in a file of its own
+DPI: Final = 200  # resolution of a picture in a file of its own
 
 # Okabe and Ito's colours, distinguishable with any colour vision.
 BLUE: Final = "#0072B2"
@@ -170,6 +170,7 @@ def draw_figure_mark(
 
 
 def _styled() -> contextlib.AbstractContextManager[None]:
+    """Return a context in which matplotlib has the style of the project."""
     import matplotlib.style
 
     return matplotlib.style.context(["default", _STYLE])

@@ -124,6 +124,7 @@ def _html_setting_text(value: Any) -> str:
 
 
 def _html_environment(folder: Path | None) -> Environment:
+    """Return the Jinja environment with the templates of the package, and of *folder*."""
     from jinja2 import ChoiceLoader, Environment, FileSystemLoader, PackageLoader, StrictUndefined
 
     environment = Environment(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from haptogram.machine.provenance import Provenance
 
 _SHOWN: Final = 10  # annotations of one level in a step: GitHub shows no more
-_ROWS: Final = 100  # of a table; the page and the JSON file have all
+_ROWS: Final = 100  # most rows of a table; the page and the JSON file have all
 _ACTIVE: Final = re.compile(r"([\\`*_\[\]|~#])")
 _LIST: Final = re.compile(r"^(\d+)(?=[.)])|^(?=[-+=:])")
 #: Characters that would begin an element, a reference, mathematics, a link or a mention.

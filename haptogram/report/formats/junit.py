@@ -47,6 +47,7 @@ def write_document_junit(path: Path, document: Document, provenance: Provenance)
 
 
 def _junit_root(document: Document, provenance: Provenance) -> ElementTree.Element:
+    """Return the XML of all checks, with their counts, time and properties."""
     name = f"haptogram.{document.command}"
     elements = Counter(_ELEMENTS[check.outcome] for check in document.checks)
     totals = {

@@ -13,7 +13,7 @@ from ..formats.document import Check, Outcome
 from .pins import run_capture_checks
 from .wording import run_count_wording, run_frame_wording
 
-NAMED_FRAMES: Final = 20  # the JSON names all
+NAMED_FRAMES: Final = 20  # most frames that a check names; the JSON names all
 
 _Item = TypeVar("_Item")
 
@@ -92,6 +92,7 @@ def run_checks(
 
 
 def _check_of_fault(run: verification.RunVerdict, fault: _Fault) -> Check:
+    """Check that no judged frame shows one kind of fault."""
     found = [frame for frame in run.frames if fault.shows(frame)]
     besides = sum(frame.status in fault.besides for frame in run.frames)
     judged = run.counts[fault.seen_in] - besides
@@ -109,6 +110,7 @@ def _check_of_fault(run: verification.RunVerdict, fault: _Fault) -> Check:
 
 
 def _check_of_unexpected(run: verification.RunVerdict) -> Check:
+    """Check that only intended frames were latched."""
     keys, outcome, message = run.unexpected, Outcome.PASSED, "none"
     if keys:
         outcome = Outcome.FAILED
@@ -120,6 +122,7 @@ def _check_of_unexpected(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_lost(run: verification.RunVerdict) -> Check:
+    """Check that the board has lost no frame."""
     lost = _frames_with(run, verification.FrameStatus.LOST)
     reasons = [reason for reason in run.reasons if verification.LOST_BY_BOARD in reason]
     outcome, message = Outcome.PASSED, "none is known to be"
@@ -144,6 +147,7 @@ def _check_of_held_up(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_late(run: verification.RunVerdict) -> Check:
+    """Check that no frame was latched late; late frames are noted and do not fail."""
     late, latched = [frame for frame in run.frames if frame.late], run.counts["latched"]
     outcome, message = Outcome.NOT_JUDGED, "no frame was latched"
     if latched:
@@ -153,6 +157,7 @@ def _check_of_late(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_share_verified(run: verification.RunVerdict) -> Check:
+    """Check that enough frames were verified."""
     outcome, missing = Outcome.PASSED, list[verification.FrameVerdict]()
     if run.too_few:
         # Beside a fault that was proved, too few frames change nothing.
@@ -167,6 +172,7 @@ def _check_of_share_verified(run: verification.RunVerdict) -> Check:
 def _check_of_complete_run(
     run: verification.RunVerdict, cut_short: str | None, seconds: float | None
 ) -> Check:
+    """Check that the run was not cut short."""
     outcome, message = Outcome.PASSED, "it came to its end"
     if cut_short is not None:
         outcome = Outcome.INCONCLUSIVE
@@ -177,6 +183,7 @@ def _check_of_complete_run(
 def _frames_with(
     run: verification.RunVerdict, status: verification.FrameStatus
 ) -> list[verification.FrameVerdict]:
+    """Return the frames that have a status."""
     return [frame for frame in run.frames if frame.status is status]
 
 
@@ -185,6 +192,7 @@ def _named_frames(frames: list[verification.FrameVerdict]) -> list[str]:
 
 
 def _first_lines(items: Sequence[_Item], describe_item: Callable[[_Item], str]) -> list[str]:
+    """Return a line for each of the first items, and the number of the others."""
     lines = [describe_item(item) for item in items[:NAMED_FRAMES]]
     if len(items) > NAMED_FRAMES:
         lines.append(f"... and {len(items) - NAMED_FRAMES} more, in the JSON file")

@@ -89,6 +89,7 @@ def run_document(
 
 
 def _run_findings(checks: Sequence[document.Check]) -> Iterator[document.Finding]:
+    """Yield the checks that did not pass, decisive ones first."""
     for check in sorted(checks, key=lambda check: not check.decisive):
         if (level := _LEVELS.get(check.outcome)) is not None:
             found = "; ".join([check.message, *check.details[:1]])
@@ -96,6 +97,7 @@ def _run_findings(checks: Sequence[document.Check]) -> Iterator[document.Finding
 
 
 def _run_sections(result: Mapping[str, Any]) -> Iterator[document.Section]:
+    """Yield the sections of a run: key figures, injected faults, damage on the line, pins."""
     head = ("figure", "value", "unit")
     yield document.Section(
         "Key figures", [document.Table(head, list(_run_key_figures(result)), (1,))], folds=True
@@ -128,6 +130,7 @@ def _run_sections(result: Mapping[str, Any]) -> Iterator[document.Section]:
 
 
 def _run_key_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Yield text, value and unit of each key figure that is known."""
     if "captures" in result:
         yield from pins.run_capture_figures(result["captures"])
     for text, name, figure, digits, unit in _KEY_FIGURES:
@@ -137,7 +140,7 @@ def _run_key_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, str]
 
 
 def _run_properties(result: Mapping[str, Any]) -> dict[str, str]:
-    """Return what is set of the run as dotted names with texts."""
+    """Return the settings of the run as texts, by dotted names."""
     names = ("verdict", "evidence", "seed", "frames", "faults", "configuration", "board")
     named = {name: result[name] for name in names if name in result}
     return {

@@ -76,6 +76,7 @@ def run_capture_checks(captures: Mapping[str, Any]) -> Iterator[Check]:
 
 
 def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> Check:
+    """Check one property of the pins in a capture."""
     found, frames = one["findings"].get(name, ()), one["frames"]
     missing = one["reasons"] if one["verdict"] == str(Verdict.INCONCLUSIVE) else ()
     outcome = Outcome.PASSED
@@ -119,6 +120,7 @@ def run_pin_elements(captures: Mapping[str, Any] | None) -> list[list[str]]:
 
 
 def _pin_cell(value: object) -> str:
+    """Return a table cell: a dash for an unknown value."""
     if value is None:
         return "–"
     return f"{value:.3f}" if isinstance(value, float) else str(value)
@@ -163,7 +165,7 @@ def draw_pin_elements(one: Mapping[str, Any]) -> Figure:
 def _draw_pin_values(
     axes: Any, table: Mapping[str, Any], name: str, spread: str, limit: float | None
 ) -> None:
-    """Draw one value of the elements with its spread; those beyond the *limit* stand out."""
+    """Draw one value of each element with its spread; mark values beyond the *limit*."""
     values = table[name]
     off = np.zeros(len(values), np.bool_) if limit is None else np.abs(values) > limit
     for colour, chosen in ((BLUE, ~off), (VERMILION, off)):

@@ -82,6 +82,7 @@ def run_remedy_text(result: Mapping[str, Any]) -> str | None:
 
 
 def _run_fired_faults_wording(faults: Mapping[str, Any]) -> str:
+    """Return how often each injected fault fired, as text."""
     if faults["fired"] is None:
         return f"{', '.join(faults['plan'])}; the board did not report how often each fired"
     times = (
@@ -165,6 +166,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _run_tolerance_sentence_end(result: Mapping[str, Any]) -> str:
+    """Return the end of a sentence that names the tolerance, if there is one."""
     stated = verification.tolerance_text(verification.Tolerance(**result["tolerance"]))
     return "" if stated == "none" else f" and a tolerance of {stated}"
 

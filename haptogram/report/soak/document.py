@@ -82,6 +82,7 @@ def soak_document(campaign: SoakCampaign) -> document.Document:
 
 
 def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
+    """Yield the violations of a soak, and missing segments."""
     for example in campaign.tally.examples:
         yield document.Finding(document.Level.ERROR, *example.split(": ", 1))
     if not campaign.done:
@@ -91,7 +92,7 @@ def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
 
 
 def _soak_course(campaign: SoakCampaign) -> list[document.Block]:
-    """Return the course in a few steps: what each of them counted, and its latest frame."""
+    """Return the counts of a soak in a few steps of time, each with its latest frame."""
     course, interval_s = campaign.tally.course, campaign.setup.interval_s
     if not course:
         return []
@@ -176,6 +177,7 @@ def _soak_counter_rows(tally: SoakTally) -> Iterator[tuple[str, str, str]]:
 
 
 def _soak_checks(campaign: SoakCampaign) -> Iterator[document.Check]:
+    """Yield a check for each kind of violation."""
     for name, statement in VIOLATIONS.items():
         count = campaign.failures.get(name, 0)
         examples: list[str] = []

@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 _SEED: Final = "seed"
 _MOST_WORST: Final = 20
-_MOST_REASON: Final = 60  # characters; the rows have all of it
+_MOST_REASON: Final = 60  # most characters of a reason; the rows have all of it
 _MOST_LEVELS: Final = 20  # most levels of one axis of a map, or of a table
 _MOST_VALUES: Final = 12
 _RANGES: Final = 8
 _INK: Final = "#111111"  # text colour on a bright cell, in a dark page too
 _CHALK: Final = "#fefefe"
 _BRIGHT: Final = 0.6  # share of the largest value from which on a cell is bright
-_LABEL: Final = 24  # characters
+_LABEL: Final = 24  # most characters of a label
 
 
 def sweep_document(campaign: SweepCampaign) -> Document:
@@ -73,6 +73,7 @@ def _sweep_pictures(
     levels: Mapping[str, Sequence[SweepLevel]],
     measure: Measure,
 ) -> Iterator[Block]:
+    """Yield the map of a measure over the first two axes."""
     names = ([name for name in levels if name != _SEED] or list(levels))[:2]
     titles, shown = [labels[name] for name in names], [levels[name] for name in names]
     if len(names) == 1:
@@ -88,11 +89,13 @@ def _sweep_pictures(
 
 
 def _sweep_level_table(name: str, levels: Sequence[SweepLevel], measure: Measure) -> Table:
+    """Return a table of the values of one axis: verdicts, and the measure's median and worst."""
     head = (name, "points", *reversed(VERDICTS), f"{measure.text}, median", "worst")
     return Table(head, [level.cells() for level in levels], range(1, len(head)))
 
 
 def _sweep_worst_table(rows: Sequence[Row], measures: Sequence[Measure]) -> Table:
+    """Return a table of the worst points, with the command that repeats each."""
     worst = sorted(rows, key=lambda row: badness(row, measures))[:_MOST_WORST]
     head = ("point", "verdict", *(m.text for m in measures), "reason", "command that repeats it")
     cells = [
@@ -203,6 +206,7 @@ def draw_sweep_map(
 
 
 def _draw_sweep_cells(axes: Axes, values: np.ndarray, texts: np.ndarray, most: float) -> None:
+    """Draw the cells of a map, with their texts in a legible colour."""
     axes.grid(visible=False)
     axes.imshow(values, aspect="auto", origin="lower", vmin=0.0, vmax=most)
     for (y, x), text in np.ndenumerate(texts):

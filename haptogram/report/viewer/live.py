@@ -18,7 +18,7 @@ from .frames import LATE, TIMELY, ViewerFrame, found_fields_of_viewer
 from .scene import ViewerScene, other_axes_of_viewer
 
 KEPT: Final = 10_000  # frames: 10 s at 1 kHz, some 20 MB
-_OF_THE_WATCH: Final = frozenset({"wire_compared", "client_left"})  # nothing for a reader
+_OF_THE_WATCH: Final = frozenset({"wire_compared", "client_left"})  # events that are not counted
 _LONGEST_NAME: Final = 80  # characters of the name of a board
 _AT_ONCE: Final = 2_000  # frames in one answer: a megabyte
 
@@ -105,6 +105,7 @@ class LiveViewerScene:
         )
 
     def _latch(self, seen: Observation) -> None:
+        """Show a latch of the Haptogram wire, on time or late."""
         self._counters["late"] += seen.late
         self._show(
             seen.output,
@@ -115,6 +116,7 @@ class LiveViewerScene:
         )
 
     def _pulses(self, seen: PulseObservation) -> None:
+        """Show a latch of a board of another dialect."""
         # As fine as a page draws; the verdict knows the pulses themselves.
         drive = Drive.from_weights(saturated_weights(seen.weights))
         self._counters += Counter(seen.counted)
@@ -129,6 +131,7 @@ class LiveViewerScene:
         timing: int = TIMELY,
         received_us: int | None = None,
     ) -> None:
+        """Append a frame to the scene, and count it by the kind of its field."""
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")
         self._frames.append(
@@ -147,6 +150,7 @@ class LiveViewerScene:
         self._counters["no single focus"] += isinstance(field, NotSingle)
 
     def _output(self, record: Mapping[str, Any]) -> None:
+        """Take the output state, a remark, or the count of another event."""
         if record["event"] == "state":
             self._state = f"{record['state']} ({record['reason']})"
         elif record["event"] == "remark":
@@ -155,6 +159,7 @@ class LiveViewerScene:
             self._counters[record["event"].replace("_", " ")] += 1
 
     def _shown_counters(self) -> dict[str, Any]:
+        """Return the counters that are not 0, firmware, state and last remark."""
         counted = {name: count for name, count in self._counters.items() if count}
         shown = counted | {"board": self.firmware}
         if self._has_states:

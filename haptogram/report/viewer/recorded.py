@@ -86,6 +86,7 @@ def _versions_in_viewer(recording: Recording) -> list[str]:
 
 
 def _verdict_in_viewer(recording: Recording) -> str:
+    """Return the recorded verdict of the run; empty without one."""
     verdicts = [entry.fields.get("verdict") for entry in recording.entries((SUMMARY,))]
     return str(verdicts[-1] or "") if verdicts else ""
 
@@ -93,6 +94,7 @@ def _verdict_in_viewer(recording: Recording) -> str:
 def _viewer_scene_of(
     model: AcousticModel, frames: list[ViewerFrame], path: Path, what: str
 ) -> tuple[ViewerScene, list[str]]:
+    """Return the scene of recorded frames, and the line that counts them."""
     more = f", the first {_MOST_FRAMES} of {path.name}" if len(frames) == _MOST_FRAMES else ""
     scene = ViewerScene.of(model, frames, counters=Counter(frame.status for frame in frames))
     return scene, [f"{model.array.count} transducers, {len(frames)} {what}{more}."]

@@ -145,6 +145,7 @@ class _ViewHandler(http.server.BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
 
     def _answer(self, content: bytes | None, kind: str) -> None:
+        """Send *content* with the headers of the view; 404 without content."""
         if content is None:
             self.send_error(HTTPStatus.NOT_FOUND)
             return

@@ -113,6 +113,7 @@ class WatchReport:
         )
 
     def _view_sections(self) -> Iterator[parts.Section]:
+        """Yield the interactive view, in the axes of the array."""
         if self._frames:
             axes = other_axes_of_viewer(self._board.client_axes)
             scene = ViewerScene.of(self._board.model, list(self._frames), client_axes=axes)
@@ -123,6 +124,7 @@ class WatchReport:
             yield parts.Section("View", [parts.View(scene.embedded(), note)])
 
     def _expected_section(self, expected_m: Sequence[FloatArray]) -> parts.Section:
+        """Return the table of expected foci, in the client's axes."""
         rows = [
             (str(number), ", ".join(map(watched_place_text, self._board.clients_m(foci))))
             for number, foci in enumerate(expected_m, start=1)
@@ -155,6 +157,7 @@ class WatchReport:
         yield parts.Section("Board", [parts.Table((), rows)])
 
     def _row(self, seen: WatchedLatch) -> tuple[str, ...]:
+        """Return the table row of one latch."""
         latch, verdict = seen.latch, seen.verdict
         return (
             str(latch.number),
@@ -178,10 +181,12 @@ def watched_status_text(verdict: FrameVerdict) -> str:
 
 
 def _watch_table_section(title: str, table: parts.Table, *notes: parts.Block) -> parts.Section:
+    """Return a section with a table; without rows it is empty."""
     return parts.Section(title, [table, *notes] if table.rows else [])
 
 
 def _shown_watched_frame(seen: WatchedLatch) -> ViewerFrame:
+    """Return a latch as a frame of the view, with its verdict if it has one."""
     latch, pattern = seen.latch, seen.pattern
     drive = Drive.from_weights(saturated_weights(np.nan_to_num(latch.weights)))
     if (verdict := seen.verdict) is not None:
@@ -198,6 +203,7 @@ def _shown_watched_frame(seen: WatchedLatch) -> ViewerFrame:
 def _watch_findings(
     result: WatchResult, verdicts: Sequence[FrameVerdict]
 ) -> Iterator[parts.Finding]:
+    """Yield the diagnoses, then wrong and unjudged frames in groups."""
     for diagnosis in result.diagnoses:
         yield parts.Finding(parts.Level.ERROR, str(diagnosis.defect), str(diagnosis))
     wrong = [verdict for verdict in verdicts if verdict.status in WRONG]
@@ -211,6 +217,7 @@ def _watch_findings(
 
 
 def _watch_frame_check(verdict: FrameVerdict) -> parts.Check:
+    """Check that a latch has its expected foci."""
     outcome = parts.Outcome.PASSED
     if verdict.status in WRONG:
         outcome = parts.Outcome.FAILED
@@ -221,6 +228,7 @@ def _watch_frame_check(verdict: FrameVerdict) -> parts.Check:
 
 
 def _watch_defect_check(result: WatchResult, defect: Defect) -> parts.Check:
+    """Check that one kind of defect was not found."""
     found = [str(diagnosis) for diagnosis in result.diagnoses if diagnosis.defect is defect]
     outcome = parts.Outcome.FAILED if found else parts.Outcome.PASSED
     message, *more = found or ["not found"]
@@ -228,6 +236,7 @@ def _watch_defect_check(result: WatchResult, defect: Defect) -> parts.Check:
 
 
 def _watch_seen_check(result: WatchResult, seconds: float | None) -> parts.Check:
+    """Check that no latch is missing."""
     count = sum(result.kinds.values())
     missing = result.missing or ("" if count else "no latch of a client was seen")
     outcome = parts.Outcome.INCONCLUSIVE if missing else parts.Outcome.PASSED

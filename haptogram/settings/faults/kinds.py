@@ -44,14 +44,17 @@ Parameters: TypeAlias = Mapping[str, Parameter]
 
 
 def _fault_chance(default: float) -> Parameter:
+    """Return a parameter that is a probability."""
     return Parameter(default, 0.0, 1.0)
 
 
 def _fault_count(default: int, least: int, most: int) -> Parameter:
+    """Return a parameter that is a whole number within limits."""
     return Parameter(default, least, most, whole=True)
 
 
 def _signed_fault_value(default: float, most: float = 1e9) -> Parameter:
+    """Return a parameter that may be negative, up to a magnitude."""
     return Parameter(default, -most, most)
 
 
@@ -195,6 +198,7 @@ def _limits_text(limits: Parameter) -> str:
 
 
 def _check_fault_place(name: str, values: Mapping[str, float]) -> None:
+    """Refuse a fault of transducers unless exactly one place is given."""
     if not is_transducer_fault(name):
         return
     said = [f"{place}={fault_number_text(values[place])}" for place in PLACES if values[place] >= 0]

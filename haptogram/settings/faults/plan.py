@@ -251,6 +251,7 @@ def _conflicting_fault_end(ms: float, until: str) -> str:
 
 
 def _fault_from_table(table: dict[str, Any]) -> Fault:
+    """Return the fault of a [[fault]] table of a TOML file."""
     if "name" not in table:
         raise ConfigurationError('a table [[fault]] has no name; such as name = "line.drop"')
     name = str(table["name"])

@@ -179,6 +179,7 @@ class VerifyConfig(Settings):
 
 
 def _setting_for_json(value: Any) -> Any:
+    """Return a value in JSON's types: paths as text, tuples as lists."""
     if isinstance(value, Path):
         return str(value)
     return [_setting_for_json(item) for item in value] if isinstance(value, tuple) else value

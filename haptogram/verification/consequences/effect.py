@@ -130,7 +130,7 @@ def _held_stretches(
 
 
 def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
-    """Yield the time until which each frame should be radiated."""
+    """Yield for each frame the time until which it should be radiated."""
     neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
     for before_us, begin_us, next_us in neighbours:
         period_us = None if before_us is None else begin_us - before_us
@@ -158,7 +158,7 @@ def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _H
 
 
 def _stretch_after_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the time in which a wrong drive was radiated; of an unseen one nothing is known."""
+    """Return the time in which a wrong drive was radiated; its effect is unknown if unseen."""
     pressures_pa = frame.target_pressure_rms_pa, frame.intended_pressure_rms_pa
     return _HeldStretch(begin_us, end_us, frame.error_mm, *pressures_pa)
 

@@ -113,6 +113,7 @@ def judge(
 
 
 def _judged_weights(weights: ArrayLike, phase_bits: int) -> Drive:
+    """Return complex weights as a drive; refuse real numbers."""
     values = as_complex_array("drive", weights)
     if not np.iscomplexobj(np.asarray(weights)):
         raise ConfigurationError(

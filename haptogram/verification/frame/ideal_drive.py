@@ -28,7 +28,7 @@ from .tolerated import ToleratedHost, scale_of_tolerance
 _LEAST_AMPLITUDE_CODE: Final = 4
 _HALF: Final = 0.5 + 1e-6  # half an amplitude step, and rounding
 _MARGIN: Final = 1.15  # factor for changes between the tolerated drives, which are not quite linear
-_FAINT: Final = 0.1  # of the loudest focus: the pressure of a fainter one is compared with that
+_FAINT: Final = 0.1  # least pressure that an excess is compared with, relative to the loudest focus
 #: The least that a solver makes of foci.  Random phases reach an efficiency of F / N, solvers 0.5
 #: and more; their weakest focus of many has a third of the mean, a missing one next to none.
 LEAST_EFFICIENCY: Final = 0.25
@@ -107,6 +107,7 @@ class IdealFrameDrive:
         return [self._peak(target) for target in self.placed]
 
     def _peak(self, target: FrameTarget) -> ExpectedPeak | None:
+        """Return the pressure peak expected at a target; None if a coordinate is unobservable."""
         if not target.observable.all():
             return None
         return expected_frame_peak(
@@ -150,6 +151,7 @@ class IdealFrameDrive:
         return tolerated
 
     def _rounding_of_level(self, target: FrameTarget) -> float:
+        """Return by how much rounding of the codes can change the level at a target."""
         parts = target.arrivals * self.weights
         total, error_rad = complex(parts.sum()), target.phase_limit_rad
         quadrature = np.abs((parts * (total.conjugate() / abs(total) if total else 1.0)).imag)
@@ -158,6 +160,7 @@ class IdealFrameDrive:
         return float(limit)
 
     def _levels_of(self, weights: ComplexArray) -> FloatArray:
+        """Return the level of *weights* at each target."""
         levels: FloatArray = np.abs([target.arrivals @ weights for target in self.targets])
         return levels
 

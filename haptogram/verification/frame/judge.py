@@ -51,7 +51,7 @@ _ON_THE_WIRE: Final = (
 )
 #: Wrong drives for which a focus is sought in the whole volume, in vain: 40 ms or more each.
 _MOST_SEARCHES: Final = 256
-_EXACT_RAD: Final = 1e-7  # positions that are whole micrometres, but for the arithmetic
+_EXACT_RAD: Final = 1e-7  # largest phase error of positions that are whole micrometres
 
 
 class FrameJudge:
@@ -95,6 +95,7 @@ class FrameJudge:
     def _make_target(
         self, position_m: tuple[float, float, float], amplitude_codes: bytes, limit_rad: float
     ) -> FrameTarget:
+        """Return the target at a position; refuse a tolerance that it cannot have."""
         codes = np.frombuffer(amplitude_codes, np.uint8)
         amplitudes, place = codes / FULL_AMPLITUDE, np.array(position_m)
         target = FrameTarget(self._model, place, amplitudes, limit_rad, self.tolerance)
@@ -109,7 +110,7 @@ class FrameJudge:
         return [self._target(focus.position_m, codes, limit_rad) for focus in intended.foci]
 
     def _make_ideals(self, intended: Intended) -> list[IdealFrameDrive]:
-        """Return the drives that the foci ask for: of the array as it is, and as the wire says.
+        """Return the ideal drive of the foci for each model with which they may have been solved.
 
         An array for which the solver refuses the foci is left out.
         """
@@ -121,7 +122,7 @@ class FrameJudge:
         return found
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
-        """Yield the array and air that foci may have been solved with.
+        """Yield the model with which foci were solved: as it is and, if it differs, of the wire.
 
         The wire carries the array in whole micrometres and the speed of sound in whole mm/s.
         """
@@ -152,6 +153,7 @@ class FrameJudge:
         return pair[0].steps if self._ordinary.is_field_missing(*pair) else None
 
     def _with_fields(self, pairs: Iterable[Pair], steps: int) -> list[Pair]:
+        """Return the pairs with the field reconstructed from each intended drive."""
         asked = [
             DriveToFind(intended.drive, criteria.judged_frame_step_rad(intended))
             for intended, _ in pairs
@@ -164,7 +166,7 @@ class FrameJudge:
 
     def judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return the verdict on a frame that was latched, or seen on the wire."""
-        seen = self._seen(intended, observation)
+        seen = self._unjudged_verdict(intended, observation)
         found = self._judged(
             _judged_frame_without_identity(intended),
             dataclasses.replace(observation, key=_ANY, t_latch_us=0, late=False),
@@ -175,7 +177,7 @@ class FrameJudge:
 
     def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
         """Return the verdict of all frames and latches that differ in key and times only."""
-        seen = self._seen(intended, observation)
+        seen = self._unjudged_verdict(intended, observation)
         if observation.drive_crc is not None and observation.shows_by_crc(intended) is False:
             named = drive_of_crc(self._model, intended, observation.drive_crc)
             if named is None:
@@ -245,8 +247,8 @@ class FrameJudge:
             return None, f"the drive that was seen has the CRC {drive.digest():08x}, not {crc:08x}"
         return drive, ""
 
-    def _seen(self, intended: Intended, observation: Observation) -> FrameVerdict:
-        """Return a verdict that holds the observation, not yet judged."""
+    def _unjudged_verdict(self, intended: Intended, observation: Observation) -> FrameVerdict:
+        """Return a verdict with evidence and times of the observation, not yet judged."""
         lateness_us = (
             0 if intended.t_apply_us is None else observation.t_latch_us - intended.t_apply_us
         )
@@ -280,7 +282,7 @@ class FrameJudge:
 
 
 def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
-    """Return True if a reconstruction by the board is too weak to reject the frame.
+    """Return True if the board's reconstruction, without a focus, does not disprove the target.
 
     The board knows neither the tolerance nor, of what was uploaded, the resolution of the phases.
     """
@@ -320,6 +322,7 @@ def lost_frame_verdict(intended: Intended) -> FrameVerdict:
 
 
 def _crc_fault_of_frame(intended: Intended, observation: Observation) -> str:
+    """Return the fault of a latch of which only a different CRC is known."""
     return (
         f"another drive was latched: its CRC is {observation.drive_crc:08x}, that of the intended "
         f"one {intended.drive.digest():08x}"

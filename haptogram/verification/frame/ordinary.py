@@ -102,7 +102,7 @@ class OrdinaryFrames:
         return found
 
     def _judged(self, pairs: Sequence[Pair], carrier_us: int) -> list[FrameVerdict | str]:
-        """Return the verdict on each frame, or why there is none."""
+        """Return the verdict on each frame, or the reason why it needs the full judge."""
         pistons, kernels = self._pistons, self._pistons.kernels
         codes = np.array([intended.drive.phase_codes for intended, _ in pairs])
         limits, coherences = np.array([self._limits_of(intended) for intended, _ in pairs]).T.copy()
@@ -179,7 +179,7 @@ class OrdinaryFrames:
 
 
 def _why_not_ordinary(intended: Intended, latch: Observation, full: bytes) -> str | None:
-    """Return why a frame is not one focus, latched as it was sent; None if it may be."""
+    """Return why a frame needs the full judge; None if it is one focus latched as sent."""
     reason = _why_not_as_sent(intended, latch, full)
     if reason is not None:
         return reason

@@ -27,8 +27,8 @@ NEXT_TO_TARGET_RAD: Final = 0.5
 WITHIN_LOBE_RAD: Final = 1.8
 #: Share of the distance by which a focus may be off: further away it is another one, or none.
 LOST: Final = 0.4
-_ROUND: Final = 0.10  # rad: a peak that rounding moves further may do so out of proportion
-_FLAT: Final = 1.5  # times the bound of the first order: such a peak has no place of its own
+_ROUND: Final = 0.10  # largest displacement by rounding, in rad, that is in proportion to it
+_FLAT: Final = 1.5  # factor on the first-order bound: a peak beyond it has no place of its own
 _MARGIN: Final = 1.1  # factor for the second order of the response to rounding
 #: Least metric of a focus, over k^2, along a direction in which the phases determine its place.
 TURNED_RATIO: Final = 1e-6

@@ -46,8 +46,8 @@ _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # factor on the first-order bound
 _EXACT: Final = 1.0 + 1e-4
 _FLAT: Final = 1.02  # factor on the distance to a peak that was found: it may be so flat
-_MOST_SLACK: Final = 2.0  # of an amplitude, times the phase error of a host that was found
-_MOST_EXCESS: Final = 0.3  # of the pressure: beyond it no other drive for these foci explains it
+_MOST_SLACK: Final = 2.0  # slack of an amplitude, times the phase error of the found host
+_MOST_EXCESS: Final = 0.3  # largest excess pressure that another drive for these foci explains
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
 _OTHER_AMPLITUDES: Final = "the amplitudes are off by more than the solver makes of the tolerance"
 _OTHER_PEAKS: Final = "the pressure peaks of the foci are not where their phases put the foci"
@@ -151,6 +151,7 @@ class SeveralFociFrame:
 
     @cached_property
     def _weights(self) -> ComplexArray:
+        """Return the weights of the latched drive."""
         return self.latched.weights()
 
     @cached_property
@@ -304,7 +305,7 @@ def _relative_errors(fit: FociFit, limit_rad: float, slack_rad: tuple[float, flo
 
 
 def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
-    """Return (3,) how far each fitted focus may be off; None where a miss of one never shows."""
+    """Return how far (3,) each focus may be off; None where a miss of one would not show."""
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
         limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)

@@ -24,7 +24,7 @@ from .tolerated import ToleratedHost
 from .verdict import FrameStatus, FrameVerdict
 
 _MM: Final = 1e3
-_STILL_A_FOCUS: Final = 0.5  # coherence: below it, the next peak may be any
+_STILL_A_FOCUS: Final = 0.5  # least coherence of a focus: below it, the next peak may be any
 _ACROSS_AND_ALONG: Final = 2
 #: Limit between the rounding of 8 bits and an element that a reconstruction calls off.
 _FINEST_RAD: Final = 0.75 * acoustics.phase_step_rad(8)
@@ -129,9 +129,9 @@ class SingleFocusFrame:
             if isinstance(found, acoustics.SingleFocus):
                 notes += [found.ambiguity_text] if found.rivals_m else []
                 measures |= _focus_miss(target, found)
-                faults += self._unexplained(verdicts, faults)
+                faults += self._other_faults(verdicts, faults)
             elif isinstance(found, acoustics.NotSingle):
-                faults += self._unexplained(verdicts, faults) or self._outliers(found, faults)
+                faults += self._other_faults(verdicts, faults) or self._outliers(found, faults)
                 if not faults:  # the right drive in other air: a focus, but not a sharp one
                     measures |= _focus_miss(target, found)
                 elif measures["coherence"] >= _STILL_A_FOCUS:
@@ -192,7 +192,7 @@ class SingleFocusFrame:
         return criteria.is_frame_on_target(self.target, offset_m)
 
     def _is_ambiguous(self, verdicts: dict[str, bool], found: acoustics.Reconstruction) -> bool:
-        """Return True if phases within limits also fit another point, or were found to fit none.
+        """Return True if phases within limits also fit another point, or no point at all.
 
         Few elements with few bits can fit two points, or a search that is not told the target none.
         """
@@ -202,8 +202,8 @@ class SingleFocusFrame:
             found, acoustics.SingleFocus | acoustics.NotSingle
         ) and self._is_of_this_drive(found)
 
-    def _unexplained(self, verdicts: dict[str, bool], faults: tuple[str, ...]) -> tuple[str, ...]:
-        """Name elements outside the tolerance, if the codes match no known fault."""
+    def _other_faults(self, verdicts: dict[str, bool], faults: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the fault of elements that no tolerated host explains, if none is named yet."""
         if faults or verdicts["S1"] or self.target.tolerance.is_strict or not self._active.any():
             return ()
         model = self.target.model
@@ -211,7 +211,7 @@ class SingleFocusFrame:
         return () if fault is None else (fault,)
 
     def _outliers(self, found: acoustics.NotSingle, faults: tuple[str, ...]) -> tuple[str, ...]:
-        """Name the elements that do not suit the focus of the others, if the codes show no fault.
+        """Name elements out of step with the focus of the others, if the codes show no fault.
 
         Either the codes themselves are out of step, for these elements in this air, or something
         else was radiated than the codes say.
@@ -260,6 +260,7 @@ def _ambiguity_note(target: FrameTarget, found: acoustics.Reconstruction) -> str
 
 
 def _frame_without_focus(found: acoustics.NotSingle) -> str:
+    """Return a finding that names the loudest point instead of a focus."""
     x, y, z = (_MM * coordinate for coordinate in found.position_m)
     return (
         f"no single focus; the most that was found is {found.pressure_rms_pa:.0f} Pa at "

@@ -24,7 +24,7 @@ from .peaks import LOST, TURNED_RATIO, ExpectedPeak, FramePeakAxes, expected_fra
 Bools = NDArray[np.bool_]
 
 _MM: Final = 1e3
-_NEAR: Final = 0.01  # of the distance: a larger bound needs the second order
+_NEAR: Final = 0.01  # largest bound of the first order, relative to the distance
 _SECOND_ORDER: Final = 1.04  # factor on the first-order bound
 #: Limits of observable coordinates and their bounds, in the order of the compiled loops.
 OBSERVED: Final[FloatArray] = np.array([focus_fit.LEAST_SEEN_SHARE, _NEAR, _SECOND_ORDER, LOST])
@@ -131,6 +131,7 @@ class FrameTarget:
 
     @cached_property
     def _response(self) -> tuple[FloatArray, Bools]:
+        """Return the response of the focus to phase errors, and the observable coordinates."""
         return focus_fit.focus_phase_response(self.model, self.position_m, active=self.active)
 
     @property
@@ -156,6 +157,7 @@ class FrameTarget:
         return self._fit(phases_rad, active).position_m - self.position_m
 
     def _fit(self, phases_rad: FloatArray, active: Bools) -> focus_fit.PhaseFit:
+        """Fit a focus near the target to the phases of active elements."""
         return fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
 
     @cached_property

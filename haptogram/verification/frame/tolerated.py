@@ -34,7 +34,7 @@ _SHORTER: Final = (1.0, 0.3, 0.1, 0.03)  # factors tried on the step of such a s
 _HOPELESS: Final = 1.5  # times the limit: an RMS error that no place within rounding explains
 _EXACT: Final = 1.0 + 1e-4
 _SECOND_ORDER: Final = 1.5  # factor on the first-order bound
-_LOUD: Final = 0.5  # of the mean amplitude: below it the waves of several foci nearly cancel
+_LOUD: Final = 0.5  # least level, relative to the mean: below it the waves of foci nearly cancel
 _FEW: Final = 0.25  # share of the elements that can be wrong one by one
 #: Standard uncertainties by which one element of some hundreds may be off.
 _COVERAGE: Final = 5.0
@@ -275,7 +275,7 @@ class ToleratedHost:
         return self._elements_text(model, errors, np.flatnonzero(off))
 
     def _is_proven(self, off: Bools) -> bool:
-        """Return True if hosts explain all elements but *off*, and none of these.
+        """Return True if tolerated hosts explain all elements except *off*, and none of *off*.
 
         Small changes of the air can turn an element far where a solver made the drive.
         """
@@ -300,6 +300,7 @@ class ToleratedHost:
     def _elements_text(
         self, model: AcousticModel, errors: FloatArray, numbers: NDArray[np.intp]
     ) -> str:
+        """Return the fault of the elements: inverted, swapped, or out of step."""
         names, limit_rad = faulty_elements_text(model, numbers), self._off_rad
         if bool((np.abs(np.abs(errors[numbers]) - math.pi) <= limit_rad).all()):
             return f"{names} inverted"

@@ -314,12 +314,14 @@ def _fill_codes(codes: np.ndarray, one: PinVerdict, place: int, meant: Drive) ->
 
 
 def _nearest_codes(weights: ComplexArray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the phase and amplitude codes nearest to measured weights."""
     phases = np.rint(np.angle(weights) / (2.0 * np.pi) * _TURN).astype(np.int64) % _TURN
     sizes = np.rint(np.abs(weights) * FULL_AMPLITUDE).astype(np.int64)
     return phases, np.clip(sizes, 0, FULL_AMPLITUDE)
 
 
 def _joined_observation(frame: Intended, codes: np.ndarray, late_us: float) -> Observation:
+    """Return a frame's observation by the pins, with joined codes and lateness."""
     drive = Drive(codes[0].astype(np.uint8), codes[1].astype(np.uint8))
     due_us = frame.t_apply_us or 0
     return Observation(
@@ -332,6 +334,7 @@ def _joined_observation(frame: Intended, codes: np.ndarray, late_us: float) -> O
 
 
 def _joined_capture_verdict_summary(verdict: JoinedCaptureVerdict) -> Iterator[str]:
+    """Yield the verdict on all captures, and that of each."""
     what = "; ".join(verdict.reasons[:2]) or "every captured pin does what was intended"
     more = len(verdict.reasons) - 2
     if more > 0:

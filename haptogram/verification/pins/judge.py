@@ -49,7 +49,7 @@ _HALF: Final = 0.5
 _EDGE: Final = 2  # frames at the end of the capture, beside which samples may be missing
 _NAMED: Final = 4
 _BREAK_SAMPLES: Final = 2.5  # tolerance of two edges, in samples
-_JITTERS: Final = 6.0  # of the median jitter of one pulse: beyond that it is no jitter
+_JITTERS: Final = 6.0  # largest jitter, relative to the median one of a pulse
 _WITH_THE_CLOCK: Final = "capture the clock of the carrier, and longer than the run, to know"
 _BY_DRIVE: Final = (
     "the frames carry no times: each is found by its drive, and a delay does not show"
@@ -159,6 +159,7 @@ class _PinJudge:
 
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
+        """Return the frames that the pins show late."""
         shown = self.shown
         return np.flatnonzero((shown.late > LATE_PERIODS) & shown.seen)
 
@@ -199,6 +200,7 @@ class _PinJudge:
         return len(torn)
 
     def _note_events(self) -> None:
+        """Note lost and late frames as events of the verdict."""
         for frame in np.flatnonzero(self.shown.lost):
             self.events.append(f"{frame}: not latched; the pins kept the drive they had")
         for frame in self._late_frames:
@@ -301,7 +303,7 @@ class _PinJudge:
         return agreeing >= _FEWEST_AGREEING
 
     def _fits_better_elsewhere(self, judged: Bools) -> bool:
-        """Return True if more drives are right, and of every pin, a frame off or from its begin on.
+        """Return True if the pins match better with the run shifted by a frame or to its begin.
 
         A pin that is wrong wherever the run begins is wrong.
         """
@@ -320,7 +322,7 @@ class _PinJudge:
         return False
 
     def _near_match_share(self, judged: Bools) -> float:
-        """Return the share of drives unique to this run that match within two steps."""
+        """Return the share of pins and frames that are right within two more steps of phase."""
         drives = self.shown.drives
         wider = dataclasses.replace(drives, limit_rad=drives.limit_rad + _NEAR_RAD)
         return float(wider.all_right()[judged].mean())
@@ -495,6 +497,7 @@ class _PinJudge:
         return PinLimits.of(self.record)
 
     def _check_carrier(self) -> None:
+        """Add a finding if the carrier frequency is out of tolerance."""
         drift = self.record.drift_ppm
         if self.record.cut and self.record.end < _LEAST_PERIODS_OF_CARRIER:
             self.not_judged["carrier"] = (

@@ -90,6 +90,7 @@ def read_captured_line(line: LineBytes) -> LineReading:
 
 
 def _message_on_captured_line(body: bytes) -> Message | None:
+    """Return the message of a frame body; None if it is invalid."""
     try:
         return parse_body(body)[1]
     except RemoteProtocolError:

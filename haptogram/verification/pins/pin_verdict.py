@@ -253,6 +253,7 @@ def pin_verdict_lines(pins: PinVerdict) -> Iterator[str]:
 
 
 def _shown_pin_verdict_lines(lines: list[str]) -> Iterator[str]:
+    """Yield the first lines, and the number of the others."""
     yield from lines[:_NAMED]
     if len(lines) > _NAMED:
         yield f"  ... and {len(lines) - _NAMED} more, in the JSON file"

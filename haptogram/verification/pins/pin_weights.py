@@ -94,6 +94,7 @@ def common_turns_of_pins(
 
 
 def _agreeing_pins(errors: FloatArray, common: FloatArray, limit_rad: float) -> Bools:
+    """Return a mask of pins whose error is near the common one."""
     with np.errstate(invalid="ignore"):
         near: Bools = np.abs(wrapped_phases(errors - common[:, None])) <= 2.0 * limit_rad
     return near

@@ -81,7 +81,7 @@ def _share_pin_element(
     seen_b: Sequence[int],
     amplitudes: np.ndarray,
 ) -> bool:
-    """Return True if an element that sounds is right in all of these frames of both captures."""
+    """Return True if one sounding element is right in all shared frames of both captures."""
     return any(
         amplitudes[element] / 255.0 > max(a.limits.amplitude, b.limits.amplitude)
         and a.right[seen_a, a.elements.index(element)].all()
@@ -107,6 +107,7 @@ def _pin_phase_lines(
     apart: dict[tuple[int, int], int],
     worst_rad: dict[tuple[int, int], float],
 ) -> Iterator[str]:
+    """Yield a line for each pair of captures whose common phases differ."""
     for (a, b), frames in apart.items():
         names = f"{pins[a].name} and {pins[b].name}"
         if math.isfinite(worst := worst_rad[a, b]):

@@ -15,8 +15,8 @@ from .line_frames import mute_on_captured_line
 from .run_drives import PinRunDrives, fundamentals_of_run_drives
 from .shown_frames import FramesShownByPins
 
-_SILENT_PERIODS: Final = 2.5  # without a pulse
-_FADED: Final = 0.9  # of its amplitude: a pin that has less before its end is on a ramp
+_SILENT_PERIODS: Final = 2.5  # periods without a pulse after which a pin is silent
+_FADED: Final = 0.9  # least amplitude before the end, relative to full: a fainter pin is on a ramp
 _MUTE_SAMPLES: Final = 2.0  # tolerance of two edges, or of an edge and the last bit of MUTE
 _FAINT: Final = 4.0  # samples of a pulse: a shorter one may be taken for a disturbance
 _FAINT_PERIODS: Final = 0.008
@@ -183,6 +183,7 @@ def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> s
 
 
 def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None) -> EndOfSound:
+    """Judge whether all pins fall silent within one carrier period."""
     us = 1e6 / record.carrier_hz
     # A pin is off from its last pulse on, or as late as when it would have begun the next one.
     first, last = min(found.rises.values()) + 1.0, max(found.stops.values())
@@ -200,6 +201,7 @@ def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None)
 
 
 def _why_pins_not_muted(record: PinRecord, shown: FramesShownByPins) -> str:
+    """Return why the end of the output cannot be judged."""
     behind_ms = max(0.0, record.end - float(shown.ends[-1])) * 1e3 / record.carrier_hz
     what = "no MUTE is on the captured line"
     if record.to_board is None:

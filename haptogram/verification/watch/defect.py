@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-_MOST: Final = 6  # numbers of latches that are named
+_MOST: Final = 6  # most latches whose numbers are named
 
 
 class Defect(enum.StrEnum):

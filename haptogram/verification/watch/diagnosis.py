@@ -132,12 +132,12 @@ class DefectFinder:
         return frozenset(int(n) for n in np.flatnonzero(silent))
 
     def _is_near(self, pattern: Placed) -> bool:
-        """Return True if the pattern has a position; a plane wave has none."""
+        """Return True if the pattern's position is known to within its distance: no plane wave."""
         distance_m = float(np.linalg.norm(np.array(pattern.position_m) - self._centre_m))
         return bool(np.linalg.norm(pattern.bound_m) < distance_m + self._distance_m.max())
 
     def _is_rim(self, silent: NDArray[np.bool_]) -> bool:
-        """Return True if the silent elements are those furthest from the middle, as corners are."""
+        """Return True if the silent elements are the outermost ones, such as corners."""
         return bool(self._distance_m[silent].min() >= self._distance_m[~silent].max() - _SAME_M)
 
     def _take_polarities(self, latch: SeenLatch, pattern: Placed) -> None:
@@ -210,6 +210,7 @@ def _half_turned_outliers(pattern: Placed, limit_rad: float) -> list[bool]:
 
 
 def _watched_elements_text(count: int) -> str:
+    """Return "element", or the number of elements, to precede their names."""
     return "element" if count == 1 else f"{count} elements,"
 
 

@@ -106,6 +106,7 @@ class Expectation:
         return self._judge_one(seen, latch, pattern)
 
     def _judge_one(self, seen: FrameVerdict, latch: SeenLatch, pattern: Pattern) -> FrameVerdict:
+        """Judge a latch that was expected to have one focus."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         amplitudes = np.abs(weights)
         if amplitudes.max(initial=0.0) < _SOUNDING:
@@ -153,6 +154,7 @@ class Expectation:
         return isinstance(found, OneFocus)
 
     def _make_target(self, place_m: Vector, amplitudes: bytes, steps: int) -> FrameTarget:
+        """Return the target at a place, for the sounding amplitudes and the phase steps."""
         limit_rad = math.pi / min(steps, _FINEST_STEPS) + _ROUNDING_RAD
         levels = np.frombuffer(amplitudes, np.float64)
         return FrameTarget(self._model, np.array(place_m), levels, limit_rad, self.tolerance)

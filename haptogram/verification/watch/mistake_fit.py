@@ -23,8 +23,8 @@ _PROBES: Final = 3  # frames that say whether a hypothesis is worth a fit
 _AGREE: Final = 0.6  # least agreement of the phases for a fit to begin
 _ROUNDS: Final = 6
 _FRAMES: Final = 0.8  # share of the frames that a mistake must explain
-_ELEMENTS: Final = 0.8  # and of the elements of each
-_WORST: Final = 2.4  # times the misfit of all: that of one frame
+_ELEMENTS: Final = 0.8  # share of the elements of a frame that a mistake must explain
+_WORST: Final = 2.4  # largest misfit of one frame, relative to that of all
 _SEEN: Final = 1e-5  # least singular value of the slopes, relative to the largest
 _CERTAIN: Final = math.log(1e-7)  # log of the chance: 1 in 10 000, for 1000 hypotheses
 UNKNOWNS: Final = 4  # unknowns of a frame with a focus of its own: a place, and the speed of sound
@@ -137,6 +137,7 @@ class MistakeFit:
         return float(explained @ explained / variance / kept.shape[1])
 
     def _is_beyond_chance(self, used: BoolArray, rms: FloatArray, right: BoolArray) -> bool:
+        """Return True if the agreement of the right frames is unlikely by chance."""
         chances = [
             log_chance(int(self._sounding[t].sum()), int(used[t].sum()), rms[t], step, UNKNOWNS)
             for t, step in enumerate(self._steps)

@@ -123,13 +123,13 @@ class ClientMistakes:
         return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)
 
     def _is_enough(self, parts: tuple[Part, ...]) -> bool:
-        """Return True if enough distinct targets were seen to prove a mistake."""
+        """Return True if enough distinct targets were seen; a mistake without foci needs none."""
         is_focus = np.isfinite(self._found).all(axis=1).mean() > 0.5
         is_simple = not is_focus and len(parts) == 1
         return is_simple or self._distinct >= LEAST_TARGETS
 
     def _levels(self) -> Iterator[list[tuple[float, tuple[Part, ...]]]]:
-        """Yield the scores of single mistakes, then those of two at once, the best ones first."""
+        """Yield scores of hypotheses of one mistake, then of two, each sorted by score."""
         score, none = self._score, self._none
         if score(none)[0] <= _EXPLAINS:
             return
@@ -167,6 +167,7 @@ class ClientMistakes:
         return fit.misfit(solved), parts
 
     def _speed_text(self, share: float) -> str:
+        """Return the sound speed that the client assumes, and the air that would have it."""
         here = self._model.medium.sound_speed_m_s
         assumed = here / (1.0 + share)
         air_c = air_temperature_c(assumed)
@@ -176,6 +177,7 @@ class ClientMistakes:
         )
 
     def _shift_text(self, shift_m: FloatArray) -> str:
+        """Return a shift in mm along the client's axes."""
         values = (round(_MM * value, 1) + 0.0 for value in shift_m @ self._axes)
         return f"shifted by ({', '.join(f'{value:.1f}' for value in values)}) mm"
 
@@ -183,6 +185,7 @@ class ClientMistakes:
 def _sorted(
     scored: list[tuple[float, tuple[Part, ...]]],
 ) -> list[tuple[float, tuple[Part, ...]]]:
+    """Return the hypotheses by score, the best first."""
     return sorted(scored, key=lambda item: item[0])
 
 

@@ -93,7 +93,7 @@ class ExpectedOrder:
                 yield ahead
 
     def _skip(self, ahead: int, number: int) -> None:
-        """Move on in the expected order; count skipped frames as missing."""
+        """Advance in the expected order; count skipped frames as missing."""
         self._next += ahead
         if ahead > 0:
             self._missing += ahead

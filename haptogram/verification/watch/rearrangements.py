@@ -157,7 +157,7 @@ def _axes_text(order: Sequence[int]) -> str:
 def _other_channels(
     model: AcousticModel, boards: NDArray[np.intp], axes: FloatArray
 ) -> Iterator[tuple[str, NDArray[np.intp]]]:
-    """Yield mistaken channel maps by name: which channel holds the phase of each element."""
+    """Yield mistaken channel maps by name: the channel of each element."""
     same = boards.ravel()
     for roll in range(1, _MOST_ROLL + 1):
         for way in (roll, -roll):

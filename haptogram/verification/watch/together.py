@@ -29,8 +29,8 @@ _ROUNDING: Final = 0.32  # RMS error in steps: rounding and cutting off leave 0.
 _LEAST_LAG: Final = 0.75  # least lag of a group, in steps: codes that are cut off are off by less
 _SPREAD: Final = 0.6  # spread within a group, in steps: rounding, and the fit of the place
 _SOUNDING: Final = 1e-6
-_LEAST: Final = 0.95  # of the amplitude, while bytes arrive: less is a loss
-_MOST: Final = 1000  # latches whose phases are looked at
+_LEAST: Final = 0.95  # least amplitude while bytes arrive, relative to the usual one
+_MOST: Final = 1000  # most latches whose phases are compared
 
 
 class CommonLosses:

@@ -66,6 +66,7 @@ def annotated_value(value: Any) -> Any:
 
 
 def _annotated_values(record: Any) -> list[tuple[str, Any]]:
+    """Return the fields of a record by name, its tail included."""
     if isinstance(record, Record):
         names = [*record.WIRE, *([record.TAIL.name] if record.TAIL else [])]
     else:

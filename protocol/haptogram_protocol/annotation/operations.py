@@ -56,7 +56,7 @@ class OperationAnnotator:
     def end(self) -> Iterator[Annotated]:
         """Yield the bytes that no operation has taken, if there are any."""
         if self._size:
-            fault = self._odd() or "the operation has not ended"
+            fault = self._new_errors_text() or "the operation has not ended"
             text = f"no operation: {fault}"
             size = self._size
             yield Annotated(self._advance(size), size, "", text, fault)
@@ -65,7 +65,7 @@ class OperationAnnotator:
         """Yield the annotation of each decoded operation or reply."""
         behind = min(len(found) - 1, self._size - 1)
         sizes = [self._size - behind] + [1] * behind + [0] * (len(found) - 1 - behind)
-        fault = self._odd()
+        fault = self._new_errors_text()
         for operation, size in zip(found, sizes, strict=True):
             name, fields = type(operation).__name__, annotated_fields_of(operation)
             inner = ", ".join(_inner_operation_names(operation))
@@ -76,13 +76,14 @@ class OperationAnnotator:
             fault = ""
 
     def _advance(self, size: int) -> int:
+        """Move the begin of the current piece by *size* bytes; return the old begin."""
         begin = self._begin
         self._begin += size
         self._size -= size
         return begin
 
-    def _odd(self) -> str:
-        """Return the error counts since the last piece, as text."""
+    def _new_errors_text(self) -> str:
+        """Return the errors counted since the last piece as text."""
         counters = self._end.counters
         if counters == self._counted:
             return ""
@@ -92,7 +93,7 @@ class OperationAnnotator:
 
 
 def _inner_operation_names(value: Any) -> Iterator[str]:
-    """Yield the names of the operations that a message carries, such as those of devices."""
+    """Yield the names of operations nested in a message, such as those for devices."""
     for field in dataclasses.fields(value):
         parts = getattr(value, field.name)
         for part in parts if isinstance(parts, tuple | list) else ():
@@ -109,6 +110,7 @@ def _fields_text(fields: Mapping[str, Any]) -> str:
 
 
 def _value_text(value: Any) -> str:
+    """Return a value as text; long ones are cut."""
     if isinstance(value, str) and len(value) > 2 * _SHOWN:
         return f"{value[: 2 * _SHOWN]}... ({len(value) // 2} bytes)"
     if isinstance(value, list):

@@ -123,6 +123,7 @@ class BoardConnection(ConnectionInbox):
         self._start_sequences(0)
 
     def _start_sequences(self, control_seq: int) -> None:
+        """Reset the sequence numbers of stream, requests and events for a new session."""
         self._stream_expected = m.FIRST_STREAM_SEQ  # unwrapped
         self._control_newest = control_seq
         self._event_seq = 0
@@ -157,6 +158,7 @@ class BoardConnection(ConnectionInbox):
         self.counters[reason] = (self.counters[reason] + number) & 0xFFFFFFFF
 
     def _judge(self, body: bytes, t_rx_us: int) -> BoardEvent:
+        """Return what a decoded frame is to the board: stream, request or drop."""
         self.count("frames")
         header = m.Header.of_body(body)
         in_session = self.session != 0 and header.session == self.session
@@ -168,6 +170,7 @@ class BoardConnection(ConnectionInbox):
         return self._drop(frame, "unknown_type")
 
     def _drop(self, frame: ReceivedFrame, reason: str) -> FrameDropped:
+        """Count a dropped frame and return its event."""
         self.count(reason)
         return FrameDropped(reason, frame.t_rx_us, frame.in_session)
 
@@ -184,6 +187,7 @@ class BoardConnection(ConnectionInbox):
         self._stream_expected += count
 
     def _judge_stream(self, frame: ReceivedFrame) -> BoardEvent:
+        """Return a stream frame for the board, or its drop; its number is used up either way."""
         header = frame.header
         # HG-5.6: whatever else is wrong with the frame, its number has been used.
         index = self._take_index(header.seq) if frame.in_session else None
@@ -221,6 +225,7 @@ class BoardConnection(ConnectionInbox):
     # --- Requests (HG-4) -----------------------------------------------------------------------
 
     def _judge_request(self, frame: ReceivedFrame) -> BoardEvent:
+        """Refuse a request by type, session or flags; else judge its payload."""
         header = frame.header
         if header.type == m.MessageType.MUTE:
             return self._request(frame, m.Mute())  # HG-6.4: no flag, length or session refuses it
@@ -233,6 +238,7 @@ class BoardConnection(ConnectionInbox):
         return self._judge_payload(frame, m.MESSAGES[header.type])
 
     def _judge_payload(self, frame: ReceivedFrame, kind: type[m.Message]) -> BoardEvent:
+        """Parse the payload of a request; refuse a wrong length or value."""
         try:
             message = kind.deserialize(frame.payload)
         except RemoteProtocolError as error:
@@ -250,6 +256,7 @@ class BoardConnection(ConnectionInbox):
         return self._refuse(frame, m.ErrorCode.BAD_VALUE, error.offset, is_remembered=True)
 
     def _judge_hello(self, frame: ReceivedFrame, hello: m.Hello) -> BoardEvent:
+        """Refuse a wrong HELLO, repeat the greeting of the open session, or open a new one."""
         if hello.major != m.VERSION_MAJOR:  # HG-4.4
             own = m.VERSION_MAJOR
             return self._refuse(frame, m.ErrorCode.VERSION, own)
@@ -278,6 +285,7 @@ class BoardConnection(ConnectionInbox):
     def _request(
         self, frame: ReceivedFrame, message: m.Message, *, new_session: bool = False
     ) -> RequestReceived:
+        """Count a request, use up its number, and return its event."""
         self.count("requests")
         header = frame.header
         self._take_control_seq(frame)
@@ -294,6 +302,7 @@ class BoardConnection(ConnectionInbox):
         )
 
     def _take_control_seq(self, frame: ReceivedFrame) -> None:
+        """Use up the number of a request of this session."""
         seq = frame.header.seq
         if frame.in_session and m.signed_difference(seq, self._control_newest, 16) > 0:
             self._control_newest = seq
@@ -405,11 +414,13 @@ class BoardConnection(ConnectionInbox):
         return taken
 
     def _oldest(self, limit: int) -> Iterator[bytes]:
+        """Remove and yield the oldest queued frames that fit in *limit* bytes."""
         while self._frames and len(self._frames[0]) <= limit:
             limit -= len(self._frames[0])
             yield self._frames.popleft()
 
     def _answer(self, request: RequestReceived, message: m.Message, now_us: int) -> None:
+        """Queue the response to a request; remember it for repetitions."""
         wire = self._response(message, request.seq, now_us)
         if request.message.TYPE not in _IDEMPOTENT:
             self._answered = _Answered(request.seq, request.crc, wire)
@@ -418,12 +429,13 @@ class BoardConnection(ConnectionInbox):
     def _response(
         self, message: m.Message, seq: int, now_us: int, session: int | None = None
     ) -> bytes:
+        """Return the frame of a response or event."""
         session = self.session if session is None else session
         body = m.build_body(message, flags=0, seq=seq, time_us=now_us, session=session)
         return encode_frame(body, self._stuff)
 
     def _queue(self, wire: bytes, limit: int) -> bool:
-        """Queue a frame, never a part; without room a host asks again for a response (HG-9.6)."""
+        """Queue a whole frame; return False without room for it (HG-9.6)."""
         has_room = self.output_bytes + len(wire) <= limit
         if has_room:
             self._frames.append(wire)

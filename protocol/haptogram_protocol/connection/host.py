@@ -197,6 +197,7 @@ class HostConnection(ConnectionInbox):
     def _send(
         self, message: m.Message, now_us: int, *, session: int, flags: int = 0, time_us: int = 0
     ) -> int:
+        """Queue a request with the next number, to be sent again until answered."""
         seq = self._control_seq
         body = m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
         wire = encode_frame(body, self._stuff)
@@ -220,6 +221,7 @@ class HostConnection(ConnectionInbox):
                 self._output += self._pending.resend(waiting, now_us)
 
     def _give_up(self, waiting: PendingRequest) -> None:
+        """Forget a request without an answer; time out the link."""
         self._pending.forget(waiting)
         if self.link_state is LinkState.OPEN or waiting.request is m.MessageType.HELLO:
             self.link_state = next_link_state(self.link_state, LinkInput.TIMED_OUT)
@@ -245,10 +247,12 @@ class HostConnection(ConnectionInbox):
         return self._judge(body, t_rx_us)
 
     def _drop(self, reason: str, t_rx_us: int) -> events.FrameDropped:
+        """Count a dropped frame and return its event."""
         self.counters[reason] += 1
         return events.FrameDropped(reason, t_rx_us)
 
     def _judge(self, body: bytes, t_rx_us: int) -> events.HostEvent:
+        """Parse a decoded frame and return its event: response, event or drop."""
         self.counters["frames"] += 1
         try:
             header, message = m.parse_body(body)
@@ -263,6 +267,7 @@ class HostConnection(ConnectionInbox):
         return self._drop("unknown_type", t_rx_us)
 
     def _judge_event(self, header: m.Header, message: m.Message, t_rx_us: int) -> events.HostEvent:
+        """Drop an event that is stale or repeated; else return it with the number of lost ones."""
         if header.session != self.session:
             return self._drop("stale_session", t_rx_us)
         ahead = m.signed_difference(header.seq, self._event_expected, 16)
@@ -275,6 +280,7 @@ class HostConnection(ConnectionInbox):
     def _judge_response(
         self, header: m.Header, message: m.Message, t_rx_us: int
     ) -> events.HostEvent:
+        """Match a response to its request; drop it if stale or repeated."""
         waiting = self._pending.get(header.seq)
         if waiting is None or not _is_answer_to(message, waiting.request):
             return self._drop("duplicate", t_rx_us)
@@ -312,6 +318,7 @@ class HostConnection(ConnectionInbox):
 
 
 def _is_answer_to(message: m.Message, request: m.MessageType) -> bool:
+    """Return True if a message is the response, or the ERROR, to a request of this type."""
     if isinstance(message, m.Error):
         return message.request == request
     return request + m.RESPONSE_OFFSET == message.TYPE

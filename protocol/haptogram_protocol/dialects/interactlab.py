@@ -129,6 +129,7 @@ class InteractlabBoardEnd:
         return b""
 
     def _find_start(self, data: bytes, at: int) -> int:
+        """Return the index of the next frame; count the bytes before it."""
         match = _START.search(data, at)
         start = match.start() if match else len(data)
         if start > at:
@@ -136,6 +137,7 @@ class InteractlabBoardEnd:
         return start
 
     def _read(self, frame: bytes) -> QueueFrame:
+        """Decode a whole frame; count bits and duties without a meaning."""
         side = frame.translate(_SIDE)
         values = frame.translate(_LOW_BITS)
         duties = values[CHANNELS:]
@@ -202,6 +204,7 @@ class InteractlabDisplay(Display):
 
 
 def _check_interactlab_operation(message: QueueFrame) -> None:
+    """Refuse a frame with values beyond their bits."""
     for name, values in (("phases", message.phases), ("duties", message.duties)):
         if len(values) != CHANNELS or max(values) >= _BIT:
             raise LocalProtocolError(f"{name}: {CHANNELS} values of 0 to 127, not {values.hex()}")
@@ -216,6 +219,7 @@ def _bits_to_int(bits: bytes) -> int:
 
 
 def _set_frame_bits(frame: bytearray, where: slice, value: int) -> None:
+    """Write an integer into the marker bits of a frame, least significant first."""
     for place, at in enumerate(range(where.start, where.stop)):
         frame[at] |= (value >> place & 1) * _BIT
 

@@ -25,7 +25,7 @@ from .memory import Autd3Memory
 from .refusals import Autd3Limits, autd3_segment_refusal, autd3_silencer_refusal
 from .segments import Autd3Sampling
 
-FULL: Final = 255  # intensity, modulation
+FULL: Final = 255  # largest intensity and modulation
 _FOCUS_BYTES: Final = 8
 # v12.1.0, the newest firmware that autd3 38 knows
 _FIRMWARE: Final = {
@@ -93,6 +93,7 @@ class Autd3Device:
         self._power_up()
 
     def _power_up(self) -> None:
+        """Reset limits, sequences and modulation."""
         self._limits = Autd3Limits()
         self._sequences: Autd3Memory[Autd3Patterns, operations.FociStart] = Autd3Memory(
             Autd3Patterns("clear", bytes(2 * operations.CHANNELS)), _FOCUS_BYTES, self._counters
@@ -156,6 +157,7 @@ class Autd3Device:
         return operations.ErrorCode.NONE
 
     def _silence(self, operation: operations.Silencer, _: int) -> operations.ErrorCode:
+        """Set the limits of the silencer, unless the present sampling exceeds them."""
         limits = Autd3Limits.of(operation, self._limits)
         error = autd3_silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
         if not error:
@@ -163,6 +165,7 @@ class Autd3Device:
         return error
 
     def _write_gain(self, operation: operations.Gain, now_ns: int) -> operations.ErrorCode:
+        """Write one drive to a segment, and show it if asked."""
         segment = operation.segment
         if error := autd3_segment_refusal(segment):
             return error
@@ -173,6 +176,7 @@ class Autd3Device:
         return self._sequences.show(segment, operations.TransitionMode.IMMEDIATE, 0, now_ns)
 
     def _write_foci(self, operation: operations.FociSTM, now_ns: int) -> operations.ErrorCode:
+        """Add a part of a sequence of foci; after the last part, write it to its segment."""
         memory, segment = self._sequences, operation.segment
         error = autd3_segment_refusal(segment)
         if operation.start is not None and not error:
@@ -197,6 +201,7 @@ class Autd3Device:
         return memory.show(segment, start.transition_mode, start.transition_value, now_ns)
 
     def _begin_foci(self, segment: int, start: operations.FociStart) -> operations.ErrorCode:
+        """Begin a sequence of foci, or return the error that refuses it."""
         if not 1 <= start.foci_of_pattern <= MAX_FOCI_OF_PATTERN or not start.sound_speed:
             self._counters["sequences_impossible"] += 1  # the FPGA would divide by zero
             return operations.ErrorCode.NOT_SUPPORTED_TAG
@@ -210,6 +215,7 @@ class Autd3Device:
     def _write_modulation(
         self, operation: operations.Modulation, now_ns: int
     ) -> operations.ErrorCode:
+        """Add a part of a modulation; after the last part, write it to its segment."""
         memory, segment, start = self._modulation, operation.segment, operation.start
         if start is not None:
             error = memory.refusal(
@@ -232,6 +238,7 @@ class Autd3Device:
         return memory.show(segment, begun.transition_mode, begun.transition_value, now_ns)
 
     def _swap(self, operation: operations.SwapSegment, now_ns: int) -> operations.ErrorCode:
+        """Switch to another segment of drives or modulation."""
         segment, mode = operation.segment, operation.transition_mode
         if operation.tag is operations.Tag.GAIN_SWAP:
             mode = operations.TransitionMode.IMMEDIATE

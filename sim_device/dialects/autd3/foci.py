@@ -22,7 +22,7 @@ from haptogram_protocol.dialects.autd3.operations import CHANNELS
 MAX_FOCI_OF_PATTERN: Final = 8
 _COLUMNS, _ROWS = 18, 14
 _MISSING: Final = {(1, 1), (2, 1), (16, 1)}
-_PITCH: Final = 406.4  # 10.16 mm
+_PITCH: Final = 406.4  # distance of two elements, 10.16 mm, in units of 0.025 mm
 _STEPS: Final = 256
 _QUARTER: Final = 64
 _BITS: Final = 18

@@ -134,15 +134,18 @@ class Autd3SwapChain:
         return min((time for time in times if time is not None), default=None)
 
     def _next_step(self) -> int | None:
+        """Return the period of the next change of segment; None if there is none."""
         if self._waiting is not None:
             return self._waiting.period
         return self._ends if self._ends is not None else self._turns
 
     def _next_turn(self, period: int) -> int | None:
+        """Return the period in which alternating segments change; None if they do not."""
         sampling = self._samplings[self._segment]
         return sampling.next_lap(period) if self._alternates else None
 
     def _start(self, segment: int, period: int) -> None:
+        """Switch to *segment* in *period*, and compute when its repetitions end."""
         sampling = self._samplings[segment]
         self._waiting, self._has_ended = None, False
         self._segment, self._offset = segment, sampling.index(period)

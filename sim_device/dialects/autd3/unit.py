@@ -36,7 +36,7 @@ from .device import FULL, Autd3Device, Output
 from .segments import PERIOD_NS
 
 PERIODS_BETWEEN_LATCHES: Final = 10
-MAX_KNOWN: Final = 1024  # pulses that are kept
+MAX_KNOWN: Final = 1024  # most outputs whose pulses are kept
 _NS_PER_US: Final = 1_000
 PERIOD_US: Final = PERIOD_NS // _NS_PER_US
 STEPS: Final = 512
@@ -96,7 +96,7 @@ class Autd3Unit(LatchingUnit):
         self._changes: int | None = None  # period in which something changes by itself
         self._free = 0  # first period with a latch that no operation asked for
         self._idle = -self._gap  # period in which a change by itself last made no latch
-        self._look(self._boot_period, "power-up")
+        self._latch_if_changed(self._boot_period, "power-up")
 
     def take(self, operation: Operation, t_us: int) -> list[Reply]:
         """Do what the client asks; return the answer of the link."""
@@ -125,10 +125,11 @@ class Autd3Unit(LatchingUnit):
     def advance_to(self, t_us: int) -> list[Reply]:
         """Let every change happen that is due up to *t_us*."""
         while (next_us := self.next_event_us()) is not None and next_us <= t_us:
-            self._look(self._period_at(next_us))
+            self._latch_if_changed(self._period_at(next_us))
         return []
 
     def _write(self, operation: messages.Write, t_us: int) -> Reply:
+        """Give each device its frame; refuse another number of frames."""
         if refused := self._refuse_number(len(operation.frames)):
             return refused
         now_ns = self._boot_period * PERIOD_NS + (t_us - self._boot_us) * _NS_PER_US
@@ -138,6 +139,7 @@ class Autd3Unit(LatchingUnit):
         return messages.Accepted()
 
     def _refuse_number(self, asked: int) -> messages.Autd3Refused | None:
+        """Return a refusal if the client has opened another number of devices."""
         if asked == len(self._devices):
             return None
         self.counters["devices_differ"] += 1
@@ -145,7 +147,7 @@ class Autd3Unit(LatchingUnit):
             f"{asked} devices are opened, this board has {len(self._devices)}"
         )
 
-    def _look(self, period: int, cause: str | None = None) -> None:
+    def _latch_if_changed(self, period: int, cause: str | None = None) -> None:
         """Latch the outputs of the devices in *period*, if they have changed."""
         was_due = self._changes is not None and self._changes <= period
         if self._asked is not None and self._asked <= period:
@@ -199,9 +201,11 @@ class Autd3Unit(LatchingUnit):
         return self._known[outputs]
 
     def _period_at(self, t_us: int) -> int:
+        """Return the number of the carrier period at a device time."""
         return self._boot_period + (t_us - self._boot_us) // PERIOD_US
 
     def _start_us(self, period: int) -> int:
+        """Return the device time at which a carrier period starts."""
         return self._boot_us + (period - self._boot_period) * PERIOD_US
 
 
@@ -235,6 +239,7 @@ def autd3_pulses_of(
 
 
 def _autd3_layout(options: Devices) -> BoardLayout:
+    """Return the layout of one device, or of several in a row."""
     if options.devices == 1:
         return ONE_DEVICE
     return dataclasses.replace(

@@ -112,7 +112,7 @@ class SimulatedPins:
             yield from self._show(mean, _UNSTEADY)
 
     def _show(self, weights: ComplexArray, periods: int) -> Iterator[ShownDrive]:
-        """Yield the drive of the last *periods*, if it is another one than before."""
+        """Yield the drive of the last *periods*, if it differs from the one before."""
         if np.abs(weights - self._shown).max() > _ALIKE:
             self._shown = weights
             yield ShownDrive((self.periods - periods) * self.period_ns, _pulses_of(weights))
@@ -156,7 +156,7 @@ class SimulatedPins:
 
 
 def _pulses_of(weights: ComplexArray) -> PulseDrive:
-    """Return pulses with these fundamentals, each at most half a period wide.
+    """Return pulses with the fundamentals *weights*, at most half a period wide.
 
     Phases that differ by whole codes are turned onto codes together: a common phase between two
     codes would be rounded both ways.

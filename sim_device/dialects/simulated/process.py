@@ -140,9 +140,11 @@ class SimulatorProcess:
         raise self._failure(f"{self._name} {what}")
 
     def _ask(self, text: bytes) -> bytes:
+        """Send a request to the simulator and return its whole answer."""
         return self._process.ask(text, _is_complete_answer)
 
     def _read_sent(self, line: bytes, until_ns: int) -> SentByte:
+        """Parse the line of a byte that the board sent; refuse a time out of order."""
         try:
             word, t_ns, value = line.split()
             sent = SentByte(int(t_ns), int(value, 16))
@@ -153,6 +155,7 @@ class SimulatorProcess:
         return sent
 
     def _number(self, text: bytes, line: bytes) -> int:
+        """Parse a whole number in a line of the simulator, or raise."""
         try:
             return int(text)
         except ValueError:
@@ -164,6 +167,7 @@ class SimulatorProcess:
         self.fail(f"wrote {lines[0][:_SHOWN]!r}, which is no line of a simulator here")
 
     def _read_hello(self, answer: bytes) -> SimulatedHello:
+        """Parse the greeting of the simulator: version, pins, carrier period and start."""
         first, *lines = answer.decode(errors="replace").strip().splitlines() or [""]
         if not first.startswith("hello "):
             self.garbage(answer)

@@ -59,7 +59,7 @@ class SimulatedUnit:
         self._capture = None if capture is None else SimulatedCapture(capture, hello, self._byte_ns)
         self._pins = SimulatedPins(len(hello.pins), hello.period_ns)
         self._expected = expected
-        self._expected_pins = None if expected is None else self._last_of(expected)
+        self._expected_pins = None if expected is None else self._power_up_drive(expected)
         self._latches: list[PulseLatch] = []  # in their order
         self._sent: deque[SentByte] = deque()
         self._now_us = self._boot_us = settings.boot_us
@@ -167,6 +167,7 @@ class SimulatedUnit:
         capture.write(self._process.now_ns)
 
     def _take_pins(self, text: bytes) -> None:
+        """Append latches for the pin changes of the simulator; check its count of periods."""
         for t_ns, pulses in self._pins.take(text):
             self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
         if self._pins.halved and not self._has_warned:
@@ -187,12 +188,12 @@ class SimulatedUnit:
         """Return the device time at which *t_ns* of the simulator has passed."""
         return self._boot_us - (self._boot_ns - t_ns) // _NS_PER_US
 
-    def _last_of(self, unit: Unit) -> PulseDrive:
+    def _power_up_drive(self, unit: Unit) -> PulseDrive:
         """Return the drive of a unit after power-up."""
         return self._on_pins(unit.take_latches()[-1].pulses)
 
     def _on_pins(self, pulses: PulseDrive) -> PulseDrive:
-        """Return the pulses of the channels that have a pin."""
+        """Return the pulses without channels that have no pin."""
         count = self._pins.count
         levels = {channel: text for channel, text in pulses.levels.items() if channel < count}
         return PulseDrive(pulses.rises[:count], pulses.widths[:count], pulses.steps, levels)

@@ -65,6 +65,8 @@ class Mega64Chain(ArduinoChain):
 def _arduino_emulation(
     dialect: Dialect, firmware: slots.ArduinoFirmware, options: type[ArduinoChain] = ArduinoChain
 ) -> Emulation:
+    """Return the emulation of an Arduino firmware, with units of one or more boards."""
+
     def unit(options: ArduinoChain, now_us: int) -> Unit:
         if not isinstance(options, Mega64Chain):
             return SlotBoards(firmware, options.boards, now_us)

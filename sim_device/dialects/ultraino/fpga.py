@@ -41,15 +41,18 @@ class FpgaChain(Settings):
 
 
 def _simple_ultraino_unit(options: Amplitudes, now_us: int) -> DoubleBuffer:
+    """Return the unit of one FPGA, which treats the byte FB as its options say."""
     return DoubleBuffer(Registers(wire.RULES[options.fb], 32, _WIDTH), 1, now_us)
 
 
 def _chained_ultraino_unit(options: FpgaChain, now_us: int) -> DoubleBuffer:
+    """Return the unit of a chain of FPGAs."""
     registers = Registers(wire.chained_ultraino_rules(options.boards), 32, _WIDTH)
     return DoubleBuffer(registers, options.boards, now_us)
 
 
 def _chained_ultraino_layout(options: FpgaChain) -> BoardLayout:
+    """Return the layout of one board, or of a stack."""
     return ULTRAINO_SONICSURFACE if options.boards == 1 else ULTRAINO_STACK
 
 

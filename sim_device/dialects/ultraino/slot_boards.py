@@ -103,16 +103,20 @@ class SlotBoards(LatchingUnit):
         return []
 
     def _period(self, t_us: int) -> int:
+        """Return the number of the carrier period at a device time."""
         return (t_us - self._boot_us) // PERIOD_US
 
     def _set_pattern(self, operation: operations.SetPattern, _: int) -> None:
+        """Write slots of a pattern to the hidden buffer of a board."""
         pattern = self._next[operation.board, operation.pattern].reshape(-1)
         pattern[: len(operation.slots)] = np.frombuffer(operation.slots, np.uint8)
 
     def _set_durations(self, operation: operations.SetDurations, _: int) -> None:
+        """Keep the durations of the patterns until they are committed."""
         self._durations[: len(operation.periods)] = operation.periods
 
     def _commit_durations(self, _: operations.CommitDurations, t_us: int) -> None:
+        """Apply the durations; firmware that shows one pattern takes its number from them."""
         self._playlist.skip_to(self._period(t_us))
         if not self._shows_one:
             self._playlist.commit(bytes(self._durations))
@@ -123,12 +127,14 @@ class SlotBoards(LatchingUnit):
             self._latch("shown", t_us)
 
     def _swap(self, _: operations.Swap, t_us: int) -> None:
+        """Show the written patterns from the first one on, and latch."""
         self._playlist.skip_to(self._period(t_us))
         self._playlist.restart()
         self._shown, self._next = self._next, self._shown
         self._latch("swap", t_us)
 
     def _latch(self, cause: str, t_us: int) -> None:
+        """Append a latch of the pattern that the boards show."""
         pattern = self._playlist.pointer
         pulses = PulseDrive.of_levels(self._levels(self._shown[:, pattern]))
         self._latches.append(PulseLatch(t_us, pulses, cause, index=pattern))
@@ -238,6 +244,7 @@ class ArduinoPlaylist:
         return not (self.pointer or self._pattern) and self._is_last(0)
 
     def _is_last(self, pattern: int) -> bool:
+        """Return True if no pattern with a duration follows."""
         return pattern + 1 == len(self.durations) or not self.durations[pattern + 1]
 
     def _complete(self) -> None:
@@ -314,10 +321,12 @@ class UnsteadyUnit(LatchingUnit):
         return replies
 
     def _collect(self) -> None:
+        """Take all latches of the unit."""
         for latch in self._unit.take_latches():
             self._keep(latch)
 
     def _keep(self, latch: PulseLatch) -> None:
+        """Append a latch with the present state of the carrier."""
         if self._carrier is CarrierState.HALVED:
             self.counters[_HALVED] += 1
         self._shown = dataclasses.replace(latch, carrier=self._carrier)

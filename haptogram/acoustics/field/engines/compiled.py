@@ -72,13 +72,13 @@ def compiled_kernels() -> ModuleType:
         vars(numba.config)["CACHE_DIR"] = str(_temporary_kernel_cache())
         kernels = import_module(_KERNELS)
     if _is_code_stored():
-        atexit.register(_store, kernels)
+        atexit.register(_store_machine_code, kernels)
     return kernels
 
 
 @functools.cache
 def _stored_kernels() -> StoredKernels | None:
-    """Return the loops whose machine code is stored; None: there are none."""
+    """Return the kernels linked from stored machine code; None if none can be used."""
     if not _is_code_stored():
         return None
     try:
@@ -98,8 +98,8 @@ def _is_code_stored() -> bool:
     return sys.platform == "linux" and not set_otherwise
 
 
-def _store(kernels: ModuleType) -> None:
-    """Store what this program has compiled or loaded, where numba has its cache."""
+def _store_machine_code(kernels: ModuleType) -> None:
+    """Write the machine code of all compiled kernels beside numba's cache."""
     folder = Path(kernels.fit_phases_kernel.stats.cache_path)
     try:
         store_kernels(kernels, folder / stored_name(kernel_digest()))
@@ -129,7 +129,7 @@ def _cache_folders() -> list[Path]:
 
 
 def _is_own_folder(folder: Path) -> bool:
-    """Return True if there is a folder that only this user can write to."""
+    """Return True if *folder* exists and only this user can write to it."""
     if not folder.is_dir():
         return False
     status = folder.lstat()
@@ -137,6 +137,7 @@ def _is_own_folder(folder: Path) -> bool:
 
 
 def _temporary_folder() -> Path:
+    """Return this user's cache folder in the folder for temporary files."""
     return Path(tempfile.gettempdir()) / f"haptogram-numba-{os.getuid()}"
 
 

@@ -14,7 +14,7 @@ from haptogram.acoustics.model.transducer import GRAZING
 from haptogram.settings.frozen import dataclass
 
 _FAR: Final = 72.0  # wavelengths
-_FLAT: Final = 1e-9  # wavelengths out of the plane, and as much of a unit vector
+_FLAT: Final = 1e-9  # largest distance from a plane, in wavelengths, and error of a unit vector
 _FAR_ANYWHERE: Final = 16.0  # the same for bowls and rings: all elements may have the same error
 
 SingleArray: TypeAlias = NDArray[np.float32]

@@ -171,7 +171,7 @@ class NumbaEngine:
         return result
 
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
-        """Return the pressure at usable points.
+        """Return the pressure of one or many drives at usable points, by compiled loops.
 
         *careful*: so few elements are active that their rounding errors do not average out.
         """
@@ -264,6 +264,7 @@ class NumbaEngine:
     def _one_drive(
         self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
     ) -> None:
+        """Write the pressure of one drive at *points* into *result*."""
         layout, points, polar = self._layout, _writeable_for_engine(points), self._polar(drive)
         if layout.lattice is None:
             self._kernels.free_pressure_kernel(
@@ -283,6 +284,7 @@ class NumbaEngine:
         return polar
 
     def _waves(self, points: FloatArray) -> SingleArray:
+        """Return real and imaginary part (2, N, M) of each element's wave at each point."""
         layout, points = self._layout, _writeable_for_engine(points)
         size = (len(points) + 15) // 16 * 16
         waves = np.empty((2, self._model.array.count, size), dtype=np.float32)
@@ -315,5 +317,5 @@ def _real_drive_matrices(drives: ComplexArray) -> SingleArray:
 
 
 def _writeable_for_engine(values: NDArray[_T]) -> NDArray[_T]:
-    """Return *values*, copied if read-only: to the compiler that would be another type."""
+    """Return *values* as a writeable contiguous array, the one type that is compiled for."""
     return values if values.flags.writeable and values.flags.c_contiguous else values.copy()

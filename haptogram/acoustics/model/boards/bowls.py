@@ -11,7 +11,7 @@ from haptogram.acoustics.model.boards.layout import Y_UP, BoardLayout
 from haptogram.acoustics.model.geometry import TransducerArray
 
 _RADIUS_M: Final = 0.060
-_ELEMENT_M: Final = 10.5e-3  # along a ring: housings of 10 mm
+_ELEMENT_M: Final = 10.5e-3  # distance of elements along a ring: housings of 10 mm
 _RINGS: Final = (6, 12, 18)
 
 

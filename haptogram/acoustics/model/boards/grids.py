@@ -117,6 +117,7 @@ def _sonicsurface_from(top_m: float) -> TransducerArray:
 
 
 def _autd_positions() -> FloatArray:
+    """Return (249, 3) the positions of an AUTD3 device: a grid with holes."""
     columns, rows = _AUTD_GRID
     return np.array(
         [
@@ -162,6 +163,7 @@ ULTRAINO_FLAT8: Final = BoardLayout(
 
 
 def _assumed_grid(name: str, title: str, columns: int, rows: int) -> BoardLayout:
+    """Return the layout of a board whose array is not published: a grid of 10 mm pitch."""
     return BoardLayout(
         name,
         f"{title}: grid of {columns} x {rows} elements of 10 mm",

@@ -128,8 +128,8 @@ class _UltrainoReader:
         """Return the first object of the file, when all calls are done."""
         parser = xml.parsers.expat.ParserCreate()
         parser.StartDoctypeDeclHandler = _refuse_ultraino_doctype
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
+        parser.StartElementHandler = self._begin_element
+        parser.EndElementHandler = self._end_element
         parser.CharacterDataHandler = self._characters
         try:
             parser.Parse(data, True)
@@ -137,7 +137,8 @@ class _UltrainoReader:
             raise ConfigurationError(f"line {error.lineno} is not XML, or not whole") from error
         return self._first
 
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+    def _begin_element(self, tag: str, attributes: dict[str, str]) -> None:
+        """Open an XML element within the last one; refuse too many or too deep ones."""
         if len(self._open) >= MAX_DEPTH:
             raise ConfigurationError(f"elements are nested more than {MAX_DEPTH} deep")
         self._elements += 1
@@ -149,10 +150,12 @@ class _UltrainoReader:
             self._named[name] = element  # what is inside it may name it already
 
     def _characters(self, text: str) -> None:
+        """Add text to the open element."""
         if self._open:
             self._open[-1].text.append(text)
 
-    def _end(self, tag: str) -> None:
+    def _end_element(self, tag: str) -> None:
+        """Evaluate the element that ends; its value is an argument of the one around it."""
         value = self._value_of(self._open.pop())
         if self._first is None and tag == "object":
             self._first = value
@@ -160,7 +163,7 @@ class _UltrainoReader:
             self._open[-1].arguments.append(value)
 
     def _value_of(self, element: _Element) -> Any:
-        """Return the value of an element; the first to ask makes its call."""
+        """Return the value of an element, evaluated once."""
         if not element.done:
             element.done = True
             element.value = self._call(element)
@@ -207,6 +210,7 @@ def _refuse_ultraino_doctype(*_: object) -> None:
 
 
 def _ultraino_bytes_of(path: Path) -> bytes:
+    """Return the bytes of a file, unpacked if it is gzip; refuse too many."""
     with reading_file(path, "array", (OSError, EOFError, zlib.error)), path.open("rb") as file:
         is_packed = file.read(len(_GZIP)) == _GZIP
         file.seek(0)
@@ -218,6 +222,7 @@ def _ultraino_bytes_of(path: Path) -> bytes:
 
 
 def _ultraino_transducers(root: Any) -> list[_UltrainoObject]:
+    """Return the transducers of an array file; refuse none, and too many."""
     listed = root.part(_TRANSDUCERS).items if isinstance(root, _UltrainoObject) else []
     found = [item for item in listed if isinstance(item, _UltrainoObject)]
     if not 1 <= len(found) <= MAX_TRANSDUCERS:
@@ -234,6 +239,7 @@ def _ultraino_part(built: _UltrainoObject, *names: str) -> _UltrainoObject:
 
 
 def _ultraino_value(built: _UltrainoObject, name: str, default: float = 0.0) -> float:
+    """Return a field as a finite number, or raise."""
     value = built.values.get(name, default)
     if not isinstance(value, float) or not math.isfinite(value):
         raise ConfigurationError(f"{name} is no finite number")
@@ -241,6 +247,7 @@ def _ultraino_value(built: _UltrainoObject, name: str, default: float = 0.0) -> 
 
 
 def _ultraino_number(transducer: _UltrainoObject, name: str) -> int:
+    """Return a field as a whole number from 0 on, or raise."""
     value = _ultraino_value(transducer, name)
     if value != round(value) or value < 0:
         raise ConfigurationError(f"{name} is {value:g}, must be a whole number from 0 on")

@@ -18,10 +18,10 @@ _CERTAIN: Final = math.log(1e-4)  # log of the largest probability that counts a
 _FOCUS: Final = 4  # unknowns: a place and the common phase; the speed of sound is half known
 _TWIN: Final = 2  # more unknowns: the plane that splits it
 _VORTEX: Final = 2  # more unknowns: the axis
-_EACH_OF_SEVERAL: Final = 5  # a place, a level and a phase
+_EACH_OF_SEVERAL: Final = 5  # unknowns of each of several foci: a place, a level and a phase
 _TURNS: Final = 2.0  # change of an element's phase over the range of an unknown
 _COARSE_RAD: Final = 2.0 * math.pi / 5.0 + 1e-9  # coarser steps make a vortex look like a focus
-_SPREAD: Final = 1.0  # over the square root of N, of the RMS residual of phases that are rounded
+_SPREAD: Final = 1.0  # spread of the RMS residual of rounded phases, times the square root of N
 
 
 def is_beyond_chance(found: Explanation, step_rad: float) -> bool:

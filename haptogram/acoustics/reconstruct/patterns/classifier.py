@@ -135,11 +135,12 @@ class PatternClassifier:
 
     @property
     def _limit_rad(self) -> float:
-        """The largest RMS residual of a pattern whose phases are rounded or cut off."""
+        """The largest RMS residual of a pattern whose phases are quantised."""
         return self._step_rad / 2.0 + 1e-6
 
     @cached_property
     def _is_plane(self) -> bool:
+        """Return True if all elements lie in one plane."""
         return bool(np.ptp(self._local[:, 2]) < _PLANE_M)
 
     def _radiated(self, weights: ArrayLike) -> ComplexArray:
@@ -287,7 +288,7 @@ class PatternClassifier:
     def _from_start(
         self, phases: PatternPhases, start: Start, search: PatternSearch, active: BoolArray
     ) -> Explanation | None:
-        """Fit a pattern from a start position."""
+        """Fit a twin trap or a turning pattern from a start; None if no pattern fits."""
         place = self._model.array.local_m(start.position_m)
         axis = place[:2] if start.below else search.middle_m
         side, limit_rad = search.side[active], self._limit_rad
@@ -319,6 +320,7 @@ class PatternClassifier:
         return min(focus, found, key=lambda one: log_chance_of_explanation(one, self._step_rad))
 
     def _is_usable(self, found: Explanation) -> bool:
+        """Return True if the field model is valid where an explanation has its pattern."""
         return self._has_field(self._model.array.world_m(found.fit.position_m))
 
     def _has_field(self, place: FloatArray) -> bool:
@@ -362,6 +364,7 @@ class PatternClassifier:
 
 
 def _rms_of(found: Explanation) -> float:
+    """Return the RMS residual of the elements that an explanation uses."""
     return pattern_residual_rms(found.fit.residual_rad[found.used])
 
 

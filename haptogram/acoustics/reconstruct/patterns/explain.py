@@ -17,7 +17,7 @@ from haptogram.acoustics.reconstruct.patterns.fit import (
 )
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 
-MOST_OUTLIERS: Final = 0.2  # share of the elements
+MOST_OUTLIERS: Final = 0.2  # largest share of outliers among the elements
 _HOPELESS_RAD: Final = 1.35  # chance leaves 1.8; a focus with a fifth of its elements wrong, 1.0
 _MOST_SPEED: Final = 0.04  # share of the speed of sound: 24 degrees
 _FIRST_COUNT: Final = 40  # elements whose wide beam forgives a start that is off
@@ -198,6 +198,7 @@ def _widened_pattern_fit(
 def _pattern_by_more_elements(
     phases: PatternPhases, start_m: FloatArray, charge: int, axis_m: FloatArray | None
 ) -> FloatArray | None:
+    """Return the position fitted to more and more elements; None once a fit is hopeless."""
     distance = np.linalg.norm(phases.positions_m - phases.positions_m.mean(axis=0), axis=1)
     order, count = np.argsort(distance, kind="stable"), _FIRST_COUNT
     position = start_m
@@ -228,6 +229,7 @@ def _pattern_residuals(
 
 
 def _pattern_with_residual(point: PatternPointFit, residual: FloatArray) -> PatternPointFit:
+    """Return a copy of *point* with another residual."""
     return PatternPointFit(point.position_m, point.axis_m, point.speed_share, residual)
 
 

@@ -22,10 +22,10 @@ from haptogram.acoustics.reconstruct.cells import cell_phasors, leading_cells, s
 
 MAX_CHARGE: Final = 4
 CHARGES: Final = tuple(range(-MAX_CHARGE, MAX_CHARGE + 1))
-_SUBARRAY: Final = 100  # elements that are asked
+_SUBARRAY: Final = 100  # elements whose phases the search compares
 _STARTS: Final = 6  # start positions for each charge
 _LOOKED_AT: Final = 48  # best cells of each charge
-_APART: Final = 0.25  # of the distance to the array: a grating lobe lies further away
+_APART: Final = 0.25  # least distance of starts, relative to the array's: lobes are farther
 _LEAST_SCORE: Final = 0.3  # chance reaches 0.35 with 100 elements, a corner of the right cell 0.5
 _TWIN_SCORE: Final = 1.1  # a twin trap reaches 0.9 where others reach 1
 _AT_A_TIME: Final = 256  # points: temporaries stay in the cache
@@ -33,7 +33,7 @@ _AXES: Final = "xyz"
 _LEAST_BEND: Final = 0.1  # least singular value of the normals of a bowl: less is a line or a plane
 _BOWL: Final = 0.4  # half-width of the search around a bowl's middle, in radii of the bowl
 _BOWL_STARTS: Final = 6
-_BOWL_CELLS: Final = 400  # among which these are looked for
+_BOWL_CELLS: Final = 400  # best cells among which the starts of a bowl are chosen
 _MOST_BOWL_STEPS: Final = 12  # each way: 7 000 points
 _CLEARANCE_M: Final = 0.010  # least distance of a point from the elements of the other board
 
@@ -189,7 +189,7 @@ def array_sides_of_pattern(array: TransducerArray) -> list[BoolArray]:
 
 
 def _cells_of_bowl(model: AcousticModel) -> FloatArray:
-    """Return points a quarter of a wavelength apart around the middle that elements look at."""
+    """Return search points around the point that all elements face; none for a flat array."""
     positions, normals = model.array.positions_m, model.array.normals
     if np.linalg.matrix_rank(normals, tol=_LEAST_BEND) < len(_AXES):
         return np.zeros((0, 3))  # all look along one line, or lie in one plane
@@ -219,7 +219,7 @@ def _pattern_cells_between(model: AcousticModel, cells: FloatArray, side: BoolAr
 
 
 def _pattern_phasor(offset: FloatArray) -> NDArray[np.complex64]:
-    """Return e^{j theta} of (..., 2) offsets, 1 where there is none."""
+    """Return e^{j theta} of (..., 2) offsets; 1 for an offset of zero."""
     value = offset[..., 0] + 1j * offset[..., 1]
     size = np.abs(value)
     return np.where(size > 0.0, value / np.where(size > 0.0, size, 1.0), 1.0).astype(np.complex64)

@@ -72,6 +72,7 @@ def find_foci_pattern(
 def _next_pattern_focus(
     model: AcousticModel, rest: ComplexArray, places: FloatArray, loudest: Loudest
 ) -> FloatArray | None:
+    """Return the loudest maximum of the unexplained phasors away from the known foci."""
     apart = _APART * model.wavelength_m
     for cell in loudest(rest, _LOOKED_AT):
         place = _climb_to_pattern_focus(model, rest, cell)

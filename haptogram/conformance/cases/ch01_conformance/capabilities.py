@@ -57,14 +57,17 @@ _REQUESTS: Final[tuple[tuple[m.Feature, Callable[[BoardClient], m.Message]], ...
 
 
 def _zeros(board: BoardClient) -> bytes:
+    """Return a code of 0 for each transducer."""
     return bytes(board.identity.transducers)
 
 
 def _advertised_drives(board: BoardClient) -> m.Drives:
+    """Return a DRIVES frame of codes 255."""
     return m.Drives(bytes([255]) * 2 * board.identity.transducers)
 
 
 def _is_advertised_drive_latched(board: BoardClient, message: m.Message) -> None:
+    """FAILED unless the board latches a frame of a type that it advertises."""
     board.arm()
     with board.counting(latched=1):
         index = latching.latch_now(board, message)

@@ -86,6 +86,7 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
 
 
 def _goes_on_after_dialogue(board: BoardClient, number: int, compared: int, start_us: int) -> bool:
+    """Return True if another random dialogue is to be played, by their number and time."""
     passed_us = board.wire.now_us() - start_us
     if board.explore_us:
         return passed_us < board.explore_us
@@ -128,6 +129,7 @@ class DialogueDifferences:
             self.replays[clause]()
 
     def _clauses(self) -> list[str]:
+        """Return the broken clauses, the likeliest cause first."""
         return sorted(self.by_clause, key=cause_rank)
 
     def text(self) -> str:
@@ -140,7 +142,7 @@ class DialogueDifferences:
 def _judge_random_dialogue(
     lockstep: Lockstep, number: int, coverage: DialogueCoverage, found: DialogueDifferences
 ) -> bool:
-    """Play one random dialogue; record its minimised form if it breaks a clause anew.
+    """Play one random dialogue; minimise and record it if it breaks a new clause.
 
     Returns False if nothing is known: something was held up so that it was not compared, or
     differed and then did not.

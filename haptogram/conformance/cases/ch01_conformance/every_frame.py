@@ -51,6 +51,7 @@ _RULES: Final[dict[str, tuple[str, Evidence]]] = {
 
 
 def _standing_case(clause: str) -> Case:
+    """Return the case that reports a standing rule: broken in any frame of the run or not."""
     summary, evidence = _RULES[clause]
 
     def body(board: BoardClient) -> None:

@@ -168,6 +168,7 @@ def _ask_with_stuffing(board: BoardClient, count: int, name: str) -> m.DriveRepl
 
 
 def _check_stuffing(pieces: list[ReceivedByClient], name: str) -> None:
+    """FAILED unless each frame is stuffed in the one way that COBS allows."""
     for piece in pieces:
         check(not piece.fault, f"{name}: {piece.fault}")
         check_equal(piece.piece, cobs_encode(piece.unstuffed), f"{name} is stuffed in another way")
@@ -214,6 +215,7 @@ def _is_framed_greeting(piece: ReceivedByClient) -> bool:
 
 
 def _check_checksum(board: BoardClient) -> None:
+    """FAILED if a frame of the board, in a dialogue of all kinds, has a wrong CRC."""
     board.prepare()
     for piece in full_client_dialogue(board):
         if piece.reason in ("crc", "short"):

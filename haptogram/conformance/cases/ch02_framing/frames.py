@@ -96,7 +96,7 @@ def every_cut_frame_is_read(board: BoardClient) -> None:
 
 
 def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
-    """Send a PING cut at *cuts*, with a pause at each; FAILED if it is not answered."""
+    """Send a PING in pieces with pauses between them; FAILED unless the board answers."""
     wire, seq = board.link.request_wire(m.Ping(board.random.getrandbits(64)))
     since = board.link.mark()
     for start, stop in zip([0, *cuts], [*cuts, len(wire)], strict=True):

@@ -119,6 +119,7 @@ def _judge_answers_in_burst(board: BoardClient, name: str, *wires: bytes) -> Non
 def _judge_answer_in_burst(
     board: BoardClient, name: str, sent: m.Message, answer: ReceivedByClient
 ) -> None:
+    """FAILED unless a request in a burst gets its response, or is refused as MUTED."""
     got, text = answer.message, f"{name} is answered by {board.link.answer_text(answer)}"
     if isinstance(got, m.Error) and isinstance(sent, m.Arm | m.Play):
         check_fields(got, name, code=m.ErrorCode.BAD_STATE, detail=OutputState.MUTED)
@@ -157,14 +158,17 @@ def mute_passes_all_checks(board: BoardClient) -> None:
 
 
 def _request_in_burst(board: BoardClient, message: m.Message) -> bytes:
+    """Return the frame of a request, to be sent in a burst."""
     return board.link.request_wire(message, flags=flags_at_once(message))[0]
 
 
 def _mute_in_burst(board: BoardClient, session: int | None) -> bytes:
+    """Return the frame of a MUTE, to be sent in a burst."""
     return board.link.request_wire(m.Mute(), session=session)[0]
 
 
 def _hello_in_burst(board: BoardClient) -> bytes:
+    """Return the frame of a HELLO that opens a session; later frames are of that session."""
     nonce = board.new_nonce()
     sent = _request_in_burst(board, board.hello_message(nonce))
     board.link.session, board.link.stream_next = nonce, m.FIRST_STREAM_SEQ

@@ -218,6 +218,7 @@ def _check_header(board: BoardClient, answer: ReceivedByClient, message: m.Messa
 
 
 def _unknown_frame_types(types: Iterable[int]) -> list[int]:
+    """Return the types that no message has."""
     return [kind for kind in types if kind not in m.MESSAGES]
 
 
@@ -241,6 +242,7 @@ def judge_foreign_types(board: BoardClient, kinds: Sequence[int], *sessions: int
 
 
 def _frame_of_foreign_type(board: BoardClient, kind: int, session: int) -> bytes:
+    """Return a frame of any type and session, with a number that is used up elsewhere."""
     if kind in m.STREAM_RANGE:
         seq = None if session == board.link.session else board.link.stream_next
         return board.link.stream_raw(kind, b"", session=session, seq=seq)
@@ -327,6 +329,7 @@ def _name_with_defects(name: str, defects: Iterable[str]) -> str:
 
 
 def _right_request(board: BoardClient, message: m.Message) -> _Frame:
+    """Return a request without a defect, with the next number."""
     seq = board.link.seq + 1 & 0xFFFF
     return _Frame(message.TYPE, message.serialize(), seq, board.link.session)
 

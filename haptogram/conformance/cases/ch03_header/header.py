@@ -256,6 +256,7 @@ def _check_counted_values(board: BoardClient) -> None:
 
 
 def _check_geometry_values(board: BoardClient) -> None:
+    """FAILED unless GET_GEOMETRY has positions within 5 m and normals of length 1."""
     reply = board.link.call(m.GetGeometry(0, 0xFFFF), m.GeometryReply)
     far = [e for e in reply.elements if max(abs(e.x_um), abs(e.y_um), abs(e.z_um)) > 5_000_000]
     check(not far, f"a transducer 5 m away: {far[:1]}")
@@ -335,7 +336,7 @@ def every_wrong_length(board: BoardClient) -> None:
 
 
 def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[m.Message], int]]) -> None:
-    """FAILED unless requests of these types and lengths are refused with the right length."""
+    """FAILED unless requests of wrong length are refused, naming the right length."""
     with board.counting(requests=len(wrong)):
         for kind, size in wrong:
             right = 0 if kind.TAIL else kind.LAYOUT.size

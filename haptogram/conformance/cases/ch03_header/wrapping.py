@@ -144,7 +144,7 @@ def sequence_numbers_are_unwrapped(board: BoardClient) -> None:
 
 
 def _advance_to_number(board: BoardClient, number: int) -> None:
-    """Use up numbers, by frames without codes that are a jump apart, until *number* is the next."""
+    """Use up stream numbers, in jumps of empty frames, until *number* is the next one."""
     link = board.link
     while link.stream_next < number:
         wires: list[bytes] = []
@@ -157,7 +157,7 @@ def _advance_to_number(board: BoardClient, number: int) -> None:
 def _wrong_latch_numbers(
     board: BoardClient, since: int, mode: m.TraceMode, index: int
 ) -> dict[str, int]:
-    """Return the number of the last latch by every report of it."""
+    """Return the reports of the last latch that have a wrong number, by name."""
     told = {"last_seq": board.status().last_seq}
     if board.has(m.Feature.READ_LATCHED):
         told["DRIVE_REPLY"] = latching.read_drive(board, m.DriveKind.LATCHED, 0, 1).key.index

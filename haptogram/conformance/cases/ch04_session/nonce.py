@@ -181,6 +181,7 @@ def _session_with_everything_set(board: BoardClient) -> m.Config:
 
 
 def _uploading_session(board: BoardClient) -> None:
+    """Begin an upload of a sequence, and send its first byte."""
     data = bytes(2 * board.identity.transducers)
     uploads.begin_upload(board, m.UploadKind.PHASES, _SEQUENCE, data)
     board.link.ask(m.UploadChunk(0, data[:1]))
@@ -234,7 +235,7 @@ def every_nonce_opens_session(board: BoardClient) -> None:
 
 
 def _check_hello_opens(board: BoardClient, nonce: int) -> None:
-    """FAILED unless HELLO with a nonce that is not open opens a session, DISARMED."""
+    """FAILED unless HELLO with a new nonce opens a session in state DISARMED."""
     name = f"HELLO with {nonce:#06x}: HELLO_REPLY"
     check_fields(board.hello(nonce), name, nonce=nonce, state=OutputState.DISARMED)
 
@@ -256,6 +257,7 @@ def every_repeated_hello_does_nothing(board: BoardClient) -> None:
 
 
 def _check_playback_goes_on(board: BoardClient, hello: m.Hello) -> None:
+    """FAILED if *hello*, of the open session, ends a playback or a pending upload."""
     frames = playback.send_phases_to_store(board, _PLAYED, frames=2)
     since = board.link.mark()
     playback.play_now(board, _PLAYED, loops=0)
@@ -340,20 +342,24 @@ def every_reply_ends_with_session(board: BoardClient) -> None:
 
 
 def _no_drive_in_session(board: BoardClient) -> None:
+    """FAILED if the board reads back a drive of the session before."""
     if board.has(m.Feature.READ_LATCHED):
         judge_nothing_read_back(board, m.DriveKind.LATCHED, "behind another session")
 
 
 def _no_latch_in_session(board: BoardClient) -> None:
+    """FAILED if STATUS reports latches or queued frames of the session before."""
     board.check_status("another session", last_seq=0, last_latch_us=0, queued=0)
 
 
 def _no_ring_in_session(board: BoardClient) -> None:
+    """FAILED if the trace ring has records of the session before."""
     if board.has(m.Feature.TRACE_RING):
         check_fields(latching.read_ring(board), "the ring", oldest=0, next=0, records=())
 
 
 def _no_upload_in_session(board: BoardClient) -> None:
+    """FAILED if an upload of the session before can be continued or committed."""
     if board.has(m.Feature.SEQUENCE_PHASES):
         board.link.refused(m.UploadChunk(0, b"\x00"), m.ErrorCode.BAD_STATE)
         board.link.refused(m.UploadCommit(_UPLOADED), m.ErrorCode.BAD_STATE)
@@ -396,7 +402,7 @@ def every_possession_ends_with_session(board: BoardClient) -> None:
 def _judge_possession(
     board: BoardClient, path: str, judge: Callable[[BoardClient], None], ahead_us: int = 0
 ) -> None:
-    """Let a session own every resource, open the sessions of *path*, judge what was freed."""
+    """Let a session own every resource, open the sessions of *path*, then judge what is free."""
     if board.has(m.Feature.TRACE_RING | m.Feature.CONFIG):
         board.configure(trace_mode=m.TraceMode.RING)
     if board.has(m.Feature.SEQUENCE_PHASES):

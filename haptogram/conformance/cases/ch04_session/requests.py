@@ -328,7 +328,7 @@ def _request_with_flipped_byte(body: bytes, at: int) -> bytes:
 
 
 def _is_legal_request(board: BoardClient, body: bytes) -> bool:
-    """Return whether the values of a body are those of its tables, and SET_CONFIG's in bounds."""
+    """Return whether all values of a body are in its tables, and those of SET_CONFIG in bounds."""
     try:
         message = m.MESSAGES[body[0]].deserialize(body[HEADER_BYTES:])
     except RemoteProtocolError:

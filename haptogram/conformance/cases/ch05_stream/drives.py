@@ -298,6 +298,8 @@ def streamed_points_make_a_focus(board: BoardClient) -> None:
 
 
 def _random_point_to_stream(board: BoardClient) -> m.FocalPoint:
+    """Return a point off the axes, 80 to 200 mm above the array, not too quiet."""
+
     def away(low: int, high: int) -> int:
         return board.random.choice((-1, 1)) * board.random.randrange(low, high)
 
@@ -326,6 +328,7 @@ def _errors_of_random_points(board: BoardClient, points: int) -> tuple[Errors, E
 
 
 def _check_errors(errors: Errors, name: str) -> None:
+    """FAILED if a code is off by more than rounding allows."""
     worst = float(abs(errors).max())
     check(worst <= _WORST, f"{name} is off by {worst:.2f} steps before rounding")
 

@@ -191,6 +191,8 @@ def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[in
 
 
 def _drop_case(drop: Drop) -> Case:
+    """Return the case that sends frames for one reason of a drop, in every format."""
+
     def body(board: BoardClient) -> None:
         for kind in stream_kinds(board):
             with named(kind.name):
@@ -233,6 +235,7 @@ def low_flags_drop_no_stream_frame(board: BoardClient) -> None:
 
 
 def _play_slowly(board: BoardClient) -> None:
+    """Play a stored sequence at 9 s a frame, and wait for its first latch."""
     playback.play_now(board, STORED, loops=0, period_us=9_000_000, unattended_ms=9_999)
     board.clock.wait_latched()
 

@@ -94,7 +94,7 @@ def latches_all_elements_at_once(board: BoardClient) -> None:
 
 
 def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
-    """Read back repeatedly while every carrier period latches another drive."""
+    """FAILED if a read-back, while each carrier period latches another drive, mixes two drives."""
     rate = max(1, board.identity.max_frame_rate_hz)
     step_us = board.clock.on_carrier(-(-1_000_000 // rate))
     number = min(_BURST, board.identity.queue_depth)
@@ -274,7 +274,7 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
 
 
 def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: m.TraceMode) -> None:
-    """FAILED unless the frames of a playback that flushes a queued frame are those stored."""
+    """FAILED unless a playback that flushes a queued frame latches its stored frames."""
     stored = playback.send_phases_to_store(board, _SEQUENCE, frames=2)
     board.link.stream(kind.make(), _time_behind_burst_us(board))
     since = board.link.mark()
@@ -403,6 +403,7 @@ def every_session_between_two_latches(board: BoardClient) -> None:
 
 
 def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m.TraceMode) -> None:
+    """Judge two latches around each way to switch the output off, streamed and played."""
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     played = (False, True) if board.has(m.Feature.SEQUENCE_PHASES) else (False,)
     for name, *plays in itertools.product(names, played, played):
@@ -413,7 +414,7 @@ def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m
 def _judge_latches_around_off(
     board: BoardClient, name: str, plays: Sequence[bool], off_us: int, mode: m.TraceMode
 ) -> None:
-    """FAILED if both latches of such a burst are in one carrier period."""
+    """Switch the output off between two latches; FAILED if both are in one carrier period."""
     board.hello()
     board.arm()
     since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))
@@ -429,6 +430,7 @@ def _judge_latches_around_off(
 
 
 def _latch_in_a_burst(board: BoardClient, *, is_played: bool) -> bytes:
+    """Return the frame that latches at once: of the stream, or PLAY."""
     if not is_played:
         return board.link.stream_wire(board.flat_phases())
     play = playback.play_request(board, _SEQUENCE, loops=1, unattended_ms=2000)

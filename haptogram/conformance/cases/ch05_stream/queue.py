@@ -281,7 +281,7 @@ def _judge_shorter_burst(
 def _frames_that_replace_nothing(
     board: BoardClient, message: m.Message, t_us: int
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield the name and bytes of frames for a time that are dropped for each defect but time."""
+    """Yield frames for a time that are dropped for some other defect, by name."""
     payload, kind = message.serialize(), message.TYPE
     yield "a byte too much", board.link.stream_raw(kind, payload + b"\x00", t_us)
     yield "a byte too little", board.link.stream_raw(kind, payload[:-1], t_us)
@@ -395,7 +395,7 @@ def every_late_frame_is_replaced_with_its_mark(board: BoardClient) -> None:
 def _judge_late_pair(
     board: BoardClient, kinds: tuple[StreamKind, StreamKind], mode: m.TraceMode, *, is_late: bool
 ) -> None:
-    """FAILED unless `late` counts the late latches of a pair whose second frame *is_late* too."""
+    """Send a late frame and one that *is_late* or not; FAILED unless both are counted as due."""
     carrier_us = board.clock.carrier_us
     messages = [kind.make() for kind in kinds]
     came_us = board.clock.soon_us(bytes(_LONGEST)) + carrier_us // 5

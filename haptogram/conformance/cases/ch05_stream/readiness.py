@@ -100,6 +100,7 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
 def _check_accepted_stream_frames(
     first: m.StatusReply, now: m.StatusReply, accepted: int, queued: int
 ) -> None:
+    """FAILED unless the counters account for all accepted frames, and STATUS for the queue."""
     grown = counter_steps(first.counters, now.counters)
     check_fields(now, f"{accepted} frames accepted: STATUS_REPLY", queued=queued)
     told = grown["accepted"], grown["latched"] + grown["flushed"] + now.queued
@@ -175,6 +176,7 @@ def every_lateness_has_its_borders(board: BoardClient) -> None:
 
 
 def _modes_of_trace(board: BoardClient) -> list[m.TraceMode]:
+    """Return the trace modes that the board has; OFF without any."""
     return [mode for feature, mode in TRACE_MODES if board.has(feature)] or [m.TraceMode.OFF]
 
 
@@ -191,7 +193,7 @@ def _margins_around_borders_us(board: BoardClient) -> list[int]:
 def _judge_margins(
     board: BoardClient, kinds: Iterable[StreamKind], margins_us: Iterable[int]
 ) -> int:
-    """Send frames with these margins; FAILED unless each is latched or dropped accordingly.
+    """Send frames that arrive with the given margins; FAILED unless latched or dropped as due.
 
     Returns
     -------
@@ -215,7 +217,7 @@ def _judge_margins(
 
 
 def _judge_margin(board: BoardClient, kind: str, message: m.Message, ahead_us: int) -> int:
-    """Send a frame with a given margin; FAILED unless it is latched or dropped accordingly.
+    """Send a frame with a given margin; FAILED unless the board latches or drops it as due.
 
     Returns
     -------

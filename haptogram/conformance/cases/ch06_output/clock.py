@@ -190,6 +190,7 @@ def clock_stamps_exactly(board: BoardClient) -> None:
 
 
 def _check_clock_of_first_byte(board: BoardClient, base_us: int) -> None:
+    """FAILED unless a PONG after a long reply names the time at which its own first byte left."""
     wires = (board.link.request_wire(one)[0] for one in (m.GetGeometry(0, 0xFFFF), m.Ping(3)))
     *_, answer = board.link.exchange(*wires)
     due_us = base_us + board.wire.begun_us(answer)

@@ -111,20 +111,23 @@ def _stop(board: BoardClient) -> None:
 
 
 def _begin_upload_for_effect(board: BoardClient) -> None:
+    """Begin another upload of one frame."""
     board.link.ask(m.UploadBegin(m.UploadKind.PHASES, 0, _OTHER, board.identity.transducers, 0))
 
 
 def _add_chunk_for_effect(board: BoardClient) -> None:
+    """Send the next two bytes of the pending upload."""
     board.link.ask(m.UploadChunk(1, pending_before_refusal(board)[1:3]))
 
 
 def _complete_upload_for_effect(board: BoardClient) -> None:
+    """Send the pending upload and commit it."""
     uploads.send_upload_chunks(board, pending_before_refusal(board))
     board.link.ask(m.UploadCommit(PENDING))
 
 
 def _drop_for_effect(counter: str) -> events.Event:
-    """Return the event of frames of every format that *counter*, of steps 6 to 10, counts."""
+    """Return an event that sends frames which the board drops and counts in *counter*."""
 
     def send(board: BoardClient) -> None:
         frames = (
@@ -158,10 +161,12 @@ def _timer(reason: MuteReason, happen: events.Event, needs: m.Feature, *where: s
 
 
 def _upload(name: str, happen: events.Event, due: effects.Due) -> Effect:
+    """Return the effect of a request of an upload."""
     return Effect("HG-7.4/1", name, happen, due, _UPLOADS)
 
 
 def _every_event() -> Iterator[Effect]:
+    """Yield every event of line, host, timers and hardware, with the effect that is due."""
     once, of_mute = effects.effect_counted_once, effects.effect_of_input(OutputInput.MUTE)
     for name in ("crc", "cobs", "short", "oversize", "unknown_type"):
         yield Effect("HG-3.9/1", f"a frame for {name}", events.event_of_damage(name), once(name))
@@ -264,6 +269,7 @@ def _judge_arm_behind_effect(
 
 
 def _effect_case(clause: str, variant: str) -> Case:
+    """Return the case of a clause that judges its events in every situation."""
     asked = [e for e in _EVENTS if (e.clause, e.variant) == (clause, variant)]
 
     def body(board: BoardClient) -> None:
@@ -334,17 +340,19 @@ def _output_with_queue(board: BoardClient) -> None:
 
 
 def _output_in_ramp(board: BoardClient) -> None:
-    """Queue frames, and be silent until the ramp of hold or lease has begun."""
+    """Queue frames, then wait until the ramp of hold or lease has begun."""
     _output_with_queue(board)
     board.wire.idle(70 * _MS)
 
 
 def _output_of_playback(board: BoardClient) -> None:
+    """Let a playback in a loop sound for a few frames."""
     OUTPUT_STATES[PLAYING](board)
     playback.let_play(board, 5)
 
 
 def _output_of_playback_in_ramp(board: BoardClient) -> None:
+    """Start a playback whose unattended timer expires, and wait until the ramp has begun."""
     playback.play_now(board, STORED, loops=0, unattended_ms=40)
     board.wire.idle(70 * _MS)
 
@@ -441,6 +449,7 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 
 
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
+    """FAILED unless PLAYBACK_ENDED is sent once if a sequence played, with its frames."""
     board.link.barrier()
     told = [event for _, event in board.link.events(m.PlaybackEnded, since)]
     stored = playback.phases_that_fit(board, _STORED)
@@ -467,6 +476,8 @@ def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> No
 
 
 def _case_of_output_end(end: End) -> Case:
+    """Return the case that ends the output in one way, in every moment."""
+
     def body(board: BoardClient) -> None:
         playback.send_phases_to_store_if_supported(board, STORED, frames=_STORED)
         for moment in _MOMENTS:

@@ -69,6 +69,7 @@ def check_flushes(board: BoardClient, end: Callable[[], object]) -> None:
 
 
 def _check_request_ends(board: BoardClient, message: m.Message) -> None:
+    """FAILED unless a request flushes the queue and ends a playback."""
     end = partial(board.link.ask, message)
     check_flushes(board, end)
     if board.has(m.Feature.SEQUENCE_PHASES):

@@ -207,7 +207,7 @@ def every_ceiling_of_ramps(board: BoardClient) -> None:
 
 
 def _judge_output_ramp(board: BoardClient, ceiling: int, ramp_ms: int, *, plays: bool) -> None:
-    """Read a ramp of the hold from its begin to its end, every 40th of it."""
+    """Let the hold expire; FAILED unless the amplitudes fall along a straight ramp."""
     board.arm(hold_ms=_SHORT_MS, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
     begins = _below_ceiling(_latch_before_ramp(board, plays=plays), ceiling)
     ramp = judged_ramp(board, hold_ms=_SHORT_MS, ramp_ms=ramp_ms)

@@ -222,6 +222,7 @@ def _sessions_of_mutes() -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def _mute_of_sessions(board: BoardClient, sessions: tuple[int, ...]) -> None:
+    """Send a MUTE for each session: the open one, another one, or none."""
     for foreign in sessions:
         session = 0 if foreign == _NO_SESSION else board.link.session ^ foreign
         board.mute(session=session)
@@ -256,11 +257,13 @@ def _origins_of_output_states(board: BoardClient) -> Iterator[_Origin]:
 
 
 def _new_session_for_output_state(board: BoardClient) -> None:
+    """Open a new session while ARMED."""
     board.arm()
     board.hello()
 
 
 def _sound_for_output_state(board: BoardClient) -> None:
+    """Arm the board and latch a frame."""
     board.bring_to(OutputState.DISARMED)
     board.arm()
     latching.latch_now(board)
@@ -279,6 +282,7 @@ def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
 
 
 def _inputs_to_output_states(board: BoardClient) -> Iterator[_Input]:
+    """Yield every input with its name, its event in the table of states, and how to send it."""
     plays = bool(board.identity.features & PLAYBACK)
     for event, message in OUTPUT_REQUESTS.items():
         if event is not OutputInput.STOP or plays:

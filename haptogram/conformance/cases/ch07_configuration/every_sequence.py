@@ -247,6 +247,7 @@ def _random_frame(board: BoardClient, form: uploads.UploadForm) -> bytes:
 
 
 def _shortest_playback_us(board: BoardClient) -> int:
+    """Return the shortest period at which the board and the line can play."""
     return playback.shortest_period_to_play_us(board, max(200, board.identity.point_time_us))
 
 
@@ -323,6 +324,7 @@ def _store_most_frames(board: BoardClient) -> tuple[uploads.UploadForm, list[byt
 
 
 def _begin_traced_playback(board: BoardClient) -> int:
+    """Open a session and arm the board with the trace ring on; return the receive mark."""
     board.hello()
     return board.arm(trace_mode=m.TraceMode.RING)
 
@@ -340,7 +342,7 @@ def _store_mixed_frames(board: BoardClient, form: uploads.UploadForm, wanted: in
 def _judge_frames_of_long_playback(
     board: BoardClient, sequence: int, stored: list[bytes], name: str
 ) -> None:
-    """FAILED unless equal stored frames, and only these, give equal latches."""
+    """Play a sequence; FAILED unless latches are equal exactly where stored frames are."""
     since = _begin_traced_playback(board)
     ended = playback.play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
     check_fields(ended, f"{name}: PLAYBACK_ENDED", loops=1, frames=len(stored))

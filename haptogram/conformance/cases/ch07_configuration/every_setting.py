@@ -220,7 +220,7 @@ def every_other_setting(board: BoardClient) -> list[dict[str, Any]]:
 
 
 def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
-    """Return changes of each field that is no length of a mute; at a wall clock all in one."""
+    """Return changes of each field that times no mute; at a wall clock merged into one."""
     found = every_other_setting(board)
     if board.has(m.Feature.AMPLITUDE):
         found.append({"amplitude_ceiling": 50})
@@ -228,12 +228,12 @@ def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
 
 
 def _all_of(settings: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Merge all changes; the last one of a field counts."""
+    """Return all changes merged into one; the last one of a field counts."""
     return {name: value for changes in settings for name, value in changes.items()}
 
 
 def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
-    """Set the configuration and return the time of the reply; no frame follows that may help."""
+    """Set the configuration by one request, with no frame after it; return the reply's time."""
     wanted = dataclasses.replace(board.base_config, **changes)
     answer = board.link.ask(m.SetConfig(wanted))
     board.config = board.link.reply_in(answer, m.SetConfigReply, m.SetConfig.TYPE).config
@@ -242,6 +242,7 @@ def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
 
 
 def _start_played_hold(board: BoardClient) -> int:
+    """Play a sequence to its end; return the time of its last latch, when the hold starts."""
     playback.play_now(board, _SEQUENCE, loops=1, period_us=playback.PERIOD_US)
     board.wire.idle(5 * playback.PERIOD_US)
     return board.last_latch_us()
@@ -253,7 +254,7 @@ def _hold_with_configuration(
     length_ms: int,
     changes: Mapping[str, Any],
 ) -> None:
-    """Change the configuration while a hold runs; FAILED unless it ends at its new time."""
+    """Change the configuration while a hold runs; FAILED unless the hold ends when now due."""
     ramps = board.has(m.Feature.AMPLITUDE)
     before = {"hold_ms": length_ms, "ramp_ms": _RAMP_MS if ramps else 0}
     after = before | dict(changes)

@@ -186,6 +186,7 @@ def stop_ends_the_playback(board: BoardClient) -> None:
 
 
 def _stop_and_stay_armed(board: BoardClient) -> None:
+    """Send STOP; FAILED unless the board stays ARMED."""
     reply = board.link.call(m.Stop(), m.StopReply)
     check_fields(reply, "STOP_REPLY", state=OutputState.ARMED)
     board.check_status("STOP", state=OutputState.ARMED)
@@ -397,6 +398,7 @@ def every_passed_start_is_refused(board: BoardClient) -> None:
 
 
 def _playback_in_a_later_frame(board: BoardClient) -> None:
+    """Play a sequence without end, and wait until it is past its first pass."""
     period_us = playback.period_to_play(board)
     playback.play_now(board, STORED, loops=0, period_us=period_us)
     for _ in range(2 * (_FRAMES + 2)):

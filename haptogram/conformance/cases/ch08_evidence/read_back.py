@@ -280,6 +280,7 @@ def reads_back_nothing_first(board: BoardClient) -> None:
 
 
 def _wait_with_a_frame(board: BoardClient) -> None:
+    """Arm the board and queue a frame for later."""
     board.arm()
     board.link.stream(board.phases(board.random_registers()), board.clock.ahead_us(_AHEAD_US))
 

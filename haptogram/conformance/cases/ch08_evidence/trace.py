@@ -41,6 +41,7 @@ _STEPS_WITH_LIKE_KEYS: Final = (
 
 
 def _trace_events(board: BoardClient, since: int) -> int:
+    """Return the number of trace events received since a mark."""
     board.link.barrier()
     return sum(len(board.link.events(kind, since)) for kind in _KINDS)
 
@@ -80,7 +81,7 @@ def _latch_and_play(board: BoardClient, number: int) -> list[m.LatchKey]:
 def _judge_traced_keys(
     board: BoardClient, since: int, mode: m.TraceMode, due: list[m.LatchKey]
 ) -> None:
-    """FAILED unless the latches that are traced are these, in order, or the last in the ring."""
+    """FAILED unless the traced latches are *due*, in order; the ring may have lost the first."""
     due = due[-board.identity.trace_ring :] if mode is m.TraceMode.RING else due
     got = [latch.key for latch in latching.latches_received_from_board(board, since, mode)]
     check_equal(got, due, f"mode {mode.name}: keys of {len(due)} latches")

@@ -61,6 +61,7 @@ def keeps_its_status_counters(board: BoardClient) -> None:
 
 
 def _check_nothing_clears_counters(board: BoardClient) -> None:
+    """Count frames of every kind; FAILED if requests or a session clear a counter."""
     board.arm()
     latching.latch_now(board)
     board.link.stream(board.flat_phases(), seq=board.link.stream_next - 1)
@@ -175,6 +176,7 @@ def every_counter_outlives_everything(board: BoardClient) -> None:
 
 
 def _counter_preserving_events(board: BoardClient) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield functions that send each request, MUTE or HELLO, which clear no counter, by name."""
     yield "a new session", board.hello
     yield "HELLO again", lambda: board.hello(board.link.session)
     yield "ARM", board.arm
@@ -213,14 +215,14 @@ def _move_all_counters(board: BoardClient) -> None:
 
 
 def _run_out_lease(board: BoardClient) -> None:
-    """Wait until the lease has expired."""
+    """Arm the board with a short lease, and wait until it has expired."""
     board.arm(host_timeout_ms=_LEASE_MS)
     board.link.await_event(m.StateChanged, board.link.mark(), (_LEASE_MS + 200) * _MS)
     board.configure()
 
 
 def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> tuple[int, int]:
-    """Send frames so far ahead of now, within the timers; return that time and their number."""
+    """Send frames due *ahead_us* from now; return now, and how many fit in the timers."""
     base_us = board.clock.device_us()
     frames = (board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us)
     wires = board.within_timers(frames)
@@ -231,6 +233,7 @@ def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) ->
 def _check_margins(
     status: m.StatusReply, number: int, least_us: int, mean_us: int, later_us: int
 ) -> None:
+    """FAILED unless STATUS_REPLY has the number, least and mean of the margins that are due."""
     check_fields(status, "STATUS_REPLY", margins=number)
     for name, got, due in (
         ("margin_min_us", status.margin_min_us, least_us),
@@ -241,7 +244,7 @@ def _check_margins(
 
 
 def _judge_margins_of(board: BoardClient, good: m.Message, margins: Sequence[int]) -> None:
-    """FAILED unless STATUS reports the margins of these frames once."""
+    """Send frames with the given margins; FAILED unless STATUS reports their margins once."""
     board.hello()
     board.arm()
     board.status()

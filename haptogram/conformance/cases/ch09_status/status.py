@@ -127,7 +127,7 @@ def _events_without_latch(board: BoardClient) -> Iterator[tuple[str, Callable[[]
 
 
 def _run_out_hold(board: BoardClient) -> None:
-    """Wait until the hold has expired."""
+    """Set a hold of 1 ms, and wait until it has muted the board."""
     since = board.link.mark()
     board.configure(hold_ms=1)
     judged_mute_by_timer(board, since, 300 * _MS, MuteReason.HOLD_EXPIRED)
@@ -135,6 +135,7 @@ def _run_out_hold(board: BoardClient) -> None:
 
 
 def _check_last_latch_stays(board: BoardClient, name: str) -> None:
+    """FAILED if an event without a latch changes the last latch in STATUS or read-back."""
     before = _read_last_latch(board)
     for what, do in _events_without_latch(board):
         do()
@@ -209,6 +210,7 @@ def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch
 
 
 def _latch_late(board: BoardClient, frame: m.Message) -> None:
+    """Send a frame that is late, within the late window, and wait for its latch."""
     board.link.stream(frame, board.late_time_us(_LATE_US))
     board.clock.wait_latched()
 
@@ -229,12 +231,14 @@ def _latch_and_flush(board: BoardClient, frame: m.Message) -> None:
 
 
 def _play_at_once(board: BoardClient, _: m.Message) -> None:
+    """Play the stored sequence now, to its end."""
     since = board.link.mark()
     playback.play_now(board, _SEQUENCE, loops=_LOOPS)
     _await_end(board, since)
 
 
 def _play_in_time(board: BoardClient, _: m.Message) -> None:
+    """Play the stored sequence from a later time on, to its end."""
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(500), ahead_us=5 * _MS)
     playback.play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
@@ -311,6 +315,7 @@ def _judge_latch_on_path(
 def _check_status(
     before: m.StatusReply, after: m.StatusReply, path: _Path, last: _LastLatch, text: str
 ) -> None:
+    """FAILED unless STATUS reports the last latch, and its counters the frames of the path."""
     index = before.last_seq if path.plays else last.key.index
     check_fields(after, f"{text}: STATUS_REPLY", last_seq=index)
     moved = after.last_latch_us != before.last_latch_us
@@ -320,6 +325,7 @@ def _check_status(
 
 
 def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, text: str) -> None:
+    """FAILED unless READ_DRIVE returns key, time and registers of the last latch."""
     for kind in drive_kinds(board):
         due = {"key": last.key, "t_latch_us": after.last_latch_us}
         due |= {"data": latching.full_client_drive(last.registers)}
@@ -331,6 +337,7 @@ def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, te
 def _check_traces(
     latches: list[latching.ClientLatch], path: _Path, last: _LastLatch, last_us: int, text: str
 ) -> None:
+    """FAILED unless the traced latches are late as due, and the last has its key and time."""
     _, latched, late, _ = path.counted
     new = latches[-latched:]
     flags = [latch.late for latch in new]

@@ -30,7 +30,7 @@ _Beyond: TypeAlias = tuple[str, m.Message, m.ErrorCode, int | None, dict[str, An
 
 
 def _values_beyond(least: int, most: int, bits: int) -> list[int]:
-    """Return out-of-range values that differ from a valid one in a bit or the sign, and 0.
+    """Return out-of-range values that differ from a limit in a bit or the sign, and 0.
 
     Examples
     --------
@@ -57,6 +57,7 @@ def _settings_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _sizes_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    """Yield uploads of more frames than the board has room for."""
     for form in uploads.upload_forms(board, _SEQUENCE):
         if not form.target:
             continue
@@ -68,6 +69,7 @@ def _sizes_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _targets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    """Yield uploads of a correction with a target other than 0."""
     offset = m.UploadBegin.WIRE["target"].offset
     for target in _values_beyond(0, 0, _WIDTHS["target"]):
         begin = m.UploadBegin(m.UploadKind.CORRECTION, 0, target, board.identity.transducers, 0)
@@ -75,6 +77,7 @@ def _targets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _offsets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    """Begin an upload; yield chunks with an offset outside it."""
     size = _begin_upload_with_limits(board)
     for offset in _values_beyond(0, size - 1, _WIDTHS["offset"]):
         for length in (1, 2):
@@ -83,6 +86,7 @@ def _offsets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _commits_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    """Begin an upload; yield commits of another target."""
     _begin_upload_with_limits(board)
     for target in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["target"]):
         commit = m.UploadCommit(target)
@@ -100,6 +104,7 @@ def _begin_upload_with_limits(board: BoardClient) -> int:
 def _elements_beyond_limits(
     make: Callable[[int, int], m.Message], board: BoardClient
 ) -> Iterator[_Beyond]:
+    """Yield requests for transducers beyond the last one."""
     count = board.identity.transducers
     for first in _values_beyond(0, count - 1, _WIDTHS["first"]):
         for number in (1, 0xFFFF):
@@ -115,6 +120,7 @@ def _play_within_limits(board: BoardClient) -> m.Play:
 
 
 def _sequences_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    """Yield PLAY requests of sequences that are not stored."""
     right = _play_within_limits(board)
     for sequence in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["sequence"]):
         if sequence not in uploads.SEQUENCES:
@@ -124,6 +130,7 @@ def _sequences_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
+    """Yield PLAY requests with a period or an unattended time out of bounds."""
     right, identity, bad = _play_within_limits(board), board.identity, m.ErrorCode.BAD_VALUE
     header = {"flags": int(m.Flag.IMMEDIATE)}
     bounds = {
@@ -141,7 +148,7 @@ def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _times_beyond_limits(board: BoardClient) -> list[int]:
-    """Return how far from now times lie that have passed, or are beyond the horizon."""
+    """Return offsets from now that lie before the late window or beyond the horizon."""
     passed = [-board.config.late_window_us - (1 << bit) for bit in range(10, 31)]
     horizon_us = board.identity.max_horizon_us + _SPARE_US
     ahead = [horizon_us + (1 << bit) for bit in range(31) if horizon_us + (1 << bit) < _HALF - 1]
@@ -174,6 +181,8 @@ _REQUESTS: Final[
 def _case_of_limits(
     clause: str, needs: m.Feature, names: str, beyond: Callable[[BoardClient], Iterator[_Beyond]]
 ) -> Case:
+    """Return the case that sends the requests of *beyond*; FAILED unless each is refused."""
+
     def body(board: BoardClient) -> None:
         before = board.link.call(m.GetConfig(), m.ConfigReply)
         for name, message, code, detail, header in beyond(board):
@@ -190,6 +199,7 @@ LIMITS_OF_REQUESTS: Final = tuple(_case_of_limits(*row) for row in _REQUESTS)
 
 
 def _judge_times_beyond_limits(board: BoardClient, counter: str, offs_us: list[int]) -> None:
+    """FAILED unless frames for these offsets from now are dropped and counted in *counter*."""
     board.arm()
     now_us = board.clock.device_us()
     frame = board.shortest_stream()

@@ -87,7 +87,7 @@ def latches_renew_no_lease(board: BoardClient) -> None:
 
 
 def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
-    """Latch a frame, and queue frames for every 50 ms of a time."""
+    """Latch a frame, then queue a frame for every 50 ms of *length_ms*."""
     latching.latch_now(board)
     first_us = board.clock.soon_us(bytes(4000))
     good, number = board.shortest_stream(), min(board.identity.queue_depth, length_ms // 50)
@@ -195,7 +195,7 @@ def _muted_by_lease_after_ms(
     *,
     plays: bool,
 ) -> float:
-    """Return the time in ms from the start of the lease to its mute, with a frame between.
+    """Return the ms from the start of the lease to its mute, when a frame arrives in between.
 
     The request *first*, if there is one, starts the timer anew, and is the remembered one.
     """
@@ -268,7 +268,7 @@ def _repeated_renewals(
 def _frame_that_renews(
     board: BoardClient, kind: int, payload: bytes, back: int | None = None, **header: Any
 ) -> bytes:
-    """Return a frame of the session with the next number of its kind, or one so far back."""
+    """Return a frame with the next number of its kind, or with a number *back* before it."""
     if kind in m.STREAM_RANGE:
         return board.link.stream_raw(kind, payload, **header)
     seq = board.link.next_seq() if back is None else board.link.seq - back
@@ -276,6 +276,7 @@ def _frame_that_renews(
 
 
 def _dropped_frame_that_renews(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
+    """Return one stream frame that the board drops for a given reason."""
     return next(iter(drop.frames(board, kind, 0)))
 
 
@@ -319,6 +320,7 @@ def _bodies_that_renew_no_lease(board: BoardClient) -> Iterator[tuple[m.Message,
 
 
 def _wrong_crc_renews_no_lease(board: BoardClient) -> Frames:
+    """Return frames of every type with a wrong CRC, by name."""
     return {
         f"{message.TYPE.name} with a wrong CRC": [
             malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body, flip))
@@ -340,6 +342,7 @@ def stale_pings(board: BoardClient) -> Frames:
 
 
 def _defect_renews_no_lease(board: BoardClient) -> Frames:
+    """Return bytes that are no frame, by their defect."""
     ping = board.link.body(m.Ping.TYPE, bytes(8), seq=board.link.seq + 1)
     long = malformed_frames.malformed_noise(board.random, MAX_ENCODED_BYTES + 100)
     frames = {
@@ -371,7 +374,7 @@ def _lease_late_us(
     make: Callable[[BoardClient], Frames],
     names: Sequence[str],
 ) -> int:
-    """Return how late the timer mutes, with the frames of these names sent three times."""
+    """Return how late the timer mutes when the named frames are sent three times meanwhile."""
     frames = make(board)
     wires = [data for name in names for data in frames[name]]
     length_ms = _lease_length_ms(board, {name: frames[name] for name in names})
@@ -419,6 +422,7 @@ def a_repeated_hello_renews_no_timer(board: BoardClient) -> None:
 
 
 def _repeated_hello_renews_no_lease(board: BoardClient) -> Frames:
+    """Return two frames of HELLO with the open nonce."""
     hello = board.hello_message(board.link.session)
     wires = [board.link.request_wire(hello, session=0)[0] for _ in range(2)]
     return {"HELLO with the open nonce": wires}

@@ -171,6 +171,7 @@ def wrapping_timer_lengths(least_ms: int, most_ms: int, *, thorough: bool = True
 def _wrapping_case(
     clause: str, timer: TimerKind, text: str, least_ms: int, depth: Depth = Depth.QUICK
 ) -> Case:
+    """Return the case that a timer, at lengths just above powers of two, does not expire early."""
     title = text.format("just above every power of two of 1 µs to 1 ms do not")
 
     @case(f"{clause}-lengths", title, needs=timer.needs, depth=depth)
@@ -263,7 +264,7 @@ def every_status_period_passes_as_a_whole(board: BoardClient) -> None:
 
 
 def _wait_before_timer_wrap(board: BoardClient, before_us: int) -> int:
-    """Wait until so long before the next wrap of the device clock; return the time of the wrap.
+    """Wait until *before_us* before the next wrap of the device clock; return the wrap's time.
 
     Meanwhile the board is DISARMED, and asked for its time every 30 minutes, so that the host's
     unwrapped time stays right.
@@ -381,13 +382,14 @@ def _hold_late_us(board: BoardClient, names: Sequence[str]) -> int:
 
 
 def _send_all_during_hold(board: BoardClient, drop: Drop, ahead_us: int) -> None:
+    """Send the frames of a drop, in every format, while the hold runs."""
     last_us = fill_queue(board, 1, ahead_us) if drop.queued else 0
     for kind in stream_kinds(board):
         board.link.send(*drop.frames(board, kind, last_us))
 
 
 def _ask_all_during_hold(board: BoardClient) -> None:
-    """Send every request that leaves the hold as it runs: carried out, refused, and HELLO again."""
+    """Send every request that must not change a running hold: accepted, refused, and HELLO."""
     for message in valid_requests_to_send(board, STORED):
         if message.TYPE.name not in ("DISARM", "PLAY"):
             board.link.ask(message)

@@ -185,17 +185,20 @@ class RandomRequests(RandomUploads):
     def _play(
         self, sequence: int, period_us: int, loops: int, unattended_ms: int | None = None
     ) -> m.Play:
+        """Return a PLAY; with a random unattended time unless one is given."""
         unattended_ms = unattended_ms or self.configs.unattended_ms() or 6000
         return m.Play(sequence, period_us, loops, unattended_ms)
 
     # --- single steps of uploads, mostly refused --------------------------------------
 
     def _begin(self) -> m.Message:
+        """Return an UPLOAD_BEGIN with random fields, some of them refused."""
         pick, data = self._pick, bytes(2 * self._count)
         size = pick((len(data), self._count, len(data) + 1, 0))
         kind = pick((m.UploadKind.PHASES, m.UploadKind.PHASES, m.UploadKind.CORRECTION))
         return m.UploadBegin(kind, pick((0, 0, 1)), pick((REPLACED, 1, 0)), size, 0)
 
     def _chunk(self) -> m.Message:
+        """Return an UPLOAD_CHUNK of random size and offset."""
         size = self._pick((0, 1, min(self._count, self._largest)))
         return m.UploadChunk(self._pick((0, self._count, 7 * self._count)), bytes(size))

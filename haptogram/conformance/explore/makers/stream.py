@@ -105,7 +105,7 @@ class RandomStream(RandomFrames):
         return type(made)(self._pick(wrong))
 
     def _codes(self) -> bytes:
-        """Return phases and amplitudes; often those of the frame before, but for a part."""
+        """Return phases and amplitudes; often only a part differs from the frame before."""
         codes, count = self._random.randbytes(2 * self._count), self._count
         if self._random.random() < _PART_SHARE:
             one, before = self._across(2 * count), self._before
@@ -119,6 +119,7 @@ class RandomStream(RandomFrames):
         return codes
 
     def _points(self, number: int) -> m.Message:
+        """Return a POINTS message of random points, as many as the board takes."""
         return m.Points(tuple(self.point() for _ in range(min(number, self._most_points))))
 
     def point(self) -> m.FocalPoint:

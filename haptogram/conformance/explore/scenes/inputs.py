@@ -151,6 +151,7 @@ class SceneInputs:
         }
 
     def _steps_of_playbacks(self) -> _Makers:
+        """Return the actions that start a playback, by name; none if the board has no playback."""
         makers = self.makers
         if not makers.plays:
             return {}
@@ -186,6 +187,7 @@ class SceneInputs:
         }
 
     def _configured(self, config: m.Config) -> list[DialogueAction]:
+        """Return DISARM, SET_CONFIG and ARM as actions."""
         return [
             self.makers.frame(message) for message in (m.Disarm(), m.SetConfig(config), m.Arm())
         ]
@@ -238,6 +240,7 @@ class SceneInputs:
         return {name: partial(self._config, make) for name, make in changes.items()}
 
     def _config(self, make: Callable[[], m.Config]) -> DialogueAction:
+        """Return a SET_CONFIG as an action."""
         return self.makers.frame(m.SetConfig(make()))
 
     # --- what is odd about a request -------------------------------------------------------------

@@ -109,7 +109,7 @@ class RandomScenes(SceneMaker):
         return found[:-1]
 
     def _timed_pair(self) -> ActionSlots:
-        """Return two random states with timers in succession, then silence."""
+        """Return a state with timers, one input, then silence."""
         return [
             *self._pair("states with timers", self.timed),
             *self._silent(self._random.choice(_SILENT)),
@@ -155,7 +155,7 @@ class RandomScenes(SceneMaker):
     # --- without ---------------------------------------------------------------------------------
 
     def _quick_pair(self) -> ActionSlots:
-        """Return two random states in succession, sometimes followed by frames."""
+        """Return a state without timers and one input, sometimes followed by frames."""
         found = self._pair("states", self.quick)
         if self._random.random() < _GOES_ON:
             found += self._inputs.slots("ARM + frames")

@@ -22,7 +22,7 @@ from ..run_drives import Bools, PinRunDrives
 _MOST: Final = 0.9  # share of frames that a name must explain
 _FRAMES_COMPARED: Final = 256
 _FRAMES_TRIED: Final = 16
-_LIKELY: Final = 0.5  # share of these in which an element is worth more
+_LIKELY: Final = 0.5  # least share of the few frames that makes an element worth comparing in more
 _ROWS: Final = 256  # frames that are compared at a time
 _NAMED: Final = 8
 _EVERY: Final = slice(None)
@@ -157,7 +157,7 @@ def faults_of_pins(drives: PinDrives, places: Sequence[int], judged: Bools) -> d
 
 
 def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault | None:
-    """Return a fault that an element's own drives explain, if any."""
+    """Return the fault of a pin that its own drives show: dead, silent, late or constant."""
     run = drives.run
     meant = run.weights[:, place]
     seen = drives.weights[frames, place]
@@ -227,7 +227,7 @@ def _constant_pin_fault(
 def _exchanged_elements(
     drives: PinDrives, places: Sequence[int], frames: NDArray[np.intp]
 ) -> dict[int, int]:
-    """Return the element whose drives each pin shows instead, if there is exactly one.
+    """Return the other element whose drives each pin shows, where exactly one matches.
 
     The first frames rule out most elements; only the others are compared in more frames.
     """
@@ -251,6 +251,7 @@ def _exchanged_elements(
 
 
 def _share_true(found: Bools) -> float:
+    """Return the share of True values; 0 if there are none to count."""
     return float(found.mean()) if len(found) else 0.0
 
 

@@ -17,7 +17,7 @@ from haptogram.records.pins import PinRecord
 
 _WINDOW_S: Final = 0.5e-3  # ringing time of a transducer
 _MOST_PINS: Final = 64
-_QUIET: Final = 0.02  # of the usual level: less is silence
+_QUIET: Final = 0.02  # largest level of silence, relative to the usual one
 _FULL: Final = 0.95  # quantile of the windows that shows the undisturbed carrier
 _LEAST_DB: Final = 0.5
 _BUSY: Final = 0.5  # part of a window in which bytes arrive
@@ -92,7 +92,7 @@ def levels_of_pins_in_time(record: PinRecord) -> LevelsInTime | None:
 
 
 def _busy_windows(record: PinRecord, count: int) -> Any:
-    """Return the (T,) windows in which bytes of the host arrive; None: not known."""
+    """Return a mask (T,) of windows in which host bytes arrive; None if none are captured."""
     if record.to_board is None or len(record.to_board.times) < 2:
         return None
     times_s = record.seconds(record.to_board.times)

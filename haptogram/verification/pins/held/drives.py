@@ -23,10 +23,10 @@ from ..run_drives import fundamentals_of_run_drives
 
 _Ints: TypeAlias = NDArray[np.int64]
 
-_SAMPLES: Final = 1.5  # an edge is seen up to one late, so two are apart by less than one more
+_SAMPLES: Final = 1.5  # tolerance of the distance of two edges, each seen up to one sample late
 _MOST: Final = 0.8  # share of the pulses between which no latch is
-_SPREADS: Final = 4.0  # of what those are off by at most: five standard deviations
-_MOST_JITTER: Final = 0.02  # periods: a change by one of 32 steps is none
+_SPREADS: Final = 4.0  # tolerance, relative to the jitter of most pulses: five standard deviations
+_MOST_JITTER: Final = 0.02  # largest jitter, in periods: less than one of 32 steps
 _SILENT: Final = 1.6  # periods without a pulse
 _LEAST: Final = 2.0  # periods for which a drive is held
 _LATCH_PIN: Final = -1
@@ -146,7 +146,7 @@ def _group_bounds(before: FloatArray, window: float) -> Iterator[tuple[int, int]
 
 
 def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, FloatArray]:
-    """Return between which times each change of the pulses of a pin happened, (C,) both."""
+    """Return (C,) the earliest and the latest time of each change of a pin's pulses."""
     rises, falls = pin.rises, pin.falls
     if not len(rises):
         return rises, falls
@@ -181,6 +181,7 @@ def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, Floa
 def _latch_of_changes(
     after: FloatArray, before: FloatArray, owners: _Ints, limit: float
 ) -> PinLatch:
+    """Return the latch that a group of pin changes makes, with its late pins."""
     places, firsts, counts = np.unique(owners, return_index=True, return_counts=True)
     begin = float(before[firsts].min())
     late = after[firsts] - begin > limit

@@ -75,7 +75,7 @@ def _pair_in_order(seen: ComplexArray, meant: ComplexArray) -> _Ints:
 
 
 def _frame_starts(frames: _Ints, starts: FloatArray, end: float, count: int) -> FloatArray:
-    """Return the (F,) start times of all frames, interpolated from those of some.
+    """Return (F,) start times of all frames, interpolated between the matched ones.
 
     Those before the first and after the last of these follow each other as most do: a capture may
     show a part of a run.

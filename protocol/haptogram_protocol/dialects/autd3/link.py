@@ -144,6 +144,7 @@ class Autd3BoardEnd:
         return self._give_up(f"message {received[at]:02X}h before the handshake; {served}")
 
     def _read_hello(self, received: bytes, at: int) -> tuple[Operation | None, int]:
+        """Parse the handshake; give up on another version."""
         if len(received) < at + _HELLO_LAYOUT.size:
             return None, _HELLO_LAYOUT.size
         _, version, magic = _HELLO_LAYOUT.unpack_from(received, at)
@@ -157,6 +158,7 @@ class Autd3BoardEnd:
         return messages.Hello(version), _HELLO_LAYOUT.size
 
     def _read_geometry(self, received: bytes, at: int) -> tuple[Operation | None, int]:
+        """Parse the poses of the devices; give up on a wrong number."""
         if len(received) < at + _COUNT.size:
             return None, _COUNT.size
         (count,) = _COUNT.unpack_from(received, at)
@@ -177,6 +179,7 @@ class Autd3BoardEnd:
         return messages.Open(poses), end - at
 
     def _read_frames(self, received: bytes, at: int) -> tuple[Operation | None, int]:
+        """Parse one frame for each device."""
         devices = self._devices or []
         size = 1 + len(devices) * DEVICE_FRAME_BYTES
         if len(received) < at + size:
@@ -189,10 +192,12 @@ class Autd3BoardEnd:
         return messages.Write(frames), size
 
     def _read_close(self, *_: object) -> tuple[Operation, int]:
+        """Return the end of the link."""
         self._ended = True
         return messages.Close(), 1
 
     def _give_up(self, reason: str) -> tuple[Operation, int]:
+        """End the link as undecodable for *reason*."""
         self._ended = True
         self.counters["links_undecodable"] += 1
         return messages.Undecodable(reason), 0
@@ -257,6 +262,7 @@ class Autd3HostEnd:
         return found
 
     def _pack(self, message: Operation) -> bytes:
+        """Return the bytes of a message to the devices."""
         if isinstance(message, messages.Hello):
             return _HELLO_LAYOUT.pack(_HELLO, message.version, _MAGIC)
         if isinstance(message, messages.Open | messages.Update):
@@ -272,6 +278,7 @@ class Autd3HostEnd:
         raise no_dialect_bytes_for(message, _WIRE)
 
     def _pack_geometry(self, message: messages.Open | messages.Update) -> bytes:
+        """Return the bytes of a message with the poses of the devices."""
         if not 1 <= len(message.devices) <= MAX_DEVICES:
             raise LocalProtocolError(
                 f"{len(message.devices)} devices; 1 to {MAX_DEVICES} are served"
@@ -283,6 +290,7 @@ class Autd3HostEnd:
         return struct.pack("<BI", kind, len(message.devices)) + b"".join(poses)
 
     def _read(self, received: bytes, at: int) -> tuple[Reply | None, int]:
+        """Parse a reply at *at*; return it and its size, or None if it is incomplete."""
         if received[at] == _ERROR:
             return self._read_refusal(received, at)
         devices = self._due[0]
@@ -298,6 +306,7 @@ class Autd3HostEnd:
         return messages.Autd3States(tuple(states)), end - at
 
     def _read_refusal(self, received: bytes, at: int) -> tuple[Reply | None, int]:
+        """Parse a refusal with its text; None if it is incomplete."""
         if len(received) < at + _COUNT.size:
             return None, 0
         (size,) = _COUNT.unpack_from(received, at)

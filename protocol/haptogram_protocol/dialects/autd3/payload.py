@@ -78,6 +78,7 @@ def pack_autd3_operation(operation: Operation) -> bytes:
 
 
 def _payload_slice(payload: bytes, start: int, size: int) -> bytes:
+    """Return a slice of a payload; raise IndexError if it is too short."""
     if start + size > len(payload):
         raise IndexError("the operation does not end within its frame")
     return payload[start : start + size]
@@ -86,7 +87,7 @@ def _payload_slice(payload: bytes, start: int, size: int) -> bytes:
 def _autd3_head(
     payload: bytes, at: int, first: struct.Struct, later: struct.Struct
 ) -> tuple[tuple[int, ...], bool, int]:
-    """Return the head of a part, whether it is the first part, and where its data begin."""
+    """Return the head of a part, whether the part is the first, and where its data begin."""
     is_first = bool(payload[at + 1] & _BEGIN)
     layout = first if is_first else later
     return layout.unpack_from(payload, at), is_first, at + layout.size
@@ -95,6 +96,7 @@ def _autd3_head(
 def _packed_autd3_head(
     head: tuple[int, ...], start: Any, first: struct.Struct, later: struct.Struct
 ) -> bytes:
+    """Return the packed head of a part; the first part has the start parameters too."""
     return later.pack(*head) if start is None else first.pack(*head, *dataclasses.astuple(start))
 
 
@@ -150,6 +152,7 @@ def _pack_autd3_foci(operation: operations.FociSTM) -> bytes:
 
 
 def _autd3_flags(operation: operations.Modulation | operations.FociSTM) -> int:
+    """Return the flags of a part: begin, end and update."""
     begins = operation.start is not None
     return _BEGIN * begins | _END * operation.end | _UPDATE * operation.update
 

@@ -128,13 +128,14 @@ class FpgaBoardEnd:
     # --- frames ----------------------------------------------------------------------------------
 
     def _count_command(self, operation: Operation) -> None:
-        """Count statistics of a frame that *operation* ends."""
+        """Count a command by its kind, or as a byte of the present frame."""
         if (count := self._counts.get(type(operation))) is not None:
             count(operation)
         elif self._frames.frame_bytes:
             self._frames.frame_bytes += 1
 
     def _count_begin(self, _: operations.Begin) -> None:
+        """Count the frame before, if incomplete or replaced, as a new one begins."""
         cursor, frames = self._cursor, self._frames
         if cursor.listening:
             self._count_end_of_frame(cursor.listening[0])  # those that listen are alike
@@ -144,12 +145,14 @@ class FpgaBoardEnd:
         frames.outside = frames.beyond = 0
 
     def _count_begin_amplitudes(self, _: operations.BeginAmplitudes) -> None:
+        """Count a frame of phases that is cut short by amplitudes."""
         if 0 < self._cursor.at < self._rules.channels:
             self.counters["frames_cut_short"] += 1
         if self._frames.frame_bytes:
             self._frames.frame_bytes += 1
 
     def _count_select(self, operation: operations.Select) -> None:
+        """Count the frame of the selected board, if it was not committed."""
         if not self._rules.starts and operation.board < len(self._cursor.written):
             self._count_end_of_frame(operation.board)
         self._frames.frame_bytes += 1
@@ -164,6 +167,7 @@ class FpgaBoardEnd:
             self._frames.without_commit = whole
 
     def _count_swap(self, _: operations.Swap) -> None:
+        """Count short frames, and whole frames without a start or commit, at a swap."""
         frames, channels = self._frames, self._rules.channels
         if any(0 < count < channels for count in self._cursor.written):
             self.counters["frames_short"] += 1

@@ -46,6 +46,7 @@ class FpgaHostEnd(OneWayHostEnd):
         return bytes([self._bytes[message]])
 
     def _check(self, message: SetPhases | SetAmplitudes) -> None:
+        """Refuse codes that are too large, or for channels that the boards do not write next."""
         cursor, rules = self._cursor, self._rules
         limit = rules.limit(type(message))
         if message.codes and max(message.codes) > limit:

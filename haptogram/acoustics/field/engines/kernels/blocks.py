@@ -53,6 +53,7 @@ def usable_points_kernel(
 
 @jit_checked
 def _in_front_kernel(point: F8, fronts: F8) -> bool:
+    """Return True if a point lies in front of any of the planes."""
     for front in fronts:
         if point[0] * front[0] + point[1] * front[1] + point[2] * front[2] + front[3] >= 0.0:
             return True
@@ -70,6 +71,7 @@ def _is_clear_kernel(point: F8, positions: F8, bounds: F8, limit: float) -> bool
 
 @jit_checked
 def _nearest_square_kernel(point: F8, positions: F8) -> float:
+    """Return the square of the distance from a point to the nearest element."""
     nearest = np.inf
     for n in range(len(positions)):
         square = 0.0

@@ -25,6 +25,7 @@ _HALF, _SIXTH, _TWENTY_FOURTH = np.float32(0.5), np.float32(1.0 / 6.0), np.float
 
 @jit_inline
 def _distance_kernel(places: Any, n: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return the distance from element *n* to a point."""
     dx, dy, dz = x - places[0, n], y - places[1, n], z - places[2, n]
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
@@ -48,7 +49,7 @@ def _phases_at_centre_kernel(
 
 @jit_sums
 def _levels_kernel(elements: F4, drive: F4, z: Float, lengths: F4, loss: Float, at: F4) -> Float:
-    """Set the levels *at* the centre, but for 1 / r and the loss over a length; return that length.
+    """Set each element's level at the centre, relative to the mean length; return that length.
 
     Then the parts of the distances along the elements' normals that are the same all over the disc.
     """

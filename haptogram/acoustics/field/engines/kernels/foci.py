@@ -154,6 +154,7 @@ def _gauss_newton_kernel(sums: F8, count: int, step: F8) -> None:
 
 @jit_sums
 def _least_square_kernel(places: Any, x: Any, y: Any, z: Any, count: Any) -> Any:
+    """Return the square of the distance from a point to the nearest element."""
     least = np.float32(1e30)
     px, py, pz = places[0], places[1], places[2]
     for n in range(count):

@@ -45,7 +45,7 @@ _disc_stress_kernel = inlined(disc_stress_kernel)
 def _residuals_kernel(
     places: F8, point: F8, per_wavelength: float, common: float, mean: F8, products: F8
 ) -> None:
-    """Compute *products* (5,) of the residuals in turns, near to a *common* phase.
+    """Set *products*: sums of the residuals, in turns, that a step of the fit needs.
 
     They are those with the unit vectors less their *mean*, their sum, and that of their squares.
     """

@@ -125,6 +125,7 @@ def _send_back_kernel(re: Any, im: Any, p: Any, q: Any, drive_re: Any, drive_im:
 
 @jit_inline
 def _normalise_kernel(drive_re: Any, drive_im: Any) -> Any:
+    """Scale all drives to magnitude 1."""
     for n in range(drive_re.size):
         square = drive_re[n] * drive_re[n] + drive_im[n] * drive_im[n] + np.float32(1e-30)
         scale = ONE / np.sqrt(square)

@@ -43,7 +43,7 @@ def _slopes_kernel(dx: Any, dy: Any, dz: Any, turns: Any, axes: Any, medium: Any
 
 @jit_inline
 def _with_heights_kernel(axes: Any, medium: Any) -> Any:
-    """Return the two axes, each with its share of the height."""
+    """Return the two axes, each with its component along the normal of the array."""
     a, b = axes[0], axes[1]
     first = a[0] * medium[4] + a[1] * medium[5] + a[2] * medium[6]
     second = b[0] * medium[4] + b[1] * medium[5] + b[2] * medium[6]
@@ -117,6 +117,7 @@ def _level_kernel(
 
 @jit_checked
 def _square_kernel(sums: F8) -> float:
+    """Return |p|^2 of the summed waves."""
     return float(sums[0] * sums[0] + sums[1] * sums[1])
 
 

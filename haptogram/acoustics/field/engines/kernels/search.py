@@ -33,6 +33,7 @@ def cell_scores_kernel(
 
 @jit_inline
 def _turn_and_add_kernel(pr: Any, pi: Any, cosine: Any, sine: Any, re: Any, im: Any) -> Any:
+    """Add the phasors pr + j pi of all cells to re + j im, turned by one angle."""
     for c in range(re.size):
         re[c] = re[c] + pr[c] * cosine - pi[c] * sine
         im[c] = im[c] + pr[c] * sine + pi[c] * cosine

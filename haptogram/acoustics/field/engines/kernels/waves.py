@@ -71,7 +71,7 @@ def arctangent_kernel(t: Any) -> Any:
 
 @jit_inline
 def _gain_at_kernel(q: Any, gain: Any) -> Any:
-    """Return D(cos^2 = q)."""
+    """Return the directivity at an angle whose squared cosine is *q*."""
     d0, d1, d2, d3, d4, d5 = gain
     w = q * q  # pairs of coefficients: one operation more, and a chain half as long
     return ((d5 * q + d4) * w + (d3 * q + d2)) * w + (d1 * q + d0)
@@ -121,11 +121,13 @@ def waves_kernel(
 
 @jit_inline
 def _gains_kernel(gain: Any) -> Any:
+    """Return the six coefficients of the directivity as a tuple, for registers."""
     return gain[0], gain[1], gain[2], gain[3], gain[4], gain[5]
 
 
 @jit_inline
 def _losses_kernel(loss: Any, amplitude: Any) -> Any:
+    """Return the four coefficients of the absorption, times an amplitude, as a tuple."""
     return loss[0] * amplitude, loss[1] * amplitude, loss[2] * amplitude, loss[3] * amplitude
 
 

@@ -148,6 +148,7 @@ class ArduinoBoardEnd:
 
     @property
     def _is_partial(self) -> bool:
+        """Return True if a pattern or a duration is incomplete."""
         is_cut = len(self._durations) % line_bytes.BYTES_OF_DURATION > 0
         return is_cut or any(memory.is_partial for memory in self._memories)
 
@@ -191,6 +192,7 @@ class ArduinoBoardEnd:
         raise no_dialect_bytes_for(message, self._firmware.wire)
 
     def _take_halves(self, hops: int, halves: bytes, found: list[Operation]) -> None:
+        """Store half bytes in the memory of a board, or forward them beyond the chain."""
         if hops > self._boards:
             self.counters["bytes_beyond_chain"] += len(halves)
             found += [_FORWARDS[byte - self._boards] for byte in halves]
@@ -202,6 +204,7 @@ class ArduinoBoardEnd:
             self._patterns = whole
 
     def _swap(self, found: list[Operation]) -> None:
+        """Count replaced and short frames, end the durations, and emit a swap."""
         if (replaced := self.uncommitted - 1) > 0:
             self._count_replaced(replaced)
         if self._restart(found):
@@ -226,6 +229,7 @@ class ArduinoBoardEnd:
         return any(are_short)
 
     def _command(self, found: list[Operation]) -> None:
+        """Commit the durations, or restart firmware without durations."""
         if self._firmware.durations:
             self._end_durations(found)
             self._commanded += self._patterns > self._patterns_by_then
@@ -238,6 +242,7 @@ class ArduinoBoardEnd:
         found.append(_FORWARDS[line_bytes.COMMAND[0]])
 
     def _take_durations(self, part: bytes, found: list[Operation]) -> None:
+        """Collect bytes of durations; count those beyond the memory."""
         room = line_bytes.BYTES_OF_DURATION * self._firmware.durations - len(self._durations)
         if len(part) > room:
             self.counters["durations_beyond_memory"] += len(part) - room
@@ -245,6 +250,7 @@ class ArduinoBoardEnd:
         found += [_FORWARDS[byte] for byte in part]
 
     def _end_durations(self, found: list[Operation]) -> None:
+        """Emit the collected durations, if any."""
         if not self._durations:
             return
         if len(self._durations) % line_bytes.BYTES_OF_DURATION:

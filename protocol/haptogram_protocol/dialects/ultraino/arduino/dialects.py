@@ -20,6 +20,7 @@ def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
 
 
 def _arduino_dialect(firmware: ArduinoFirmware, title: str, layout: str) -> Dialect:
+    """Return the dialect of an Arduino firmware, with the pattern of its frames."""
     ours = PARTS[1].removesuffix(b"+")
     pattern = b"(?<!%b)(?:%b{%d})+" % (ours, ours, firmware.half_bytes)
     others = b"(?:%b{%d})*" % (OTHER_HOPS, firmware.half_bytes)

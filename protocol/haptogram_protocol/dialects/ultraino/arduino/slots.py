@@ -98,6 +98,7 @@ class ArduinoFirmware:
         return bytes(filled)
 
     def _pulse(self, slots: bytes, pin: int) -> Pulse | None:
+        """Return the pulse of a pin in a pattern; None for more than one pulse."""
         levels = [port >> pin % 8 & 1 for port in slots[pin // 8 :: self.ports]]
         width = sum(levels)
         if width in (0, self.steps):
