@@ -217,6 +217,12 @@ def writing_file(
     return _errors_as_refusals(lambda error: unwritable_file(path, error, option), kinds)
 
 
+def refusing_other_content(refusal: str) -> contextlib.AbstractContextManager[None]:
+    """Raise *refusal* for the errors of a document that holds something else than expected."""
+    kinds = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+    return _errors_as_refusals(lambda _: ConfigurationError(refusal), kinds)
+
+
 @contextlib.contextmanager
 def _errors_as_refusals(
     refusal: Callable[[BaseException], ConfigurationError], kinds: _Kinds
@@ -253,7 +259,7 @@ def plain_reason(error: BaseException) -> str:
 def _causes_of(error: BaseException | None) -> Iterator[BaseException]:
     while error is not None:
         yield error
-        error = error.__cause__ or error.__context__
+        error = error.__cause__ if error.__suppress_context__ else error.__context__
 
 
 def _system_error_code(error: BaseException) -> int | None:

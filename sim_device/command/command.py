@@ -131,7 +131,8 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             counts = BoardCountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
             heartbeat = Heartbeat(simulation, port, worker, counts, tap, config.slow_down)
             if options.until_eof:
-                heartbeat.stop_at_eof(sys.stdin.fileno())
+                # A closed standard input has ended.
+                heartbeat.stop_at_eof(sys.stdin.fileno() if sys.stdin else os.open(os.devnull, 0))
             signals.enter_context(heartbeat.stopped_by_signals())
             if options.as_device:
                 client = _start_board_client(options, heartbeat)
