@@ -39,7 +39,7 @@ from haptogram.settings.arguments import (
     check_texts,
     check_whole,
 )
-from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
+from haptogram.settings.board import BOARD_OPTIONS, DEFAULT_ARRAY, BoardConfig
 from haptogram.settings.command_line import written_options
 from haptogram.settings.faults.plan import parse_faults
 from haptogram.settings.line import MAX_BAUD, LineSettings
@@ -411,7 +411,7 @@ def _check_one_session(intended: Sequence[Intended]) -> None:
 
 def _board_model(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
     model = AcousticModel(
-        TransducerArray.parse(config.array, pitch_m=config.pitch_mm / 1000),
+        TransducerArray.parse(config.array or DEFAULT_ARRAY, pitch_m=config.pitch_mm / 1000),
         Medium.air(config.temperature_c),
         Transducer(),
     )

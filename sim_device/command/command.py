@@ -235,7 +235,7 @@ def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPo
         raise ConfigurationError(
             f"--tcp {options.tcp}: must be HOST:PORT, such as {_LOOPBACK}:4000 (0: any free port)"
         )
-    if int(port) > 0xFFFF:
+    if len(port) > 5 or int(port) > 0xFFFF:
         raise ConfigurationError(f"--tcp {options.tcp}: the port is {port}, must be 0 to 65535")
     return TcpPort(host.strip("[]") or _LOOPBACK, int(port))
 
