@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from haptogram.errors import ConfigurationError, LinkError
+from haptogram.machine.files import check_files_writable
 from haptogram.settings.arguments import did_you_mean
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import settings_of
@@ -214,6 +215,7 @@ def _conform_url(arguments: argparse.Namespace) -> str | None:
 
     capture = next(iter(arguments.capture), None)
     if capture is not None:
+        check_files_writable({"--capture": capture})
         capture.unlink(missing_ok=True)  # it would be appended to
     board = BoardConfig.of(simulator=arguments.simulator, simulator_capture=capture)
     return write_board_url(PortConfig(clock="virtual", board=board))

@@ -108,9 +108,7 @@ def _acts_on_a_run(row: Acting | None) -> Acting:
     return Acting(row.where, lambda s: s.from_recording is None and row.is_there(s))
 
 
-_ACTING: Final = {
-    **{name: _acts_on_a_run(_ACTING_ON_A_RUN.get(name)) for name in sorted(_OF_A_RUN)},
-}
+_ACTING: Final = {name: _acts_on_a_run(_ACTING_ON_A_RUN.get(name)) for name in sorted(_OF_A_RUN)}
 
 
 def add_verify_options(verify: Parser) -> None:

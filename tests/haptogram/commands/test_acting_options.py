@@ -127,7 +127,10 @@ VALUES = {
 }
 ROWS = [
     (command, name, *lines) for command, options in CASES.items() for name, lines in options.items()
-] + [("conform", "boot_timeout", "--spawn true", "")]
+] + [
+    ("conform", "boot_timeout", "--spawn true", ""),
+    ("field", "rate_hz", "--object circle", "--object point"),
+]
 
 
 def actions_of(command: str) -> dict[str, argparse.Action]:
