@@ -210,7 +210,7 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
         (("--object", "dodecahedron"), "known are"),
         (("--preset", "unknown"), "known are"),
         (("--drive", "missing.csv"), "cannot be read"),
-        (("--at-mm", "0,0,-100"), "100 mm behind the baffle"),
+        (("--at-mm", "0,0,-100"), "--at-mm: point 0 is 100 mm behind the baffle"),
         (("--picture", "field.gif"), "possible are"),
         (("--object", "circle", "--rate-hz", "0"), "1 to 40000"),
         (("--ear-mm", "--modulation-hz", "900"), "half of"),
