@@ -52,7 +52,7 @@ def test_a_fault_of_the_program_is_no_verdict(
 ) -> None:
     monkeypatch.setattr("haptogram.cli.main", lambda _: 1 // 0)
     assert start._run_after_start([]) == 2  # noqa: SLF001
-    assert capsys.readouterr().err.endswith("ZeroDivisionError: integer division or modulo by zero\n")
+    assert "ZeroDivisionError: " in capsys.readouterr().err
 
 
 def test_a_word_that_is_no_number_is_status_2(capsys: pytest.CaptureFixture[str]) -> None:
