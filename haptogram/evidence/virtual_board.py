@@ -64,8 +64,9 @@ class VirtualBoard(ClosedByWith):
 
     Parameters
     ----------
-    array : str
-        Grid such as ``16x16``, or a CSV file of positions in mm.
+    array : str, optional
+        Grid such as ``16x16``, or a CSV file of positions in mm; by default ``16x16``, of a
+        *dialect* its own.
     pitch_mm : float
         Pitch of a grid.
     temperature_c : float
@@ -89,7 +90,7 @@ class VirtualBoard(ClosedByWith):
         TOML file with faults, which come before those of *faults*.
     dialect : str, optional
         Wire of another board, such as ``"sonicsurface"``; docs/dialects.md lists them. Its clients
-        open :attr:`url`; its array and the rate of its line are its own unless they are given here.
+        open :attr:`url`; the rate of its line is its own unless it is given here.
     dialect_options : sequence of str
         Options of the dialect, such as ``"boards=2"``.
     clock : str, optional
@@ -124,7 +125,7 @@ class VirtualBoard(ClosedByWith):
 
     def __init__(
         self,
-        array: str = BoardConfig.array,
+        array: str | None = BoardConfig.array,
         *,
         pitch_mm: float = BoardConfig.pitch_mm,
         temperature_c: float = BoardConfig.temperature_c,
