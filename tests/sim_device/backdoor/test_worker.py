@@ -89,7 +89,7 @@ def test_an_interrupt_tells_no_latch_twice(monkeypatch):
     lazy = InlineReconstructionWorker(SETTINGS, lambda _: None, told=told)
     for index in range(5):
         lazy.latch(a_latch(index))
-    observation = recorder_module._latch_observation
+    observation = recorder_module._latch_observation  # noqa: SLF001
 
     def interrupted(*latch):
         if next(moments) == 2:
