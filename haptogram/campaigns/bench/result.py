@@ -76,7 +76,7 @@ def read_bench_result(path: Path) -> dict[str, Any]:
             f"{path}: version {result.get('version')} of the format, must be {VERSION}: "
             "measure again with this program"
         )
-    with refusing_other_content(f"{path}: is damaged: measure again"):
+    with refusing_other_content(f"{path} is damaged: measure again"):
         compare_benches(result, result)
         bench_differences(result, result)
     return result
