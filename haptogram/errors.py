@@ -217,12 +217,20 @@ def writing_file(
     return _errors_as_refusals(lambda error: unwritable_file(path, error, option), kinds)
 
 
+#: Errors of code that reads a document which holds something else.
+_OTHER_CONTENT: Final = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+
+
 def reads_as(kind: str) -> contextlib.AbstractContextManager[None]:
     """Refuse a record of a back door that is none of its *kind*: "a latch record"."""
     return _errors_as_refusals(
-        lambda error: ConfigurationError(f"not {kind} of a back door: {error!r}"),
-        (LookupError, TypeError, ValueError, AttributeError, ArithmeticError),
+        lambda error: ConfigurationError(f"not {kind} of a back door: {error!r}"), _OTHER_CONTENT
     )
+
+
+def refusing_other_content(refusal: str) -> contextlib.AbstractContextManager[None]:
+    """Raise *refusal* for the errors of a document that holds something else than expected."""
+    return _errors_as_refusals(lambda _: ConfigurationError(refusal), _OTHER_CONTENT)
 
 
 @contextlib.contextmanager
@@ -263,7 +271,7 @@ def _causes_of(error: BaseException | None) -> Iterator[BaseException]:
     """Yield an error and its causes or contexts, one after the other."""
     while error is not None:
         yield error
-        error = error.__cause__ or error.__context__
+        error = error.__cause__ if error.__suppress_context__ else error.__context__
 
 
 def _system_error_code(error: BaseException) -> int | None:

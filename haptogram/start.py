@@ -14,6 +14,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+_NOTHING_JUDGED = 2  # of a fault in this program; 1, that of the interpreter, is a verdict
 _INTERRUPTED = 130
 _BOARD = "board"  # exits with 0 on a signal
 
@@ -35,7 +36,11 @@ def _run_after_start(argv: Sequence[str] | None) -> int:
     """Load the program and run it."""
     from .cli import main as run
 
-    return run(argv)
+    try:
+        return run(argv)
+    except Exception:
+        sys.excepthook(*sys.exc_info())
+        return _NOTHING_JUDGED
 
 
 def _leave_at_start(*_: object) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from haptogram.acoustics import Calibration, TransducerArray
 from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
-from haptogram.settings.board import DEFAULT_ARRAY, BoardConfig
+from haptogram.settings.board import BoardConfig
 from haptogram.settings.faults.kinds import REPORTS
 from haptogram.settings.faults.plan import FaultPlan
 from haptogram.settings.frozen import dataclass
@@ -33,6 +33,7 @@ _OF_HAPTOGRAM: Final = (*REPORTS, "clock.offset", "clock.wrap", "clock.step")
 
 
 _OF_A_SIMULATOR: Final = {"slow_down", "simulator_capture"}
+_OF_OUR_FIRMWARE: Final = {"mutant", "latch_lead_us", "point_time_us", "max_playback_rate_hz"}
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,11 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
     for name in config.non_default().keys() & _OF_A_SIMULATOR:
         if config.simulator is None:
             raise ConfigurationError(f"{name} is for a simulated board; give simulator too")
-    if config.simulator is not None and config.mutant is not None:
-        raise ConfigurationError("mutant acts on the emulated board; leave it out with simulator")
+    for name in config.non_default().keys() & _OF_OUR_FIRMWARE:
+        if config.simulator is not None:
+            raise ConfigurationError(
+                f"{name} acts on an emulated board; leave it out with simulator"
+            )
     if config.dialect is None:
         if config.dialect_option:
             raise ConfigurationError(
@@ -103,7 +107,7 @@ def _foreign_blueprint(config: BoardConfig, name: str) -> Blueprint:
     emitters = _blueprint_emitters(config, emulation, options)
     elements = config.calibration
     mounted = emitters.mounting if elements is None else Calibration.from_file(elements)
-    own = BoardSettings.of(dataclasses.replace(config, array=DEFAULT_ARRAY, calibration=None))
+    own = BoardSettings.of(dataclasses.replace(config, array=None, calibration=None))
     line = own.line
     if line.baud is None and emulation.dialect.bauds:
         line = dataclasses.replace(line, baud=emulation.dialect.bauds[0])
@@ -120,12 +124,15 @@ def _foreign_blueprint(config: BoardConfig, name: str) -> Blueprint:
 
 
 def _check_blueprint(config: BoardConfig, name: str) -> None:
-    """Refuse a mutant, and faults of the Haptogram wire, on a board of another dialect."""
-    if config.mutant is not None:
+    """Refuse what acts only on our own firmware, on its wire or on a grid."""
+    given = config.non_default()
+    for own in given.keys() & _OF_OUR_FIRMWARE:
         raise ConfigurationError(
-            f"mutant {config.mutant} acts only on Haptogram's own firmware, not on a board of the "
+            f"{own} {given[own]} acts only on Haptogram's own firmware, not on a board of the "
             f"dialect {name}; leave it out"
         )
+    if "pitch_mm" in given and config.array is None:
+        raise ConfigurationError("pitch_mm acts only on an array that is a grid; leave it out")
     for fault in config.faults:
         if fault.name.startswith("frame.") or fault.name in _OF_HAPTOGRAM:
             raise ConfigurationError(
@@ -148,7 +155,7 @@ def _blueprint_emitters(config: BoardConfig, emulation: Emulation, options: Sett
     from haptogram.acoustics.model.boards.ultraino_file import SUFFIXES
 
     text = config.array
-    if text == DEFAULT_ARRAY:
+    if text is None:
         array = emulation.layout(options).array()
         mounted = None if emulation.mounting is None else emulation.mounting(array)
         return _Emitters(array, range(array.count), mounted)

@@ -56,7 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words[:1] == [_BOARD]:
         from sim_device.__main__ import main as run_board
 
-        return run_board(words[1:], f"haptogram {_BOARD}", boards.open_recording_of_board)
+        with patient_standard_streams():
+            return run_board(words[1:], f"haptogram {_BOARD}", boards.open_recording_of_board)
     # One thread each: two threads of a linear algebra library ruin the loop on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     exit_at_once()

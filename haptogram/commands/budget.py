@@ -14,7 +14,7 @@ from haptogram.settings.option import Settings, option, option_of, options_of
 from haptogram.settings.parser import Parser
 from haptogram.settings.run.frames import LinkConfig, PaceConfig
 
-from .acting_options import refuse_idle_options, with_option
+from .acting_options import refuse_idle_options, with_option, without_option
 
 if TYPE_CHECKING:
     from haptogram.campaigns.bench import frame_budget
@@ -44,7 +44,7 @@ class BudgetConfig(Settings):
     boards: int = option(1, unit="N", low=1, high=16, help="boards on the line, with --dialect")
 
 
-_ACTING: Final = {"boards": with_option("dialect")}
+_ACTING: Final = {"boards": with_option("dialect"), "transducers": without_option("dialect")}
 
 
 def set_up_budget(parser: Parser) -> None:
@@ -84,8 +84,6 @@ def _run_dialect_budget(arguments: argparse.Namespace) -> int:
     from haptogram.driver.line.budget import highest_line_rate_hz, line_transmission_ns
     from haptogram_protocol.dialects.table import DIALECTS
 
-    if arguments.transducers is not None:
-        raise ConfigurationError("--transducers acts on frames of Haptogram; leave it out")
     check_choice("--dialect", arguments.dialect, tuple(DIALECTS))
     config = settings_of(arguments, BudgetConfig)
     dialect, boards = DIALECTS[arguments.dialect], config.boards

@@ -71,13 +71,13 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     outputs = CommandOutputs(arguments, "json", "junit", "html", "summary", "resume", "record")
     if outputs.paths.get("--resume") == STANDARD_OUTPUT:
         raise ConfigurationError("--resume -: a checkpoint is read again; name a file")
-    campaign = _make_soak_campaign(arguments)
+    campaign, make_board = _make_soak_campaign(arguments), board_maker(arguments.mutant)
     interrupted = False
     with outputs.recording(campaign.setup.as_dict()) as writer:
         try:
             with _soak_command_progress(campaign, quiet=arguments.quiet) as progress:
                 campaign.run(
-                    board_maker(arguments.mutant),
+                    make_board,
                     jobs=arguments.jobs,
                     checkpoint=arguments.resume,
                     progress=progress,

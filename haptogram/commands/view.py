@@ -196,6 +196,6 @@ def _view_address(text: str) -> tuple[str, int]:
         ipaddress.IPv4Address(host)
     except ValueError:
         raise ConfigurationError(f"is {text!r}, must be an IPv4 address and a port") from None
-    if not (port.isdecimal() and int(port) < 1 << 16):
+    if not (port.isdecimal() and len(port) < 6 and int(port) < 1 << 16):
         raise ConfigurationError(f"is {text!r}, the port must be 0 to 65535")
     return host, int(port)

@@ -39,7 +39,7 @@ from haptogram.settings.arguments import (
     check_texts,
     check_whole,
 )
-from haptogram.settings.board import BOARD_OPTIONS, BoardConfig
+from haptogram.settings.board import BOARD_OPTIONS, DEFAULT_ARRAY, BoardConfig
 from haptogram.settings.command_line import written_options
 from haptogram.settings.faults.plan import parse_faults
 from haptogram.settings.line import MAX_BAUD, LineSettings
@@ -64,8 +64,9 @@ class VirtualBoard(ClosedByWith):
 
     Parameters
     ----------
-    array : str
-        Grid such as ``16x16``, or a CSV file of positions in mm.
+    array : str, optional
+        Grid such as ``16x16``, or a CSV file of positions in mm; by default ``16x16``, of a
+        *dialect* its own.
     pitch_mm : float
         Pitch of a grid.
     temperature_c : float
@@ -89,7 +90,7 @@ class VirtualBoard(ClosedByWith):
         TOML file with faults, which come before those of *faults*.
     dialect : str, optional
         Wire of another board, such as ``"sonicsurface"``; docs/dialects.md lists them. Its clients
-        open :attr:`url`; its array and the rate of its line are its own unless they are given here.
+        open :attr:`url`; the rate of its line is its own unless it is given here.
     dialect_options : sequence of str
         Options of the dialect, such as ``"boards=2"``.
     clock : str, optional
@@ -124,7 +125,7 @@ class VirtualBoard(ClosedByWith):
 
     def __init__(
         self,
-        array: str = BoardConfig.array,
+        array: str | None = BoardConfig.array,
         *,
         pitch_mm: float = BoardConfig.pitch_mm,
         temperature_c: float = BoardConfig.temperature_c,
@@ -415,7 +416,7 @@ def _check_one_session(intended: Sequence[Intended]) -> None:
 def _board_model(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
     """Return the true acoustic model of a virtual board."""
     model = AcousticModel(
-        TransducerArray.parse(config.array, pitch_m=config.pitch_mm / 1000),
+        TransducerArray.parse(config.array or DEFAULT_ARRAY, pitch_m=config.pitch_mm / 1000),
         Medium.air(config.temperature_c),
         Transducer(),
     )

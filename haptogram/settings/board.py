@@ -135,7 +135,7 @@ class PinCaptureConfig(Settings):
 
 def _element_setting(name: str, text: str, count: int) -> int:
     """Return the number of an element in a setting, or raise."""
-    if not text.isascii() or not text.isdigit() or int(text) >= count:
+    if not text.isascii() or not text.isdigit() or len(text) > 4 or int(text) >= count:
         raise SettingError(name, f"names the element {text!r}, must be 0 to {count - 1}")
     return int(text)
 
@@ -173,11 +173,12 @@ class BoardConfig(Settings):
         If a value is outside its limits.
     """
 
-    array: str = option(
-        DEFAULT_ARRAY,
+    array: str | None = option(
+        None,
         unit="NXxNY|FILE",
-        help="grid, or CSV file of positions; a dialect has its own, and also takes the name of a "
-        "layout or an array file of Ultraino",
+        help="grid, or CSV file of positions; with a dialect also the name of a layout or an array "
+        "file of Ultraino",
+        absent=f"{DEFAULT_ARRAY}; of a dialect its own",
     )
     pitch_mm: float = option(10.0, unit="MM", low=1.0, high=100.0, help="pitch of a grid")
     temperature_c: float = option(
@@ -251,7 +252,7 @@ class BoardConfig(Settings):
     def __post_init__(self) -> None:
         """Check the values, and that the faults can be there together."""
         super().__post_init__()
-        check_array_setting(self.array)
+        check_array_setting(self.array or DEFAULT_ARRAY)
         self.plan  # noqa: B018  it checks
 
     @property

@@ -265,14 +265,15 @@ def attach_negative_option_values(words: Sequence[str]) -> list[str]:
     """Return *words* with values that begin with a minus attached to their options.
 
     argparse takes them for options: ``--focus-mm -20,0,120`` becomes ``--focus-mm=-20,0,120``.
+    What is behind ``--`` is for another program.
     """
-    result: list[str] = []
+    result = [""]
     for word in words:
-        if result and _OPTION.fullmatch(result[-1]) and _NEGATIVE.fullmatch(word):
+        if _OPTION.fullmatch(result[-1]) and _NEGATIVE.fullmatch(word) and "--" not in result:
             result[-1] += f"={word}"
         else:
             result.append(word)
-    return result
+    return result[1:]
 
 
 def _shown_option_value(value: object) -> str:

@@ -244,9 +244,12 @@ class InlineReconstructionWorker:
         if self._estimator is not None:
             estimates = self._estimator.estimate_all(latches)
             self._reconstructed += len(latches)
-        told += map(_latch_observation, latches, estimates)
+        seen = [*map(_latch_observation, latches, estimates)]
         pairs = zip(owed, estimates, strict=True)
-        self._brief += [(latch, record, estimate) for (latch, record), estimate in pairs]
+        brief = [(latch, record, estimate) for (latch, record), estimate in pairs]
+        # Without a call, at which an interrupt is heard: no latch is told twice, or never.
+        told += seen
+        self._brief += brief
         self._owed = []
 
     def complete(self) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Final, Self
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, TransducerArray
 from haptogram.errors import ConfigurationError
-from haptogram.settings.board import MOST_LEAD_US, BoardConfig
+from haptogram.settings.board import DEFAULT_ARRAY, MOST_LEAD_US, BoardConfig
 from haptogram.settings.frozen import dataclass, field
 from haptogram.settings.line import LineSettings
 from haptogram_protocol.messages import Feature
@@ -169,7 +169,7 @@ class BoardSettings:
         """
         transducer = Transducer()
         model = AcousticModel(
-            TransducerArray.parse(config.array, pitch_m=config.pitch_mm * 1e-3),
+            TransducerArray.parse(config.array or DEFAULT_ARRAY, pitch_m=config.pitch_mm * 1e-3),
             Medium.air(config.temperature_c, frequency_hz=transducer.frequency_hz),
             transducer,
         )

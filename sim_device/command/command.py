@@ -132,7 +132,8 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             counts = BoardCountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
             heartbeat = Heartbeat(simulation, port, worker, counts, tap, config.slow_down)
             if options.until_eof:
-                heartbeat.stop_at_eof(sys.stdin.fileno())
+                # A closed standard input has ended.
+                heartbeat.stop_at_eof(sys.stdin.fileno() if sys.stdin else os.open(os.devnull, 0))
             signals.enter_context(heartbeat.stopped_by_signals())
             if options.as_device:
                 client = _start_board_client(options, heartbeat)
@@ -238,7 +239,7 @@ def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPo
         raise ConfigurationError(
             f"--tcp {options.tcp}: must be HOST:PORT, such as {_LOOPBACK}:4000 (0: any free port)"
         )
-    if int(port) > 0xFFFF:
+    if len(port) > 5 or int(port) > 0xFFFF:
         raise ConfigurationError(f"--tcp {options.tcp}: the port is {port}, must be 0 to 65535")
     return TcpPort(host.strip("[]") or _LOOPBACK, int(port))
 

@@ -166,9 +166,9 @@ def check_board_outputs(options: argparse.Namespace) -> None:
     files.check_distinct_files(
         outputs, [(option, Path(path)) for option, path in inputs if path is not None]
     )
-    for option, path in outputs.items():
-        if path == files.STANDARD_OUTPUT:
-            raise ConfigurationError(f"{option} -: standard output names the port; name a file")
+    for word, path in outputs.items():
+        if files.is_standard_output(path):
+            raise ConfigurationError(f"{word} {path}: standard output names the port; name a file")
     outputs.pop("--link", None)  # which looks after itself
     files.check_files_writable(outputs, in_place=True)
 

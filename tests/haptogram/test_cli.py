@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from haptogram import start
 from haptogram.cli import COMMANDS, command_parser, main
 
 
@@ -44,6 +45,14 @@ def test_a_wrong_argument_is_one_line_and_status_2(
 def test_a_port_that_is_not_there_is_status_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", "--quiet", "--port", "/dev/absent"]) == 2
     assert capsys.readouterr().err == "haptogram verify: /dev/absent: there is no such port\n"
+
+
+def test_a_fault_of_the_program_is_no_verdict(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("haptogram.cli.main", lambda _: 1 // 0)
+    assert start._run_after_start([]) == 2  # noqa: SLF001
+    assert "ZeroDivisionError: " in capsys.readouterr().err
 
 
 def test_a_word_that_is_no_number_is_status_2(capsys: pytest.CaptureFixture[str]) -> None:

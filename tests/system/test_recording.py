@@ -269,6 +269,7 @@ def test_a_recording_that_cannot_be_written_is_refused_before_the_run(words, mes
         ("board", "--tcp", "0", "--record", "run.mcap"),
         ("replay", "run.mcap"),
         ("decode", "run.mcap", "--input", "recording"),
+        ("repair", "run.mcap", "whole.mcap"),
     ],
     ids=lambda words: words[0],
 )

@@ -6,8 +6,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from haptogram.campaigns.bench.compare import bench_differences, compare_benches
 from haptogram.campaigns.bench.measure import BenchRun
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusing_other_content
 from haptogram.settings.text_file import read_json_file
 
 FORMAT: Final = "haptogram-bench"
@@ -75,4 +76,7 @@ def read_bench_result(path: Path) -> dict[str, Any]:
             f"{path}: version {result.get('version')} of the format, must be {VERSION}: "
             "measure again with this program"
         )
+    with refusing_other_content(f"{path} is damaged: measure again"):
+        compare_benches(result, result)
+        bench_differences(result, result)
     return result

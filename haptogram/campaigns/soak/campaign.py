@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusing_other_content
 from haptogram.machine.files import write_json_file
 from haptogram.machine.process import resident_bytes
 from haptogram.settings.text_file import read_json_file
@@ -98,13 +98,14 @@ class SoakCampaign:
         if not path.exists():
             return cls(setup)
         state = read_json_file(path, "resume")
-        if not isinstance(state, dict) or state | _HEADER != state:
-            raise ConfigurationError(f"{path} is no checkpoint of a soak of version {VERSION}")
-        for name, value in setup.as_dict().items():
-            if (before := state["setup"].get(name)) != value:
-                raise ConfigurationError(f"{path} is of another soak: {name} {before}, not {value}")
-        tally, memory = SoakTally.from_dict(state["tally"]), SoakMemory(state["memory"])
-        return cls(setup, state["done"], tally, memory, state["spent_s"])
+        with refusing_other_content(f"{path} is no checkpoint of a soak of version {VERSION}"):
+            if state | _HEADER != state:
+                raise ValueError
+            for key, value in setup.as_dict().items():
+                if (old := state["setup"].get(key)) != value:
+                    raise ConfigurationError(f"{path} is of another soak: {key} {old}, not {value}")
+            tally, memory = SoakTally.from_dict(state["tally"]), SoakMemory(state["memory"])
+            return cls(setup, state["done"], tally, memory, state["spent_s"])
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON can hold it."""
@@ -184,8 +185,8 @@ class SoakCampaign:
                 if writer is not None:
                     for excerpt in tally.excerpts:
                         excerpt.write(writer, round(self.done_s * 1e9))
-                merged = self.tally.plus(tally)  # an interrupt finds the one or the other
-                self.tally, self.done = merged, self.done + 1
+                # An interrupt finds the one or the other.
+                self.tally, self.done = self.tally.plus(tally), self.done + 1
                 self.memory.add(process, resident)
                 now_s = time.monotonic()
                 self.spent_s, since_s = self.spent_s + now_s - since_s, now_s

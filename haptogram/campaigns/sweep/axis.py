@@ -12,7 +12,8 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_argument_kind, check_number, shown_argument
 from haptogram.settings.option import unknown_setting_text
 
-_KEYS: Final = ("values", "low", "high", "log", "text")
+_OF_VALUES: Final = ("values", "text")
+_KEYS: Final = (*_OF_VALUES, "low", "high", "log")
 _PLACE: Final = "{}"  # placeholder of the value in a text
 _MOST: Final = 1e12
 
@@ -51,11 +52,11 @@ class SweepAxis:
             Names the axis and what is wrong with it.
         """
         table = given if isinstance(given, dict) else {"values": given}
+        known = _OF_VALUES if "values" in table else _KEYS
         for key in table:
-            if key not in _KEYS:
-                raise ConfigurationError(
-                    f"{name}: {key!r} is not read{unknown_setting_text(key, _KEYS)}"
-                )
+            if key not in known:
+                guess = unknown_setting_text(key, known)
+                raise ConfigurationError(f"{name}: {key!r} is not read{guess}")
         text, is_log = table.get("text", _PLACE), table.get("log", False)
         check_argument_kind(f"{name}: text", text, str, "a text with {} for the value")
         check_argument_kind(f"{name}: log", is_log, bool, "true or false")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final, Self, TextIO, TypeAlias
 
 import haptogram
-from haptogram.errors import ConfigurationError, LinkError, plain_reason
+from haptogram.errors import ConfigurationError, LinkError, plain_reason, writing_file
 from haptogram.machine.files import write_file_atomically
 from haptogram.settings.text_file import read_text_file
 
@@ -92,12 +92,15 @@ class SweepCampaign:
 
         Raises
         ------
+        ConfigurationError
+            If the rows so far cannot be kept.
         LinkError
             If the scheduler of the workers has gone.
         """
         with ExitStack() as stack:
             file = None
             if self.journal is not None:
+                stack.enter_context(writing_file(self.journal))
                 rows = [json.dumps(row) for row in self.rows_in_order]
                 write_file_atomically(self.journal, "\n".join([self._head, *rows, ""]).encode())
                 file = stack.enter_context(self.journal.open("a", encoding="ascii"))
@@ -162,5 +165,4 @@ class SweepCampaign:
         """Keep a row, and append it to the journal at once."""
         self.rows[row["point"]] = row
         if file is not None:
-            file.write(json.dumps(row) + "\n")
-            file.flush()
+            print(json.dumps(row), file=file, flush=True)

@@ -25,7 +25,7 @@ _TABLES: Final = ("sweep", "options", "axes")
 _OF_ONE_RUN: Final = (
     *("capture", "channels", "from_recording", "compare", "config", "list", "resume", "view"),
     *("jobs", "quiet", "verbose", "stamp", "write_baseline", "record", "frames", "json", "junit"),
-    *("html", "summary"),
+    *("html", "summary", "help"),
 )
 
 #: Returns the parser of the options of a command.

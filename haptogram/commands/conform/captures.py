@@ -7,7 +7,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusing_other_content
 from haptogram.records.frame import Evidence
 
 from ..shell.captures import read_capture_arguments
@@ -64,7 +64,5 @@ def recorded_suite(path: Path) -> tuple[SuiteResult, set[int]]:
             f"{path}: the recording (of {what}) holds no result; haptogram conform --record "
             "writes one that does, at the end of its run"
         )
-    try:
+    with refusing_other_content(f"{path}: its result is none of haptogram conform"):
         return suite_of_conformance_json(found[-1]), recorded_sessions(recording)
-    except (ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(f"{path}: its result is none of haptogram conform") from error

@@ -10,13 +10,14 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from haptogram.errors import ConfigurationError, LinkError
+from haptogram.machine.files import check_files_writable
 from haptogram.settings.arguments import did_you_mean
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import settings_of
 from haptogram.settings.parser import Parser
 
 from ..acting_options import refuse_idle_options
-from ..shell.captures import judge_captures_at_port
+from ..shell.captures import judge_captures_at_port, read_channel_maps
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import CommandOutputs, announce_interrupted_output
 from ..shell.progress import progress_bar
@@ -70,14 +71,16 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
     outputs = CommandOutputs(
         arguments, "json", "junit", "html", "summary", "write_baseline", "record"
     )
+    expected = _expected_to_conform(arguments)
     if (path := captures.from_recording) is not None:
-        expected = _expected_to_conform(arguments)
         suite = conform_by_captures(captures, *recorded_suite(path), str(path), expected)
         outputs.print(suite_text(suite, verbose=arguments.verbose))
         return suite.exit_status if _write_conform_results(suite, outputs) else USAGE
+    check_conform_arguments(arguments)
+    read_channel_maps(captures)
     given = {name: getattr(arguments, name) for name in sorted(arguments.given)}
     with outputs.recording(given) as writer:
-        status = _run_conform(arguments, cases, captures, virtual, outputs, writer)
+        status = _run_conform(arguments, cases, captures, expected, virtual, outputs, writer)
         return status if outputs.is_recorded(writer) else USAGE
 
 
@@ -97,6 +100,7 @@ def _run_conform(
     arguments: argparse.Namespace,
     cases: tuple[Case, ...],
     captures: PinConfig,
+    expected: dict[str, str],
     virtual: Virtual,
     outputs: CommandOutputs,
     writer: RecordingWriter | None,
@@ -105,7 +109,7 @@ def _run_conform(
     from haptogram.report.conformance.text import suite_text
 
     begin_s = time.time()
-    suite = _run_conform_cases(arguments, cases, virtual, writer)
+    suite = _run_conform_cases(arguments, cases, expected, virtual, writer)
     if writer is not None:
         from haptogram.evidence.recordings.channels import SUMMARY
         from haptogram.report.conformance.result import suite_dict
@@ -127,7 +131,7 @@ def _run_conform(
                 suite,
                 suite.nonces,
                 "the one at the port",
-                _expected_to_conform(arguments),
+                expected,
                 simulated=arguments.simulator is not None,
             ),
             interrupted=suite.is_interrupted,
@@ -144,19 +148,19 @@ def _run_conform(
 def _run_conform_cases(
     arguments: argparse.Namespace,
     cases: tuple[Case, ...],
+    expected: dict[str, str],
     virtual: Virtual,
     writer: RecordingWriter | None,
 ) -> SuiteResult:
     """Run the chosen cases on the chosen board."""
     from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 
-    check_conform_arguments(arguments)
     options = SuiteOptions(
         timeout_s=arguments.timeout,
         seed=_conform_seed(arguments),
         repeat=arguments.repeat,
         strict=arguments.strict,
-        expected=_expected_to_conform(arguments),
+        expected=expected,
         depth=_conform_depth(arguments),
         explore_s=60 * arguments.explore,
     )
@@ -214,6 +218,7 @@ def _conform_url(arguments: argparse.Namespace) -> str | None:
 
     capture = next(iter(arguments.capture), None)
     if capture is not None:
+        check_files_writable({"--capture": capture})
         capture.unlink(missing_ok=True)  # it would be appended to
     board = BoardConfig.of(simulator=arguments.simulator, simulator_capture=capture)
     return write_board_url(PortConfig(clock="virtual", board=board))

@@ -82,8 +82,8 @@ _ACTING: Final = {
     ),
     "center_mm": acting_options.with_option("object"),
     "rate_hz": Acting(
-        "with --object, or on one focus with --ear-mm",
-        lambda a: a.object is not None or _acts_for_an_ear(a),
+        "with --object, on other objects than a point, or on one focus with --ear-mm",
+        lambda a: a.object not in (None, "point") or _acts_for_an_ear(a),
     ),
     "modulation": _FOR_AN_EAR,
     "modulation_hz": _FOR_AN_EAR,

@@ -139,8 +139,8 @@ def read_field_drive_file(path: Path, count: int, phase_bits: int) -> acoustics.
 def _field_drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
     """Return the phase and amplitude code in a row of a drive file."""
     try:
-        phase, amplitude = (int(cell) for cell in cells)
-    except ValueError as error:
+        phase, amplitude = (int(np.int64(cell)) for cell in cells)
+    except (OverflowError, ValueError) as error:
         raise ConfigurationError(f"{where}: {','.join(cells)!r} is not two codes") from error
     return phase, amplitude
 
@@ -200,7 +200,8 @@ def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> 
             f"it can be from {MIN_TARGET_DISTANCE_M * 1e3:g} mm on"
         )
     weights, what = _scene_sequence(arguments, scene)
-    exposure = acoustics.exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
+    with refusals_of("--ear-mm:"):
+        exposure = acoustics.exposure_at(engine, weights, [ear], scene.frame_s, lag)[0]
     at = f"({position_text(ear)}) mm, {distance_m * 1e3:.0f} mm from the centre"
     yield f"at an ear at {at}; {what}:"
     yield (

@@ -28,7 +28,7 @@ from haptogram.acoustics.levels.harmonic import finite_amplitude_text
 from haptogram.acoustics.levels.lobes import largest_secondary_lobe
 from haptogram.acoustics.levels.shift import find_pressure_peak, predict_focal_shift
 from haptogram.acoustics.levels.spot import measure_spot
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.report import figures
 from haptogram.report.figures.planes import MAX_POINTS
 from haptogram.settings.arguments import Progress
@@ -127,7 +127,8 @@ def describe_field_scene(scene: FieldScene) -> Iterator[str]:
     else:
         yield from _describe_field_drive(scene)
     if scene.place_m is not None:
-        yield _describe_field_place(engine, scene, scene.place_m)
+        with refusals_of("--at-mm:"):
+            yield _describe_field_place(engine, scene, scene.place_m)
 
 
 def _describe_field_place(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from haptogram.settings.parser import Parser, add_file_option
 
+from ..acting_options import refuse_idle_options, without_option
 from .sources import FORMATS, Source, open_recorded_source
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ class _WireNames:
 
 def set_up_decode(parser: Parser) -> None:
     """Add the options of the command."""
+    parser.acting = {"verbose": without_option("json")}
     parser.set_defaults(run=run_decode)
     add_file_option(parser, "file", help="recording, dump or hex text; - is standard input")
     parser.add_argument(
@@ -55,6 +57,7 @@ def set_up_decode(parser: Parser) -> None:
 
 def run_decode(arguments: argparse.Namespace) -> int:
     """Print what was read; return 0."""
+    refuse_idle_options(arguments)
     with open_recorded_source(arguments.file, arguments.input) as source:
         name, doubt = (arguments.dialect, "") if arguments.dialect else _recognised_source(source)
         print_line = _print_decoded_json if arguments.json else _print_decoded_text

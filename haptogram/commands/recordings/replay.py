@@ -69,16 +69,14 @@ def set_up_replay(parser: Parser, make_board: MakeBoard) -> None:
 def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
     """Replay the recording, print the differences, and return the exit status."""
     from haptogram.evidence.recordings.reader import Recording
+    from haptogram.evidence.recordings.replay import replay_recording, replay_to_port
 
     refuse_idle_options(arguments)
     outputs = CommandOutputs(arguments, "json")
     recording = Recording(arguments.file)
     if arguments.port is not None:
-        from haptogram.evidence.recordings.replay import replay_to_port
-
         result = replay_to_port(recording, arguments.port, baudrate=arguments.baud)
     else:
-        from haptogram.evidence.recordings.replay import replay_recording
 
         def make(options: Mapping[str, Any], *, paced: bool) -> RecordingReplayBoard:
             return make_board(_changed_replay_options(options, arguments), paced)

@@ -14,6 +14,7 @@ from haptogram.settings.arguments import Progress
 from .output_files import print_command_error
 
 if TYPE_CHECKING:
+    from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.records.pins import PinRecord
     from haptogram.settings.run.files import CaptureConfig
 
@@ -21,6 +22,19 @@ _Verdict = TypeVar("_Verdict")
 _PATIENCE_S: Final = 120.0  # wait after a run for an analyser that still writes
 _QUIET_S: Final = 1.0  # time without a change after which a file is complete
 _POLL_S: Final = 0.1
+
+
+def read_channel_maps(config: CaptureConfig) -> list[ChannelMap]:
+    """Return the maps of the channels of all captures; none is read without a map.
+
+    Raises
+    ------
+    ConfigurationError
+        A map that cannot be read.
+    """
+    from haptogram.evidence.captures.channel_map import ChannelMap
+
+    return [ChannelMap.from_file(path, "channels") for path in config.channels]
 
 
 def read_capture_arguments(
@@ -33,11 +47,10 @@ def read_capture_arguments(
     ConfigurationError
         A capture or a map that cannot be read, or that do not suit each other.
     """
-    from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
     from haptogram.evidence.captures.pin_record import pin_record_of_capture
 
-    maps = [ChannelMap.from_file(path) for path in config.channels]
+    maps = read_channel_maps(config)
     every = maps * len(config.capture) if len(maps) == 1 else maps
     records: list[PinRecord] = []
     for path, mapped in zip(config.capture, every, strict=True):

@@ -21,7 +21,7 @@ from haptogram.settings.run.verify import VerifyConfig, load_verify_config, read
 from haptogram.settings.shape import SHAPES
 
 from ..acting_options import refuse_idle_options
-from ..shell.captures import judge_captures_at_port
+from ..shell.captures import judge_captures_at_port, read_channel_maps
 from ..shell.exit_status import INCONCLUSIVE, INTERRUPTED, USAGE
 from ..shell.output_files import CommandOutputs, announce_interrupted_output, print_command_error
 from ..shell.progress import progress_bar
@@ -74,6 +74,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     )
     if (recorded := config.captures.from_recording) is not None:
         return verify_recorded_captures(config, recorded, outputs, quiet=arguments.quiet)
+    read_channel_maps(config.captures)  # to refuse one before the run, which takes longer
     boards = RunBoards.of(config, arguments, made)
     boards.virtual  # noqa: B018  it checks, before anything starts
     if config.shape.object not in SHAPES:

@@ -64,8 +64,8 @@ _ACTING_ON_A_RUN: Final = {
     "dwell_ms": Acting("without --modulation stm", lambda s: s.modulation != "stm"),
     "solver": Acting("with --foci 2 or more", lambda s: s.foci > 1),
     "pitch_mm": Acting(
-        "on a grid: without --port, or with --array NXxNY",
-        lambda s: acts_on_a_grid(s) and (s.port is None or s.array is not None),
+        "on a grid: with --array NXxNY, or without --port and --dialect",
+        lambda s: acts_on_a_grid(s) and (s.array is not None or s.port is s.dialect is None),
     ),
     "dialect_option": with_option("dialect"),
     "backdoor": Acting(
@@ -108,9 +108,7 @@ def _acts_on_a_run(row: Acting | None) -> Acting:
     return Acting(row.where, lambda s: s.from_recording is None and row.is_there(s))
 
 
-_ACTING: Final = {
-    **{name: _acts_on_a_run(_ACTING_ON_A_RUN.get(name)) for name in sorted(_OF_A_RUN)},
-}
+_ACTING: Final = {name: _acts_on_a_run(_ACTING_ON_A_RUN.get(name)) for name in sorted(_OF_A_RUN)}
 
 
 def add_verify_options(verify: Parser) -> None:

@@ -121,7 +121,7 @@ def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
 def _check_watch_source(arguments: argparse.Namespace) -> None:
     """Refuse contradictory sources; a client's words belong to --as-device."""
     if arguments.as_device:
-        arguments.client = [word for word in (arguments.source, *arguments.client) if word]
+        arguments.client = [w for w in (arguments.source, *arguments.client) if w is not None]
         arguments.source = None
         if not arguments.client or arguments.dialect is None or arguments.link is not None:
             raise ConfigurationError(

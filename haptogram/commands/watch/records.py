@@ -149,7 +149,7 @@ def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> Watched
     from haptogram.evidence.dialects.captured_latches import records_of_held_drives
     from haptogram.verification.pins.held.drives import held_pin_drives
 
-    mapped = ChannelMap.from_file(arguments.channels)
+    mapped = ChannelMap.from_file(arguments.channels, "channels")
     held = held_pin_drives(pin_record_of_capture(read_capture(arguments.capture), mapped))
     board = replay(_watched_board_settings(arguments), b"")[0]
     return _watched_list(records_of_held_drives(held, board))

@@ -115,15 +115,15 @@ class ChannelMap:
     shift: ShiftRegisters | None = None
 
     @classmethod
-    def from_file(cls, path: Path) -> Self:
-        """Return the map in a TOML file.
+    def from_file(cls, path: Path, option: str = "map") -> Self:
+        """Return the map in a TOML file, whose name is the value of *option*.
 
         Raises
         ------
         ConfigurationError
             Names the file, the key and what is wrong with it.
         """
-        return cls.of(path, read_toml_file(path, "map"))
+        return cls.of(path, read_toml_file(path, option))
 
     @classmethod
     def of(cls, path: Path | str, document: Mapping[str, Any]) -> Self:

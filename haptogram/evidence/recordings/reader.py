@@ -330,10 +330,11 @@ def repair_recording(source: Path, target: Path) -> tuple[int, str]:
         If *source* is no recording or holds no message that can be read, or *target* cannot be
         written or is the same file.
     """
+    check_distinct_files({"the copy": target}, [("the recording", source)])
+    recording = Recording(source, remedy="")  # says so if the package mcap is missing
+
     from mcap.writer import CompressionType, Writer
 
-    check_distinct_files({"the copy": target}, [("the recording", source)])
-    recording = Recording(source, remedy="")
     if next(_readable_entries(recording), None) is None:
         raise ConfigurationError(
             f"{source}: no message in it can be read; {target} was not written"

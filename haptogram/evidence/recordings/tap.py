@@ -70,8 +70,8 @@ class RecordingTransport:
     def tell(self, records: Sequence[Mapping[str, Any]]) -> None:
         """Write the records of a back door that were not written before."""
         while self._written < len(records):
-            self._writer.record(records[self._written])
-            self._written += 1
+            self._written += 1  # before: an interrupt is heard when the record is written
+            self._writer.record(records[self._written - 1])
 
     def hardware_fault(self) -> None:
         """Write that the hardware of the board is made to fail now."""

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from haptogram.conformance.causes import common_finding, failures_by_cause
 from haptogram.conformance.verdict import Behaviour, CaseResult, Recovery, SuiteResult
-from haptogram.errors import ConfigurationError
+from haptogram.errors import refusing_other_content
 from haptogram.machine import files
 from haptogram.records.frame import Evidence
 from haptogram.settings import text_file
@@ -94,12 +94,9 @@ def read_suite_json(path: Path) -> SuiteResult:
         If the file cannot be read, or is no result of the conformance suite.
     """
     found = text_file.read_json_file(path, "compare")
-    try:
+    refusal = f"compare '{path}' is no result of conform: name a file that --json wrote"
+    with refusing_other_content(refusal):
         return suite_of_conformance_json(found)
-    except (ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(
-            f"compare '{path}' is no result of conform: name a file that --json wrote"
-        ) from error
 
 
 def suite_of_conformance_json(found: Mapping[str, Any]) -> SuiteResult:
@@ -107,10 +104,10 @@ def suite_of_conformance_json(found: Mapping[str, Any]) -> SuiteResult:
 
     Raises
     ------
-    ValueError, KeyError, TypeError
+    AttributeError, LookupError, TypeError, ValueError
         If it made something else.
     """
     if found["format"] != FORMAT:
         raise ValueError(f"format is {found['format']!r}, known is {FORMAT!r}")
     results = tuple(_case_of_json(item) for item in found["results"])
-    return SuiteResult(results, found["device"], found["settings"], found["cut_short"])
+    return SuiteResult(results, {**found["device"]}, {**found["settings"]}, found["cut_short"])

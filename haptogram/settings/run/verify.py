@@ -150,12 +150,10 @@ class VerifyConfig(Settings):
 
     def virtual_board(self) -> BoardConfig:
         """Return the virtual board that is started here; a driver paces its line."""
-        own: dict[str, Any] = {
-            "array": self.array.virtual_array,
-            "baud": self.link.baud if self.link.virtual_time else None,
-        }
+        is_paced = self.link.virtual_time and self.link.dialect is None
         return BoardConfig.of(
-            **(own if self.link.dialect is None else self.dialect_options() | {"baud": None}),
+            **self.dialect_options(),
+            baud=self.link.baud if is_paced else None,
             pitch_mm=self.array.pitch_mm,
             temperature_c=self.air_over_board_c,
             calibration=self.elements.calibration,
@@ -167,8 +165,11 @@ class VerifyConfig(Settings):
 
     def dialect_options(self) -> dict[str, Any]:
         """Return the options of a virtual board that choose its dialect and the boards of it."""
-        given = {} if self.array.array is None else {"array": self.array.array}
-        return given | {"dialect": self.link.dialect, "dialect_option": self.link.dialect_option}
+        return {
+            "array": self.array.array,
+            "dialect": self.link.dialect,
+            "dialect_option": self.link.dialect_option,
+        }
 
     def result_options(self) -> dict[str, Any]:
         """Return the options that decide the result, for the report: JSON types, no output path."""

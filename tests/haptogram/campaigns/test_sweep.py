@@ -166,6 +166,8 @@ VERIFY = '[sweep]\nrun = "verify"\n'
         (VERIFY + "[axes]\nfault = { text = 'line.drop p={}', values = [2] }\n", "must be 0 to 1"),
         (VERIFY + "[axes]\nseed = [{ a = 1 }]\n", "seed is {'a': 1}, must be a value or a list"),
         (VERIFY + "[axes]\njson = ['a']\n", "json is an option of one run, not of many points"),
+        (VERIFY + "[options]\nhelp = true\n", "help is an option of one run, not of many points"),
+        (VERIFY + "[axes]\nseed = { values = [1], low = 3 }\n", "seed: 'low' is not read; known"),
         (
             VERIFY + "[options]\nseed = 1\n[axes]\nseed = [1]\n",
             "seed is in [options] and in [axes]; name it once",

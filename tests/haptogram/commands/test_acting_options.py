@@ -55,7 +55,11 @@ CASES = {
         "list": ("", "--compare a.json"),
     },
     "sweep": {"jobs": ("a.toml --scheduler local", "a.toml --scheduler tcp://127.0.0.1:1")},
-    "budget": {"boards": ("--dialect ultraino", "")},
+    "budget": {
+        "boards": ("--dialect ultraino", ""),
+        "transducers": ("", "--dialect ultraino-mega64"),
+    },
+    "decode": {"verbose": ("dump.bin", "dump.bin --json")},
     "replay": {
         "baud": ("run.mcap --port a", "run.mcap"),
         **dict.fromkeys(("healthy", "mutant", "array"), ("run.mcap", "run.mcap --port a")),
@@ -123,7 +127,10 @@ VALUES = {
 }
 ROWS = [
     (command, name, *lines) for command, options in CASES.items() for name, lines in options.items()
-] + [("conform", "boot_timeout", "--spawn true", "")]
+] + [
+    ("conform", "boot_timeout", "--spawn true", ""),
+    ("field", "rate_hz", "--object circle", "--object point"),
+]
 
 
 def actions_of(command: str) -> dict[str, argparse.Action]:
@@ -185,6 +192,8 @@ def test_an_idle_option_is_one_line_and_status_2_before_any_work(
     # What comes after the check is no matter here.
     monkeypatch.setattr("haptogram.commands.shell.output_files.CommandOutputs.__init__", stop)
     monkeypatch.setattr("haptogram.commands.budget._run_dialect_budget", stop)
+    monkeypatch.setattr("haptogram.commands.budget._run_own_budget", stop)
+    monkeypatch.setattr("haptogram.commands.recordings.decode.open_recorded_source", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._list_conform_cases", stop)
     monkeypatch.setattr("haptogram.commands.conform.command._compare_conform_results", stop)
     monkeypatch.setattr("haptogram.commands.conform.command.recorded_suite", stop)

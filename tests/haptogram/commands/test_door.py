@@ -177,10 +177,13 @@ OTHERS = [
     ("board", "--fault device.off\xa0column=16", "device.off column=16, must be 0 to 15 (256 "),
     ("board", "--dialect sonic --mutant crc-61", "is 'sonic'; known are autd3, "),
     ("board", "--mutant x --dialect autd3", "x acts only on Haptogram's own firmware, not on a "),
+    ("board", "--latch-lead-us 5 --dialect autd3", "5 acts only on Haptogram's own firmware, "),
+    ("board", "--pitch-mm 5 --dialect autd3", "acts only on an array that is a grid; leave it out"),
+    ("board", "--array 16x16 --dialect ultraino-mega64", "of 256 elements on channels up to 255; "),
     ("board", "--mutant crc-61", "is 'crc-61'; known are crc-unchecked"),
     ("board", "--latency-ms 16", "needs a baud rate"),
     ("board", "--serial /dev/null", "/dev/null cannot be opened: it is no serial port"),
-    ("soak", "--mutant crc-61", "is 'crc-61'; known are crc-unchecked"),
+    ("soak", "--mutant crc-61 --record a.mcap", "is 'crc-61'; known are crc-unchecked"),
     ("conform", "--clause HG-99", f"HG-99: {UNKNOWN_CLAUSE}"),
     ("conform", "--clause 2.4/2", f"2.4/2: {UNKNOWN_CLAUSE}; did you mean HG-2.4/2?"),
     (
@@ -188,10 +191,15 @@ OTHERS = [
         f"--clause HG-2.4/{ABSENT}",
         f"HG-2.4/{ABSENT}: {UNKNOWN_CLAUSE}; did you mean HG-2.4/",
     ),
+    ("conform", "--spawn x --port y --record a.mcap", "names its own port: --port is one too many"),
     ("conform", "--port-regex ( --spawn true", "'(' is no regular expression: "),
     ("conform", "--port-regex x --spawn true", "'x' has no group; put the port in parentheses"),
     ("conform", "--spawn ./nowhere", "./nowhere cannot be started: there is no such file"),
-    ("conform", "--baseline nowhere.toml", "'nowhere.toml' cannot be read: there is no such"),
+    ("conform", "--baseline no.toml --record a.mcap", "'no.toml' cannot be read: there is no such"),
+    *(
+        (command, "--channels no.toml --port none --capture a.vcd", "'no.toml' cannot be read")
+        for command in ("verify", "conform")
+    ),
     ("conform", "--compare nowhere.json --html a.html", "'nowhere.json' cannot be read: there"),
     ("bench", "--compare nowhere.json", "'nowhere.json' cannot be read: there is no such file"),
     ("field", "--drive nowhere.csv", "'nowhere.csv' cannot be read: there is no such file"),

@@ -191,6 +191,7 @@ def test_a_drive_from_a_file_is_drawn_around_its_focus(run, tmp_path, capsys):
         ("phase,amplitude\n1,2\n", "1 elements"),
         ("phase,amplitude\n" + "1,x\n" * 256, ":2:"),
         ("phase,amplitude\n" + "1,256\n" * 256, "256"),
+        ("phase,amplitude\n" + f"1,{10**20}\n" * 256, ":2:"),
         ("phase,amplitude\n\n1," + "0" * 140_000, ":3: field larger than"),
     ],
 )
@@ -209,7 +210,7 @@ def test_a_bad_drive_is_refused_with_its_place(run, tmp_path, text, message):
         (("--object", "dodecahedron"), "known are"),
         (("--preset", "unknown"), "known are"),
         (("--drive", "missing.csv"), "cannot be read"),
-        (("--at-mm", "0,0,-100"), "100 mm behind the baffle"),
+        (("--at-mm", "0,0,-100"), "--at-mm: point 0 is 100 mm behind the baffle"),
         (("--picture", "field.gif"), "possible are"),
         (("--object", "circle", "--rate-hz", "0"), "1 to 40000"),
         (("--ear-mm", "--modulation-hz", "900"), "half of"),
@@ -274,7 +275,7 @@ def test_an_ear_hears_a_sequence_and_a_steady_drive(run, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--ear-mm", "0,0,-100"), "100 mm behind the baffle"),
+        (("--ear-mm", "0,0,-100"), "^--ear-mm: point 0 is 100 mm behind the baffle"),
         (
             ("--ear-mm", "0,0,0"),
             "within the array, 0.0 mm from .*; it can be from 20 mm on",

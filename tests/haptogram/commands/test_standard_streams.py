@@ -21,7 +21,7 @@ needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
 
 
 @needs_full
-@pytest.mark.parametrize("words", [["budget"], ["--help"]])
+@pytest.mark.parametrize("words", [["budget"], ["--help"], ["board", "--help"]])
 def test_a_full_disk_behind_standard_output_is_status_2_and_one_line(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,6 +87,12 @@ def test_a_shell_may_close_standard_output() -> None:
     assert ended.returncode == 2
     assert ended.stderr.count("\n") == 1
     assert "--json -: standard output is closed" in ended.stderr
+
+
+def test_a_shell_may_close_all_that_a_board_reads_and_writes() -> None:
+    words = f"{sys.executable} -m haptogram board --tcp 0 --until-eof --quiet <&- >&-"
+    ended = subprocess.run(["sh", "-c", words], stderr=subprocess.PIPE, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
 
 
 @pytest.mark.sampled(1)

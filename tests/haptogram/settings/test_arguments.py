@@ -169,7 +169,7 @@ SAID = {
     "array": "array|grid",
 }
 BOARD = {
-    "array": (*TEXT, "", "x", "0x0", "1x-1", "100x100", "/nowhere.csv", "16"),
+    "array": (*optional(TEXT), "", "x", "0x0", "1x-1", "100x100", "/nowhere.csv", "16"),
     "pitch_mm": (None, *NUMBER, 0),
     "temperature_c": (None, *NO_NUMBER, NAN, INF, -INF, 10**400, -21, 50.1, -300.0),
     "seed": (None, *WHOLE),

@@ -136,6 +136,8 @@ def test_a_strange_value_is_shown_short_and_harmless() -> None:
         (["--step-mm", "-3"], ["--step-mm=-3"]),
         (["--json", "-"], ["--json", "-"]),
         (["-h", "-1,2,3"], ["-h", "-1,2,3"]),
+        (["--", "prog", "--x", "-1"], ["--", "prog", "--x", "-1"]),
+        ([], []),
     ],
 )
 def test_a_value_may_begin_with_a_minus(words: list[str], expected: list[str]) -> None:

@@ -37,6 +37,9 @@ HOSTILE = {
         "[" * 40 + "]" * 40: DEEP,
         '{"a":' * 40 + "1" + "}" * 40: DEEP,
         "5": "",
+        '{"key": }': "is no JSON: Expecting value: line 1 column 9",
+        '{"format": "haptogram-bench", "version": 1}': "",
+        '{"kind": "haptogram soak", "version": 3}': "",
     },
 }
 ROWS = [

@@ -84,6 +84,25 @@ def test_fields_that_come_later_are_the_same_and_observations_are_the_records(mo
     assert later == kept
 
 
+def test_an_interrupt_tells_no_latch_twice(monkeypatch):
+    told, moments = [], iter(range(100))
+    lazy = InlineReconstructionWorker(SETTINGS, lambda _: None, told=told)
+    for index in range(5):
+        lazy.latch(a_latch(index))
+    observation = recorder_module._latch_observation  # noqa: SLF001
+
+    def interrupted(*latch):
+        if next(moments) == 2:
+            raise KeyboardInterrupt
+        return observation(*latch)
+
+    monkeypatch.setattr(recorder_module, "_latch_observation", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        lazy.settle()
+    lazy.settle()
+    assert [seen.t_latch_us for seen in told] == [1000 * index for index in range(5)]
+
+
 def test_records_are_handed_over_many_at_a_time(tmp_path):
     worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"), reconstruct=False)
     for index in range(reconstruction.BATCH - 1):

@@ -52,11 +52,13 @@ def test_an_empty_name_is_refused(option, name, capsys):
     assert f"{option} is {name!r}, must be " in said[0]
 
 
+@pytest.mark.parametrize("name", ["-", "/dev/stdout"])
 @pytest.mark.parametrize("option", PLACES)
-def test_standard_output_is_no_place_for_a_board(option, tmp_path, monkeypatch, capsys):
+def test_standard_output_is_no_place_for_a_board(option, name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert board(*listening(option), option, "-") == 2
-    assert f"{option} -: standard output names the port; name a file\n" in capsys.readouterr().err
+    assert board(*listening(option), option, name) == 2
+    told = f"{option} {name}: standard output names the port; name a file\n"
+    assert told in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
