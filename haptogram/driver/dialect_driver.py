@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptogram.acoustics import AcousticModel, Calibration, Medium
-from haptogram.acoustics.arrays import as_float_array
+from haptogram.acoustics.arrays import as_float_vector, check_array_magnitudes
 from haptogram.acoustics.solvers.several import Method
 from haptogram.driver.frames import dialect_frames
 from haptogram.driver.frames.targets import Targets, as_frame_foci
@@ -28,10 +28,9 @@ from haptogram.driver.line.port import Transport, check_port, open_transport
 from haptogram.driver.timing import limits
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.driver.timing.schedule import Schedule
-from haptogram.errors import ConfigurationError
 from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.process import real_time_process
-from haptogram.records.frame import Evidence, Focus, Intended, Observation
+from haptogram.records.frame import MAX_PHASE_RAD, Evidence, Focus, Intended, Observation
 from haptogram.records.kept import MOST_KEPT, KeptRecords, check_kept_records
 from haptogram.settings import arguments
 from haptogram_protocol.dialects.codec import Dialect
@@ -159,7 +158,7 @@ class DialectDriver(ClosedByWith):
         port_baud = _WITHOUT_A_LINE_BAUD if self._baudrate is None else self._baudrate
         check_port(port, port_baud, timeout_s)
         check_air_of_identity(model, medium)
-        check_kept_records(keep)
+        keep = check_kept_records(keep)
         arguments.check_callable("sink", sink)
         self.model = (
             dialect_frames.assumed_dialect_frames_model(dialect, medium) if model is None else model
@@ -189,11 +188,11 @@ class DialectDriver(ClosedByWith):
         )
         try:
             self._line.send(display.opening())
+            self._shown_ns = self._line.now_ns()
             self._line.run_until(self._line.free_ns + round(display.settle_s * _NS_PER_S))
         except BaseException:
             self._line.close()
             raise
-        self._shown_ns = self._line.now_ns()
 
     # --- life ----------------------------------------------------------------------------------
 
@@ -209,6 +208,7 @@ class DialectDriver(ClosedByWith):
             return
         self._closed = True
         try:
+            self._wake()
             self._line.send([*self._display.off(), *self._display.closing()])
             self._line.run_until(self._line.free_ns + _SETTLING_NS)
         finally:
@@ -240,19 +240,17 @@ class DialectDriver(ClosedByWith):
         Parameters
         ----------
         phases_rad : (N,) array_like
-            Lag of each element, in radians; rounded to the steps of the boards.
+            Lag of each element, in radians, a million at most; rounded to the steps of the boards.
         """
-        phases = as_float_array("phases_rad", phases_rad)
-        if phases.shape != (self.model.array.count,):
-            raise ConfigurationError(
-                f"phases_rad has shape {phases.shape}, must be ({self.model.array.count},)"
-            )
+        phases = as_float_vector("phases_rad", phases_rad, self.model.array.count)
+        check_array_magnitudes("phases_rad", phases, MAX_PHASE_RAD)
         frame = self._builder().of_phases(phases)
         self._send(frame)
         return frame.codes
 
     def mute(self) -> None:
         """Switch every channel off."""
+        self._wake()
         self._line.send(self._display.off())
         self._shown_ns = self._line.now_ns()
 
@@ -302,7 +300,7 @@ class DialectDriver(ClosedByWith):
         check_dialect_rate(
             self.dialect, self.boards, baudrate=self._baudrate, rate_hz=schedule.rate_hz
         )
-        limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
+        loops, spin_us = limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
         once = self._builder().frames_of(targets, solver)
         total = limits.check_streamed_frames(loops * len(once))
         period_ns, stride = int(schedule.period_us * 1000), max(1, int(rate_hz / _PROGRESS_HZ))
@@ -349,10 +347,14 @@ class DialectDriver(ClosedByWith):
         return intended
 
     def _send(self, frame: dialect_frames.DialectFrame) -> list[int | None] | None:
-        """Send a frame; first the off-frame if the board may have lost its state."""
-        silent_ns = self._line.now_ns() - self._shown_ns
-        if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:
-            self._line.send(self._display.off())
+        """Send a frame, and return the codes that its bytes show."""
+        self._wake()
         seen = self._line.send(self._display.frame(frame.codes))
         self._shown_ns = self._line.now_ns()
         return seen
+
+    def _wake(self) -> None:
+        """Send the off-frame ahead of another one if the boards may lose the beginning of it."""
+        silent_ns = self._line.now_ns() - self._shown_ns
+        if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:
+            self._line.send(self._display.off())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -21,7 +21,6 @@ from haptogram.driver.playback import (
     DriverPlayback,
     PlaybackTiming,
     PlayReport,
-    playback_period_us,
 )
 from haptogram.driver.session import DriverSession, Sink, choose_session_nonce
 from haptogram.driver.stream import Streamer, StreamPacing, StreamReport, stream_preparation_ns
@@ -44,9 +43,6 @@ from haptogram_protocol import HostConnection, messages
 from haptogram_protocol.cobs import fastest_cobs
 from haptogram_protocol.connection import EventReceived
 from haptogram_protocol.state import OutputState
-
-DEFAULT_PLAY_LEAD_US: Final = 100_000  # time from PLAY to the first frame
-DEFAULT_UNATTENDED_MS: Final = 3000  # time that a sequence plays on without the host
 
 
 class Driver(ClosedByWith):
@@ -78,7 +74,7 @@ class Driver(ClosedByWith):
         :attr:`events` keep, each.  None keeps all, which is 1 GB an hour at 1 kHz.  A verdict over
         frames that were dropped is no pass.
     sink : callable, optional
-        Called with every :class:`Intended` and :class:`Observation`, kept or not.
+        Called with every :class:`Intended` and :class:`Observation`, kept or not; it may mute.
 
     Attributes
     ----------
@@ -94,7 +90,8 @@ class Driver(ClosedByWith):
     intended : KeptRecords of Intended
         Frames that were sent or due, in order; ``intended.dropped`` counts those not kept.
     observations : KeptRecords of Observation
-        Latches that the board reported.
+        Latches that the board reported; ``observations.dropped`` counts those not kept, here or in
+        its trace ring.
     events : KeptRecords of EventReceived
         Other events of the board, without the periodic status.
     warnings : list of str
@@ -137,7 +134,7 @@ class Driver(ClosedByWith):
         check_air_of_identity(model, medium)
         if trace is not None:
             check_argument_kind("trace", trace, messages.TraceMode, "a TraceMode, or None")
-        check_kept_records(keep)
+        keep = check_kept_records(keep)
         check_callable("sink", sink)
         elements = None if calibration is None else Calibration.of(calibration)
         self.session = choose_session_nonce(nonce, seed)
@@ -355,14 +352,15 @@ class Driver(ClosedByWith):
             How often, 1 or more; 10 million frames in all at most.
         lead_us : int, optional
             How long before its time a frame is sent: a stall of the host that is shorter reaches
-            nobody.  By default 100 ms, or what three quarters of the board's queue hold.
+            nobody.  By default 100 ms, or what three quarters of the board's queue hold, or three
+            quarters of what it looks ahead.
         trim : bool
             Shorten the lead as far as the arrival margins that the board reports permit.
         miss_share : float
             Share of the frames that may then be late, 0 to 1.
         spin_us : int
-            How long before its deadline the loop stops sleeping and watches the clock; cut to a
-            quarter of the period.
+            How long before its deadline the loop stops sleeping and watches the clock; a quarter of
+            the period at most.
         realtime : bool
             Ask for fixed priority, locked memory and a frozen collector; what is not permitted is
             in the report and in :attr:`warnings`.
@@ -386,8 +384,11 @@ class Driver(ClosedByWith):
             The link broke, or the board's clock jumped; :attr:`intended` holds what was sent until
             then.
         """
-        schedule = Schedule.at_rate(rate_hz, lead_us, queue_depth=self.identity.queue_depth)
-        limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
+        limit = self.identity
+        schedule = Schedule.at_rate(
+            rate_hz, lead_us, queue_depth=limit.queue_depth, horizon_us=limit.max_horizon_us
+        )
+        loops, spin_us = limits.check_stream_timing(loops, spin_us, progress, realtime=realtime)
         check_number("miss_share", miss_share, 0.0, 1.0)
         check_argument_kind("trim", trim, bool, "True or False")
         once = self._builder().frames_of(targets, mode, solver)
@@ -402,6 +403,7 @@ class Driver(ClosedByWith):
             self._session.control.refresh_ns,
         )
         every = once * loops
+        self._session.pinger.refresh()
         self._make_ready(once, schedule.lead_us + stream_preparation_ns(len(every)) // 1000)
         report = self._streamer.stream(every, schedule, pacing, progress, self._final_status)
         for text in report.not_permitted:
@@ -416,8 +418,8 @@ class Driver(ClosedByWith):
         loops: int = 1,
         mode: Mode | None = None,
         solver: Method | None = None,
-        lead_us: int = DEFAULT_PLAY_LEAD_US,
-        unattended_ms: int = DEFAULT_UNATTENDED_MS,
+        lead_us: int | None = None,
+        unattended_ms: int | None = None,
         progress: Progress | None = None,
     ) -> PlayReport:
         """Upload *targets* as a sequence, play it on the board's clock, and wait for the end.
@@ -430,25 +432,26 @@ class Driver(ClosedByWith):
             How often, 1 or more; 100 million frames in all at most.
         mode : str
             ``phases`` (the default) or ``points``; frames that are ready are all of one of the two.
-        unattended_ms : int
-            How long the board plays on without hearing from this host.
+        unattended_ms : int, optional
+            How long the board plays on without hearing from this host, 1000 or more; by default
+            3000, or what the board allows if that is less.
         """
         check_callable("progress", progress)
-        period_us = playback_period_us(rate_hz, self.identity)
-        timing = PlaybackTiming(period_us, loops, lead_us, unattended_ms)
-        timing.check(self.identity)
+        timing = PlaybackTiming.checked(self.identity, rate_hz, loops, lead_us, unattended_ms)
         frames = self._builder().frames_of(targets, mode, solver)
-        check_whole("number of frames, all loops of them", loops * len(frames), 1, MOST_PLAYED)
+        total = timing.loops * len(frames)
+        check_whole("number of frames, all loops of them", total, 1, MOST_PLAYED)
         data = SequenceData.of(frames)
         data.check(self.identity)
         timing.check_frames(frames, self.identity)
         self._make_ready(frames, timing.lead_us)
         self._player.store(data)
-        self._session.control.rearm_if_timed_out(lead_us)  # an upload takes longer than a hold
+        self._session.pinger.refresh()
+        self._session.control.rearm_if_timed_out(timing.lead_us)  # an upload outlasts a hold
         t0_us, end = self._player.play(frames, timing, self.intended, progress)
         status = self._final_status()
         return PlayReport(
-            frames=loops * len(frames),
+            frames=total,
             latched=None if end is None else end.frames,
             t0_us=t0_us,
             clock_uncertainty_us=self.clock.uncertainty_us,

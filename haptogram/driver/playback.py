@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Self
 
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.line.link import Link
 from haptogram.driver.timing.clock import next_boundary_on_device_clock_us
-from haptogram.driver.timing.pings import PING_PERIOD_NS, Pinger
-from haptogram.driver.timing.schedule import LEAST_RATE_HZ
+from haptogram.driver.timing.lead import default_lead_us
+from haptogram.driver.timing.pings import Pinger
+from haptogram.driver.timing.schedule import LEAST_RATE_HZ, longest_lead_us
 from haptogram.driver.upload import SequenceData, upload_by_driver
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey, Intended
@@ -17,15 +18,18 @@ from haptogram.settings.arguments import Progress, check_number, check_whole
 from haptogram.settings.frozen import dataclass
 from haptogram_protocol import messages
 from haptogram_protocol.connection import EventReceived
+from haptogram_protocol.messages import HelloReply
 
 _SEQUENCE_ID: Final = 1  # id of the one sequence that this host keeps on a board
 US_PER_S: Final = 1_000_000
 _TURN_NS: Final = 100_000_000
 MOST_PLAYED: Final = 100_000_000  # frames in one playback: 28 hours at 1 kHz
-_LEAST_UNATTENDED_MS: Final = 2 * PING_PERIOD_NS // 1_000_000
+_LEAST_UNATTENDED_MS: Final = 1000  # which every board allows: SPEC.md chapter 4
+_DEFAULT_UNATTENDED_MS: Final = 3000
+_NS_BETWEEN_PINGS: Final = 333_333  # for each millisecond of that time: three pings in it
 
 
-def playback_period_us(rate_hz: float, identity: messages.HelloReply) -> int:
+def _playback_period_us(rate_hz: float, identity: HelloReply) -> int:
     """Return the period of *rate_hz* in whole microseconds, as PLAY carries it.
 
     Raises
@@ -33,7 +37,7 @@ def playback_period_us(rate_hz: float, identity: messages.HelloReply) -> int:
     ConfigurationError
         If it is not whole, or the board does not play as fast.
     """
-    check_number("rate_hz", rate_hz, LEAST_RATE_HZ, 1e6)
+    rate_hz = check_number("rate_hz", rate_hz, LEAST_RATE_HZ, 1e6)
     if rate_hz > identity.max_playback_rate_hz:
         raise ConfigurationError(
             f"rate is {rate_hz:g} Hz; the board plays up to {identity.max_playback_rate_hz} "
@@ -46,6 +50,11 @@ def playback_period_us(rate_hz: float, identity: messages.HelloReply) -> int:
             f"whole microseconds: {period_us} µs are {US_PER_S / period_us:.9g} Hz"
         )
     return period_us
+
+
+def default_unattended_ms(identity: HelloReply) -> int:
+    """Return the time that a sequence plays on without the host, unless the caller sets another."""
+    return min(_DEFAULT_UNATTENDED_MS, identity.max_unattended_ms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +78,28 @@ class PlaybackTiming:
     lead_us: int
     unattended_ms: int
 
-    def check(self, identity: messages.HelloReply) -> None:
+    @classmethod
+    def checked(
+        cls,
+        identity: HelloReply,
+        rate_hz: float,
+        loops: int,
+        lead_us: int | None,
+        unattended_ms: int | None,
+    ) -> Self:
         """Refuse times that the board does not play, before the first byte is sent."""
-        check_whole("loops", self.loops, 1, MOST_PLAYED)
-        check_whole("lead_us", self.lead_us, 1, identity.max_horizon_us)
-        least_ms = _LEAST_UNATTENDED_MS  # two pings of the host
-        check_whole("unattended_ms", self.unattended_ms, least_ms, identity.max_unattended_ms)
+        period_us = _playback_period_us(rate_hz, identity)
+        loops = check_whole("loops", loops, 1, MOST_PLAYED)
+        if lead_us is None:
+            lead_us = default_lead_us(identity.max_horizon_us)
+        lead_us = check_whole("lead_us", lead_us, 1, longest_lead_us(identity))
+        if unattended_ms is None:
+            unattended_ms = default_unattended_ms(identity)
+        most_ms = identity.max_unattended_ms
+        unattended_ms = check_whole("unattended_ms", unattended_ms, _LEAST_UNATTENDED_MS, most_ms)
+        return cls(period_us, loops, lead_us, unattended_ms)
 
-    def check_frames(self, frames: list[Frame], identity: messages.HelloReply) -> None:
+    def check_frames(self, frames: list[Frame], identity: HelloReply) -> None:
         """Refuse times in which the board cannot make *frames* ready.
 
         Raises
@@ -170,7 +193,7 @@ class DriverPlayback:
         self,
         link: Link,
         pinger: Pinger,
-        identity: messages.HelloReply,
+        identity: HelloReply,
         *,
         events: KeptRecords[EventReceived],
     ) -> None:
@@ -235,7 +258,7 @@ class DriverPlayback:
             score.note(due)
             if progress is not None:
                 progress(due, total)
-            self._pinger.keep()
+            self._pinger.keep(score.timing.unattended_ms * _NS_BETWEEN_PINGS)
             self._link.turn(min(now_ns + _TURN_NS, last_ns))
         if progress is not None:
             progress(total, total)

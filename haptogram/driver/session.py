@@ -297,7 +297,9 @@ class DriverSession:
     def collect_ring(self) -> None:
         """Add the latches in the board's trace ring, if it keeps one, to the observations."""
         if self.control.known.trace_mode is TraceMode.RING:
-            self.observations.extend(self._traces.read_ring())
+            found, missing = self._traces.read_ring()
+            self.observations.total += missing  # of a ring that was full, say
+            self.observations.extend(found)
 
     def warn(self, text: str) -> None:
         """Add *text* to the warnings, once, and 100 warnings at most."""

@@ -148,6 +148,7 @@ class Streamer:
         self._identity = identity
         self._intended = intended
         self.status = status
+        self._queued_until_us = 0  # by a stream that was cut short
 
     def send_now(self, frame: Frame) -> Intended:
         """Send one frame that is latched as soon as it is complete."""
@@ -182,16 +183,21 @@ class Streamer:
             coming = self._encoded(frames, schedule, t0_us)
             ready = deque(islice(coming, _AHEAD))
             stride = max(1, int(schedule.rate_hz / _PROGRESS_HZ))
-            for number in range(1, len(frames) + 1):
-                frame, index, due_us, wire = ready.popleft()
-                run.wait(due_us)
-                times_us = run.send(wire, due_us - frame.ready_after_us(self._identity))
-                noted = self._record_sent(frame, index, due_us, *times_us)
-                if noted.t_sent_us is None:
-                    run.skipped.append(noted.number)
-                ready.extend(islice(coming, 1))
-                if progress is not None and number % stride == 0:
-                    progress(number, len(frames))
+            try:
+                for number in range(1, len(frames) + 1):
+                    frame, index, due_us, wire = ready.popleft()
+                    run.wait(due_us)
+                    times_us = run.send(wire, due_us - frame.ready_after_us(self._identity))
+                    noted = self._record_sent(frame, index, due_us, *times_us)
+                    if noted.t_sent_us is None:
+                        run.skipped.append(noted.number)
+                    ready.extend(islice(coming, 1))
+                    if progress is not None and number % stride == 0:
+                        progress(number, len(frames))
+            finally:
+                if ready:  # cut short: the board would count them as lost
+                    self.link.connection.stream_index = ready[0][1]
+                    self._queued_until_us = ready[0][2]
             run.wait_for_queue(due_us)
         if progress is not None:
             progress(len(frames), len(frames))
@@ -213,12 +219,16 @@ class Streamer:
         )
 
     def _start_us(self, schedule: Schedule, count: int) -> int:
-        """Return when the first frame is due: after the time to encode the first 256 frames."""
+        """Return when the first frame is due: after the time to encode the first 256 frames.
+
+        Nor before what an earlier stream left in the queue; if the clock has jumped, nobody knows.
+        """
         begin_ns = self.link.now_ns() + stream_preparation_ns(count)
         begin_us = self.pinger.clock.to_device_us(begin_ns)
-        return next_boundary_on_device_clock_us(
-            begin_us + schedule.lead_us, self._identity.carrier_hz
-        )
+        first_us = begin_us + schedule.lead_us
+        if self._queued_until_us < begin_us + self._identity.max_horizon_us:
+            first_us = max(first_us, self._queued_until_us)
+        return next_boundary_on_device_clock_us(first_us, self._identity.carrier_hz)
 
     def _encoded(self, frames: list[Frame], schedule: Schedule, t0_us: int) -> Iterator[_Encoded]:
         """Yield each frame with its number, due time and wire bytes."""

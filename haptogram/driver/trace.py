@@ -19,6 +19,7 @@ from haptogram_protocol.connection import EventReceived
 
 _READ_TRIES = 3  # tries to read a drive that is replaced meanwhile
 _RING_READ = 0xFFFF  # latches asked for at a time; the board sends as many as fit
+_HALF_TURN_NS = 2_100_000_000_000  # of the device clock: what is read back is in the past
 
 
 class DriverTraceReader:
@@ -55,23 +56,27 @@ class DriverTraceReader:
         header = event.header
         return self._latch(key, header.time_us, event.t_rx_us * 1000, shown, header.flags)
 
-    def read_ring(self) -> list[Observation]:
-        """Return the latches in the board's ring that were not read before, oldest first."""
-        found: list[Observation] = []
+    def read_ring(self) -> tuple[list[Observation], int]:
+        """Return the latches that were not read before, oldest first, as far as the ring has them.
+
+        And the number of those that it has not.
+        """
+        found, first = list[Observation](), self._next_in_ring
         while True:
             reply = self._link.request(
                 messages.ReadTrace(self._next_in_ring, _RING_READ), messages.TraceReply
             )
-            now_ns = self._link.now_ns()
+            near_ns = self._link.now_ns() - _HALF_TURN_NS
             found += [
-                self._latch(record.key, record.t_latch_us, now_ns, record.crc, record.flags)
+                self._latch(record.key, record.t_latch_us, near_ns, record.crc, record.flags)
                 for record in reply.records
             ]
             if not reply.records or reply.records[-1].number < self._next_in_ring:
-                return found
+                break
             self._next_in_ring = reply.records[-1].number + 1
             if self._next_in_ring >= reply.next:
-                return found
+                break
+        return found, max(0, self._next_in_ring - first - len(found))
 
     def read_drive(self, kind: messages.DriveKind) -> Observation:
         """Return the drive at the transducers now, latched or radiated.
@@ -95,7 +100,7 @@ class DriverTraceReader:
                 halves = [(r.data[: len(r.data) // 2], r.data[len(r.data) // 2 :]) for r in replies]
                 data = b"".join(b"".join(part) for part in zip(*halves, strict=True))
                 key, t_us = replies[0].key, replies[0].t_latch_us  # a read-back tells no lateness
-                return self._latch(key, t_us, self._link.now_ns(), data)
+                return self._latch(key, t_us, self._link.now_ns() - _HALF_TURN_NS, data)
         raise WrongProtocolError(
             f"{self._link.url}: the drive changed during each of {_READ_TRIES} read-backs"
         )

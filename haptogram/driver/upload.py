@@ -144,7 +144,7 @@ def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
         for seq in [seq for seq in waiting if link.answered(seq)]:
             waiting.remove(seq)
             try:
-                reply = link.wait_for(seq, messages.UploadChunkReply, link.now_ns())
+                reply = link.answer_of(seq, messages.UploadChunkReply)
                 received = max(received, reply.received)
             except DeviceError as error:
                 if error.code != messages.ErrorCode.INCOMPLETE:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final, cast
 from haptogram import verification
 from haptogram.acoustics import AcousticModel, Calibration, TransducerArray
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.driver.driver import DEFAULT_PLAY_LEAD_US, DEFAULT_UNATTENDED_MS, Driver
+from haptogram.driver.driver import Driver
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.line.port import open_transport
-from haptogram.driver.playback import PlayReport
+from haptogram.driver.playback import PlayReport, default_unattended_ms
 from haptogram.driver.stream import StreamReport
 from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import AnyDriver, BoardUnderTest
@@ -338,7 +338,8 @@ def _counter_growth(driver: Driver, before: Counters) -> dict[str, int]:
 def _effective_lease_us(driver: Driver, config: VerifyConfig) -> int:
     """Return how long the board continues without host traffic, less the clock error."""
     is_played = config.drive.mode == "sequence"
-    lease_ms = DEFAULT_UNATTENDED_MS if is_played else driver.config().host_timeout_ms
+    played_ms = default_unattended_ms(driver.identity)
+    lease_ms = played_ms if is_played else driver.config().host_timeout_ms
     return 1000 * lease_ms - math.ceil(driver.clock.uncertainty_us)
 
 
@@ -380,7 +381,7 @@ def _display_run(
             frames,
             config.pace.rate_hz,
             loops=config.pace.repeat,
-            lead_us=lead_us or DEFAULT_PLAY_LEAD_US,
+            lead_us=lead_us,
             progress=progress,
         )
     return driver.stream(

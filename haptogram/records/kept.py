@@ -19,10 +19,9 @@ MOST_KEPT: Final = 200_000
 _MOST_EVER: Final = 10**9  # entries that a caller can ask to be kept
 
 
-def check_kept_records(keep: int | None) -> None:
-    """Refuse a number of entries to keep that is neither None nor 1 to 1e9."""
-    if keep is not None:
-        check_whole("keep", keep, 1, _MOST_EVER)
+def check_kept_records(keep: int | None) -> int | None:
+    """Return a number of entries to keep, or raise unless it is None or 1 to 1e9."""
+    return None if keep is None else check_whole("keep", keep, 1, _MOST_EVER)
 
 
 class KeptRecords(Sequence[_T]):

@@ -126,7 +126,7 @@ def verify_run(
         seen[observation.key].append(observation)
     for latches in seen.values():
         if len(latches) > 1:
-            latches.sort(key=lambda latch: latch.t_latch_us)
+            latches.sort(key=lambda latch: (latch.evidence is Evidence.WIRE, latch.t_latch_us))
     judge = FrameJudge(
         model,
         carrier_us=max(1, round(1e6 / model.frequency_hz)),

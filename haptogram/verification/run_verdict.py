@@ -24,6 +24,7 @@ from .frame.verdict import (
     Verdict,
     frame_verdict_measures,
     frame_verdict_text,
+    is_share_reached,
 )
 from .tolerance import Tolerance, Uncertainty, VerdictUncertainty, tolerance_text
 
@@ -118,7 +119,8 @@ class RunVerdict(Judged):
     def too_few(self) -> bool:
         """True if fewer frames were verified than had to be, or none; lost ones are no evidence."""
         verified, lost = self.counts["verified"], self.counts["lost"]
-        return not (verified or lost) or verified < self.min_verified * (self.due - lost)
+        is_enough = is_share_reached(verified, self.min_verified, self.due - lost)
+        return not (verified or lost) or not is_enough
 
     def values(self, name: str) -> np.ndarray:
         """Return one measure of all frames that have it, e.g. ``"axial_error_mm"``."""

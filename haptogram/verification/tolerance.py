@@ -130,8 +130,9 @@ class Uncertainty:
         check_number("phase_rad", self.phase_rad, 0.0, MOST_OFF_PHASE_RAD)
 
     def speed_share(self, medium: Medium) -> float:
-        """Return the relative standard uncertainty of the speed of sound."""
-        return air_speed_uncertainty(medium, self.temperature_c, self.humidity_percent)
+        """Return the relative standard uncertainty of the speed of sound, by both together."""
+        changes = (self.temperature_c, 0.0), (0.0, self.humidity_percent)
+        return math.hypot(*(air_speed_uncertainty(medium, *change) for change in changes))
 
 
 #: Uncertainty of a real board until the user states a better one.

@@ -133,8 +133,10 @@ def _spot_crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:
 
 
 def _first_spot_minimum(steps: FloatArray, level: FloatArray) -> float:
-    """Return the position of the first minimum of |p|^2, by a parabola."""
-    rising = np.flatnonzero(np.diff(level) > 0.0)
+    """Return the position of the first minimum of |p|^2 behind its peak, by a parabola."""
+    rises = np.diff(level) > 0.0
+    top = int(rises.argmin())  # a focus off the axis has its peak beside the target
+    rising = top + np.flatnonzero(rises[top:])
     if not len(rising) or rising[0] == 0:
         return math.nan
     i = int(rising[0])

@@ -201,11 +201,9 @@ def quantise_phase(phases_rad: ArrayLike, bits: int) -> PhaseCodes:
     >>> quantise_phase([0.0, np.pi / 2, -np.pi / 2], 8).tolist()
     [0, 64, 192]
     """
-    check_phase_bits(bits)
+    bits = check_phase_bits(bits)
     phases = as_float_array("phases_rad", phases_rad)
-    if phases.size and np.abs(phases).max() > _MAX_PHASE_RAD:
-        worst = float(np.abs(phases).max())
-        raise ConfigurationError(f"a phase is {worst:g} rad, at most {_MAX_PHASE_RAD:g}")
+    check_array_magnitudes("phases_rad", phases, _MAX_PHASE_RAD)
     steps = np.floor(phases * ((1 << bits) / _TURN_RAD) + 0.5).astype(np.int64)
     # The remainder is taken among integers: casting a negative float is undefined.
     return (steps & ((1 << bits) - 1)).astype(_phase_code_type(bits))
@@ -219,8 +217,7 @@ def dequantise_phase(codes: PhaseCodes, bits: int) -> FloatArray:
     >>> dequantise_phase(np.array([0, 64], dtype=np.uint8), 8).round(3).tolist()
     [0.0, 1.571]
     """
-    check_phase_bits(bits)
-    phases: FloatArray = np.asarray(codes, dtype=np.float64) * (_TURN_RAD / (1 << bits))
+    phases: FloatArray = np.asarray(codes, dtype=np.float64) * phase_step_rad(bits)
     return phases
 
 
@@ -232,8 +229,7 @@ def phase_step_rad(bits: int) -> float:
     >>> round(phase_step_rad(8), 4)
     0.0245
     """
-    check_phase_bits(bits)
-    return _TURN_RAD / (1 << bits)
+    return _TURN_RAD / (1 << check_phase_bits(bits))
 
 
 def check_phase_bits(bits: int) -> int:

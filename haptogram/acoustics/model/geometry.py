@@ -122,8 +122,7 @@ class TransducerArray:
     @classmethod
     def grid(cls, nx: int, ny: int, *, pitch_m: float = DEFAULT_PITCH_M) -> Self:
         """Return a planar nx-by-ny grid, centred on the origin and facing +z."""
-        for side in (nx, ny):
-            check_whole("side of the grid", side, 1, MAX_TRANSDUCERS)
+        nx, ny = (check_whole("side of the grid", n, 1, MAX_TRANSDUCERS) for n in (nx, ny))
         _check_element_count(nx * ny)
         check_positive("pitch_m", pitch_m)
         ix, iy = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")

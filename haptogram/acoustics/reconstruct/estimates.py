@@ -33,7 +33,7 @@ class SingleFocus:
         Pressure at the focus.
     force_n : float
         Force on a reflecting disc of 10 mm radius around the focus, parallel to the array's face:
-        as of :func:`.radiation.force_on_disc_n`.
+        as of :func:`.force_on_disc_n`.
     acquired : str
         "warm": found from the focus before; "global": searched for.
     rivals_m : tuple

@@ -13,12 +13,11 @@ the fast field engine (1e-4 of it).
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import takewhile
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,6 +60,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number
 from haptogram.settings.frozen import dataclass
 
+_Found = TypeVar("_Found")
 _MIN_TRACKED: Final = 4
 _AT_ONCE: Final = 512  # drives of a call of compiled code
 _SILENT: Final = 1e-6  # largest amplitude of a silent element; far below half an amplitude step
@@ -168,21 +168,29 @@ class Reconstructor:
 
         Those that are beside the one before are found at once, in compiled code where it serves.
         """
-        found: list[Reconstruction] = []
+        return self._all_of(asked, self.reconstruct_weights)
+
+    def reconstruct_all_quickly(self, asked: Sequence[DriveToFind]) -> list[Reconstruction | None]:
+        """Return those foci; None as of :meth:`reconstruct_quickly`."""
+        return self._all_of(asked, self.reconstruct_quickly)
+
+    def _all_of(
+        self, asked: Sequence[DriveToFind], reconstruct: Callable[..., _Found]
+    ) -> list[Reconstruction | _Found]:
+        found: list[Reconstruction | _Found] = []
         while len(found) < len(asked):
             beside = self._foci_beside_last(asked[len(found) : len(found) + self._at_once])
             found += beside
             # Where one has jumped the next one may: not to prepare many in vain.
             self._at_once = min(_AT_ONCE, 2 * self._at_once) if beside else 1
             if not beside:
-                found.append(self._focus_of(asked[len(found)]))
+                drive, step_rad, slack_rad = asked[len(found)]
+                found.append(
+                    NoFocus("muted")
+                    if drive.is_muted
+                    else reconstruct(drive.weights(), step_rad=step_rad, slack_rad=slack_rad)
+                )
         return found
-
-    def _focus_of(self, asked: DriveToFind) -> Reconstruction:
-        """Return the field of one asked drive, without a search if it is muted."""
-        if asked.drive.is_muted:
-            return NoFocus("muted")
-        return self._reconstruct(asked.drive.weights(), asked.step_rad, asked.slack_rad)
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
         """Return the foci of the leading drives that a fit warm-started at the last focus finds."""
@@ -233,8 +241,11 @@ class Reconstructor:
         """
         if step_rad is None:
             step_rad = phase_step_rad(self._phase_bits or REGISTER_BITS)
-        check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
-        return self._reconstruct(as_weights(weights), step_rad, slack_rad)
+        radiated = self._as_radiated_drive(weights, step_rad, slack_rad)
+        if isinstance(radiated, NoFocus):
+            return radiated
+        found, tried = self._locate_quickly(radiated)
+        return self._search(tried, radiated) if found is None else found
 
     def reconstruct_quickly(
         self, weights: ArrayLike, *, step_rad: float, slack_rad: float = 0.0
@@ -245,32 +256,18 @@ class Reconstructor:
         as long where there is no focus. Parameters and errors are those of
         :meth:`reconstruct_weights`.
         """
-        check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
-        radiated = self._as_radiated_drive(as_weights(weights), step_rad, slack_rad)
+        radiated = self._as_radiated_drive(weights, step_rad, slack_rad)
         return radiated if isinstance(radiated, NoFocus) else self._locate_quickly(radiated)[0]
 
-    def _reconstruct(
-        self, weights: ComplexArray, step_rad: float, slack_rad: float
-    ) -> Reconstruction:
-        """Locate the focus of radiated weights: quickly if possible, else by a full search."""
-        radiated = self._as_radiated_drive(weights, step_rad, slack_rad)
-        if isinstance(radiated, NoFocus):
-            return radiated
-        found, tried = self._locate_quickly(radiated)
-        if found is None:
-            found = self._search(tried, radiated)
-        if isinstance(found, SingleFocus) and step_rad >= COARSE_RAD:
-            return self._best_of_rivals(found, radiated)
-        return found
-
-    def _best_of_rivals(self, found: SingleFocus, radiated: _ReconstructedDrive) -> SingleFocus:
-        """Return the best-fitting focus, with the equally good alternatives.
+    def _best_of_rivals(
+        self, here: PhaseFit, radiated: _ReconstructedDrive
+    ) -> tuple[PhaseFit, list[FloatArray]]:
+        """Return the best fit of a focus, and the places of the equally good alternatives.
 
         Rounding to a step leaves its twelfth in the mean square, with a deviation of
         sqrt(1 / 180 / N): three of them above count as equal, and what fits worse is no rounding.
         """
         active, step_rad = radiated.active, radiated.step_rad
-        here = self._fit(radiated, np.array(found.position_m), active)
         others = self._acquisition_for(active).fits(
             radiated.phases_rad, active, step_rad, _MAX_RIVAL_STARTS
         )
@@ -285,13 +282,14 @@ class Reconstructor:
             apart_m = min(float(np.linalg.norm(fit.position_m - place)) for place in known)
             if fit.residual_rms_rad <= limit_rad and apart_m > self._model.wavelength_m / 4.0:
                 rivals.append(fit.position_m)
-        single = self._as_focus(best, radiated, found.acquired) if best is not here else found
-        return dataclasses.replace(single, rivals_m=tuple(as_vector(place) for place in rivals))
+        return best, rivals
 
     def _as_radiated_drive(
-        self, weights: ComplexArray, step_rad: float, slack_rad: float
+        self, given: ArrayLike, step_rad: float, slack_rad: float
     ) -> _ReconstructedDrive | NoFocus:
         """Return phases and active elements of the weights; NoFocus if none is active."""
+        check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
+        weights = as_weights(given)
         if weights.shape != (self._model.array.count,):
             raise ConfigurationError(
                 f"drive has shape {weights.shape}, array has {self._model.array.count} elements"
@@ -430,6 +428,9 @@ class Reconstructor:
         self, fit: PhaseFit, radiated: _ReconstructedDrive, acquired: Literal["warm", "global"]
     ) -> SingleFocus:
         """Return a fit as a focus, with pressure and force there; the next search starts at it."""
+        rivals: list[FloatArray] = []
+        if radiated.step_rad >= COARSE_RAD:
+            fit, rivals = self._best_of_rivals(fit, radiated)
         self._last_focus = fit.position_m
         pressure, coherence = arrival_at_point(self._model, radiated.weights, fit.position_m)
         return SingleFocus(
@@ -443,6 +444,7 @@ class Reconstructor:
             level_db_spl=level_db_spl(pressure),
             force_n=self._force_n(radiated.weights, fit.position_m),
             acquired=acquired,
+            rivals_m=tuple(map(as_vector, rivals)),
         )
 
     def _force_n(self, weights: ComplexArray, position: FloatArray) -> float:

@@ -92,7 +92,7 @@ class FocusTracker:
     """
 
     def __init__(self, model: AcousticModel, phase_bits: int = REGISTER_BITS) -> None:
-        check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
+        phase_bits = check_whole("phase_bits", phase_bits, 1, REGISTER_BITS)
         kernels = load_kernels()
         if kernels is None:
             raise ConfigurationError("numba is not installed: pip install numba")

@@ -16,6 +16,7 @@ from haptogram.acoustics.arrays import BoolArray, FloatArray, as_coordinates, as
 from haptogram.acoustics.model.drive import REGISTER_BITS, phase_step_rad
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number
 from haptogram.settings.frozen import dataclass
 
 # A direction in which moving the focus changes the phases 10 000 times less than in the best one.
@@ -109,7 +110,8 @@ def fit_focus(
     Raises
     ------
     ConfigurationError
-        Shapes that do not fit the array, values that are not finite, or no active element.
+        Shapes that do not fit the array, values that are not finite, no active element, or a step
+        that is not within pi and a millionth of it.
 
     Examples
     --------
@@ -138,6 +140,7 @@ def fit_focus(
         residual = wrapped_phases(arrivals - phase)
         own = residual[used]
     step = phase_step_rad(phase_bits) if step_rad is None else step_rad
+    check_number("step_rad", step, 1e-6 * math.pi, math.pi)
     std_m, bound_m, observable = problem.uncertainty(slopes, step)
     rms = math.sqrt(float(own @ own) / len(own))
     return PhaseFit(position, phase, residual, rms, std_m, bound_m, observable, steps, converged)

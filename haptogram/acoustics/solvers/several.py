@@ -21,7 +21,7 @@ from haptogram.acoustics.model.drive import saturated_weights
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.solvers.focus import check_focus_targets, superpose_foci
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import check_number, check_whole
+from haptogram.settings.arguments import check_choice, check_number, check_whole
 
 if TYPE_CHECKING:
     from haptogram.records.frame import Focus
@@ -34,7 +34,9 @@ _MAX_ROUNDS: Final = 10_000
 #: one pair in six of foci on a raster of 7 x 7 places, 20 mm apart.
 _DAMPING: Final = 0.75
 _LARGEST_WEIGHT: Final = 2.0**40  # a point that cannot be served gains weight in every round
-_LEVELS: Final = (1e-6, 1e6)  # range of amplitudes whose squares fit single precision
+#: Range of amplitudes whose squares fit single precision; those of their weights, which grow with
+#: the ratio of the largest to the smallest, fit as well up to the same ratio.
+_LEVELS: Final = (1e-6, 1e6)
 
 
 def solve_foci(
@@ -52,7 +54,8 @@ def solve_foci(
     points_m : (F, 3) array_like
         Foci, in metres; at most 256.
     amplitudes : (F,) array_like, optional
-        Their relative amplitudes, 1e-6 to 1e6; all equal if not given.
+        Their relative amplitudes, 1e-6 to 1e6, the largest up to 1e6 times the smallest; all equal
+        if not given.
     method : {"naive", "ibp", "gs", "wgs", "gspat", "gradient"}
         Superposition, scaled so that the largest weight is 1; iterative backpropagation (A. Marzo
         and B. W. Drinkwater, PNAS 116(1), 2019); Gerchberg-Saxton, and its weighted form (R. Di
@@ -80,8 +83,7 @@ def solve_foci(
     True
     """
     points = as_point_array("points_m", points_m)
-    if method not in METHODS:
-        raise ConfigurationError(f"method is {method!r}, must be one of {', '.join(METHODS)}")
+    check_choice("method", method, METHODS)
     if not 1 <= len(points) <= _MAX_FOCI:
         raise ConfigurationError(f"{len(points)} foci, must be 1 to {_MAX_FOCI}")
     check_whole("rounds", rounds, 1, _MAX_ROUNDS)
@@ -130,6 +132,7 @@ def weights_for_foci(
     >>> bool(np.allclose(one, weights))
     True
     """
+    check_choice("method", method, METHODS)
     if method == "naive" or len(as_point_array("points_m", points_m)) == 1:
         return saturated_weights(superpose_foci(model, points_m, amplitudes, phases_rad))
     return solve_foci(model, points_m, amplitudes, method=method)
@@ -298,8 +301,10 @@ def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArra
 def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
     """Return the wanted amplitudes of all foci, within limits, or raise."""
     levels = as_float_vector("amplitudes", amplitudes, count)
-    for level in (levels.min(), levels.max()):
+    low, high = float(levels.min()), float(levels.max())
+    for level in (low, high):
         check_number("an amplitude", level, *_LEVELS)
+    check_number("the ratio of the amplitudes", high / low, 1.0, _LEVELS[1])
     return levels
 
 

@@ -108,7 +108,7 @@ class LineBudget:
     """
 
     def __init__(self, baudrate: int) -> None:
-        self.baudrate = baudrate
+        self.baudrate = int(baudrate)  # which may be one of numpy's, of 32 bits
         self.free_ns = 0
 
     def add(self, size: int, now_ns: int) -> None:

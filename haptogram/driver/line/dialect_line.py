@@ -48,6 +48,7 @@ class DialectLine:
         self._line = None if baudrate is None else LineBudget(baudrate)
         self._timeout_ns = round(timeout_s * _NS_PER_S)
         self._replies: list[Reply] = []
+        self._unwritten = b""  # of a frame that was cut off: the next one comes after its rest
 
     @property
     def url(self) -> str:
@@ -122,9 +123,11 @@ class DialectLine:
         if self._line is not None:
             self._line.add(len(data), self.now_ns())
         deadline_ns = self.now_ns() + self._timeout_ns
-        while data:
-            if taken := self._transport.write_some(data):
-                data, deadline_ns = data[taken:], self.now_ns() + self._timeout_ns
+        self._unwritten += data
+        while self._unwritten:
+            if taken := self._transport.write_some(self._unwritten):
+                self._unwritten = self._unwritten[taken:]
+                deadline_ns = self.now_ns() + self._timeout_ns
                 continue
             if self.now_ns() >= deadline_ns:
                 raise LinkLostError(

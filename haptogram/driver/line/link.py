@@ -18,18 +18,30 @@ from haptogram_protocol import NEED_DATA, VERSION_MAJOR, HostConnection, message
 from haptogram_protocol.connection import (
     EventReceived,
     FrameDropped,
+    HostEvent,
     ReplyReceived,
     RequestRefused,
     RequestTimedOut,
 )
-from haptogram_protocol.messages import Error, ErrorCode, HelloReply, Message, UploadChunk
+from haptogram_protocol.messages import ErrorCode, HelloReply, Message, UploadChunk
 
 NS_PER_S: Final = 1_000_000_000
 _SILENCE_NS: Final = 20_000_000  # the shortest lease of a board
 BURST_NS: Final = 1_800_000  # line time that may be unsent: two frames of 276 B at 3 Mbaud
 _STALL_RETRY_NS: Final = 1_000_000  # how soon a port that took nothing is asked again
 
+#: Why a request was refused, by code and whether there is a detail: HG-4.9, HG-4.12.
+_REASONS: Final[dict[tuple[int, bool], str]] = {
+    (ErrorCode.STALE_SESSION, True): "; another host has opened a session",
+    (ErrorCode.STALE_SESSION, False): "; the board has been started anew, and has no session",
+    (
+        ErrorCode.SEQUENCE_REUSED,
+        True,
+    ): "; the last session had this nonce: take another one, or seed",
+}
+
 _UNASKED: Final = (EventReceived, FrameDropped)
+_FAILED: Final = (RequestRefused, RequestTimedOut)
 _Outcome: TypeAlias = ReplyReceived | RequestRefused | RequestTimedOut
 Handler: TypeAlias = Callable[[EventReceived | ReplyReceived | FrameDropped], None]
 _M = TypeVar("_M", bound=Message)
@@ -89,7 +101,8 @@ class Link:
         self._unwritten = b""
         self._refusing_since_ns: int | None = None
         self._awaited: dict[int, _Outcome | None] = {}
-        self._undelivered = False  # events that came with one that raised
+        self._untold: deque[HostEvent] = deque()  # for the handler
+        self._telling = False
 
     @property
     def url(self) -> str:
@@ -124,7 +137,7 @@ class Link:
         self._push()
         self.idle_since_ns = self.now_ns()
         data = self._transport.read_available(self._wake_ns(deadline_ns))
-        if not (data or self._unwritten or self._undelivered or self.connection.outstanding):
+        if not (data or self._unwritten or self._untold or self.connection.outstanding):
             return  # most turns of a stream
         now_us = self.now_us()
         if data:
@@ -168,18 +181,27 @@ class Link:
             )
 
     def _dispatch(self) -> None:
-        """Pass events to the handler; keep replies that a caller awaits."""
-        self._undelivered = True  # if one of them raises
+        """Keep replies that a caller awaits; pass all else to the handler, one after the other.
+
+        A handler may use the link itself: what comes meanwhile is told after it.
+        """
         while (event := self.connection.next_event()) is not NEED_DATA:
-            if isinstance(event, _UNASKED):
-                self.handler(event)
-            elif event.seq in self._awaited:
+            if not isinstance(event, _UNASKED) and event.seq in self._awaited:
                 self._awaited[event.seq] = event
-            elif isinstance(event, ReplyReceived):
-                self.handler(event)
             else:
-                self._reply_of(event)  # raises: nobody else would tell
-        self._undelivered = False
+                self._untold.append(event)
+        while self._untold and not self._telling:
+            self._telling = True
+            try:
+                self._tell(self._untold.popleft())
+            finally:
+                self._telling = False
+
+    def _tell(self, event: HostEvent) -> None:
+        if isinstance(event, _FAILED):
+            self._message(event, Message)  # raises: nobody else would tell
+        else:
+            self.handler(event)
 
     # --- stream --------------------------------------------------------------------------------
 
@@ -241,7 +263,8 @@ class Link:
         self._awaited.clear()
         self.connection.data_to_send()
         seq = self.connection.send_mute(self.now_us())
-        return self.wait_for(seq, reply, self.now_ns() + timeout_ns)
+        outcome = self._wait_for_outcome(seq, self.now_ns() + timeout_ns)
+        return self.mute(reply, timeout_ns) if outcome is None else self._message(outcome, reply)
 
     def wait_idle(self, deadline_ns: int) -> None:
         """Wait until no request waits for its answer."""
@@ -258,21 +281,27 @@ class Link:
         return seq
 
     def answered(self, seq: int) -> bool:
-        """Return True if an awaited request has its answer."""
-        return self._awaited.get(seq) is not None
+        """Return True if an awaited request has its answer, or none any more: after a MUTE."""
+        return seq not in self._awaited or self._awaited[seq] is not None
+
+    def answer_of(self, seq: int, reply: type[_M]) -> _M:
+        """Return the reply to an awaited request that was answered; see :meth:`request`."""
+        return self._message(self._awaited.pop(seq, None), reply)
 
     def wait_for(self, seq: int, reply: type[_M], deadline_ns: int) -> _M:
         """Return the reply to the request *seq*; see :meth:`request`."""
-        self._awaited.setdefault(seq, None)
+        return self._message(self._wait_for_outcome(seq, deadline_ns), reply)
+
+    def _wait_for_outcome(self, seq: int, deadline_ns: int) -> _Outcome | None:
+        """Return the outcome of a request; None: the handler sent a MUTE meanwhile."""
+        self._awaited[seq] = None
         try:
-            while (outcome := self._awaited[seq]) is None:
+            while not self.answered(seq):
                 self._check_time(deadline_ns, "the last request")
                 self.turn(deadline_ns)
+            return self._awaited.get(seq)
         finally:
-            del self._awaited[seq]
-        message = self._reply_of(outcome).message
-        assert isinstance(message, reply)  # the connection pairs requests with their replies
-        return message
+            self._awaited.pop(seq, None)
 
     def _check_time(self, deadline_ns: int, what: str) -> None:
         """Raise once the deadline has passed while waiting for *what*."""
@@ -281,8 +310,10 @@ class Link:
                 f"{self.url}: {what} was not answered within {self._timeout_ns / NS_PER_S:g} s"
             )
 
-    def _reply_of(self, outcome: _Outcome) -> ReplyReceived:
-        """Return the reply to a request; raise if it timed out or was refused."""
+    def _message(self, outcome: _Outcome | None, reply: type[_M]) -> _M:
+        """Return the reply to a request; raise if it was given up, timed out or was refused."""
+        if outcome is None:
+            raise errors.NoAnswerError(f"{self.url}: a request was given up for a MUTE")
         if isinstance(outcome, RequestTimedOut):
             raise errors.NoAnswerError(
                 f"{self.url}: {outcome.request.name} was sent {outcome.attempts} times and not "
@@ -290,14 +321,15 @@ class Link:
             )
         if isinstance(outcome, RequestRefused):
             error = outcome.error
-            other = "; another host has opened a session" if _link_is_taken_over(error) else ""
+            why = _REASONS.get((error.code, error.detail != 0), "")
             raise errors.DeviceError(
                 f"{outcome.request.name} was refused: {_link_error_name(error.code)}, "
-                f"detail {error.detail}{other}",
+                f"detail {error.detail}{why}",
                 code=error.code,
                 detail=error.detail,
             )
-        return outcome
+        assert isinstance(outcome.message, reply)  # the connection pairs requests and replies
+        return outcome.message
 
     def close(self) -> None:
         """Close the port, and forget what waits for it; never raises."""
@@ -309,11 +341,6 @@ class Link:
         """Raise if the transport is closed."""
         if isinstance(self._transport, ClosedTransport):
             raise self._transport.error()
-
-
-def _link_is_taken_over(error: Error) -> bool:
-    """Return True if the board has the session of another host, which *error* names: HG-4.12."""
-    return error.code == ErrorCode.STALE_SESSION and error.detail != 0
 
 
 def _link_error_name(code: int) -> str:

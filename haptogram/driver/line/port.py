@@ -223,8 +223,8 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
     Parameters
     ----------
     url : str
-        Anything that ``serial.serial_for_url`` takes: ``/dev/ttyUSB0``, ``/dev/pts/7``,
-        ``socket://host:port``, ``haptogram://`` (once registered).
+        Anything that ``serial.serial_for_url`` takes, but ``rfc2217://``: ``/dev/ttyUSB0``,
+        ``/dev/pts/7``, ``socket://host:port``, ``haptogram://`` (once registered).
     baudrate : int
         Bits per second; a port without a line takes no notice.
 
@@ -237,7 +237,7 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
     LinkError
         It cannot be opened for another reason (permission, not a serial port).
     ConfigurationError
-        *url* or *baudrate* make no sense.
+        *url* or *baudrate* make no sense, or pyserial cannot write there without waiting.
     """
     check_whole("baudrate", baudrate, 1, _MOST_BAUDRATE)
     _check_transport_address(url)
@@ -245,7 +245,12 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
     try:
         port.fileno()
     except (AttributeError, OSError):  # io.UnsupportedOperation is an OSError
-        return PyserialTransport(port, url)
+        try:
+            return PyserialTransport(port, url)
+        except NotImplementedError as error:  # of rfc2217://
+            port.close()
+            text = f"port {url!r}: {error}; take socket://HOST:PORT"
+            raise errors.ConfigurationError(text) from error
     _send_at_once(port)
     return FdTransport(port, url)
 

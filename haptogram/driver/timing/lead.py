@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import Final
 
 _LONGEST_DEFAULT_US: Final = 100_000
-_QUEUE_SHARE: Final = Fraction(3, 4)  # share of the board's queue: the rest takes up a burst
+_SHARE: Final = Fraction(3, 4)  # share of queue (the rest takes up a burst) and horizon
 _GUARD_US: Final = 200  # margin above the worst delay seen: two clocks and a carrier period
 _GUARD_SHARE: Final = 4  # part of the worst delay, 1 / n, that is added as well
 _LATENESS_DECAY: Final = 0.9  # factor on the lateness for each report without a late frame
@@ -18,14 +18,18 @@ _MOST_LATENESS_US: Final = 10_000.0
 _FIRST_EPOCH: Final = 8  # reports; each epoch is twice as long as the one before
 
 
-def default_lead_us(period_us: Fraction, queue_depth: int) -> int:
-    """Return the lead that a stream gets unless it asks for another.
+def default_lead_us(horizon_us: Fraction | int) -> int:
+    """Return the lead that a stream or a playback gets unless it asks for another.
 
-    As long as the board's queue allows with a quarter to spare, 100 ms at most: a stall of the host
-    below the lead costs nothing, and a line that is 92 % full needs twelve times the stall to catch
-    up.
+    As long as the board allows with a quarter to spare, 100 ms at most: a stall of the host below
+    the lead costs nothing, and a line that is 92 % full needs twelve times the stall to catch up.
+
+    Parameters
+    ----------
+    horizon_us : Fraction or int
+        How far the board looks ahead, or for how long its queue has room, if that is less.
     """
-    return max(1, min(_LONGEST_DEFAULT_US, int(_QUEUE_SHARE * queue_depth * period_us)))
+    return max(1, min(_LONGEST_DEFAULT_US, int(_SHARE * horizon_us)))
 
 
 def sufficient_lead_us(delays_us: list[int], *, frames: int, miss_share: float) -> int:

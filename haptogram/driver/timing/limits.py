@@ -18,12 +18,13 @@ def check_hold_duration(seconds: float) -> None:
 
 def check_stream_timing(
     loops: int, spin_us: int, progress: arguments.Progress | None, *, realtime: bool
-) -> None:
-    """Refuse arguments that every stream takes, before its frames are made."""
-    arguments.check_whole("loops", loops, 1, _MOST_STREAMED)
-    arguments.check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
+) -> tuple[int, int]:
+    """Return *loops* and *spin_us*; refuse arguments of any stream before its frames are made."""
+    loops = arguments.check_whole("loops", loops, 1, _MOST_STREAMED)
+    spin_us = arguments.check_whole("spin_us", spin_us, 0, _LONGEST_SPIN_US)
     arguments.check_argument_kind("realtime", realtime, bool, "True or False")
     arguments.check_callable("progress", progress)
+    return loops, spin_us
 
 
 def check_streamed_frames(total: int) -> int:

@@ -13,6 +13,7 @@ from haptogram_protocol.messages import Ping, Pong
 # Not a whole fraction of any usual period, so that the pings meet every phase of the traffic.
 PING_PERIOD_NS: Final = 980_000_000
 _INITIAL_PINGS: Final = 8
+_STALE_US: Final = 200  # growth of the error of the clock in a pause of the host
 _DOUBTFUL_NS: Final = 100_000_000  # time until the next PING if the last one contradicts the others
 _PONG_BYTES: Final = frame_bytes_on_line(Pong.LAYOUT.size)
 
@@ -42,6 +43,12 @@ class Pinger:
             self._link.wait_idle(self._link.now_ns() + self._link.timeout_ns)
             self._send()
             self._link.wait_idle(self._link.now_ns() + self._link.timeout_ns)
+
+    def refresh(self) -> None:
+        """Exchange a few pings if the clock is known less well than after the last ones."""
+        clock = self.clock
+        if clock.uncertainty_at_us(self._link.now_ns()) > clock.uncertainty_us + _STALE_US:
+            self.synchronise()
 
     def keep(self, every_ns: int = PING_PERIOD_NS) -> None:
         """Send a ping if it is time and no other request waits; never waits itself.

@@ -18,6 +18,12 @@ from haptogram_protocol.messages import Config, HelloReply
 
 US_PER_S: Final = 1_000_000
 LEAST_RATE_HZ: Final = 0.001
+_CLOCK_ERROR_US: Final = 1000  # of the estimate, and of a start that waits for the carrier
+
+
+def longest_lead_us(identity: HelloReply) -> int:
+    """Return the longest lead within what the board looks ahead, whatever the clocks' error."""
+    return identity.max_horizon_us - _CLOCK_ERROR_US
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +42,9 @@ class Schedule:
     lead_us: int
 
     @classmethod
-    def at_rate(cls, rate_hz: float, lead_us: int | None, *, queue_depth: int) -> Schedule:
+    def at_rate(
+        cls, rate_hz: float, lead_us: int | None, *, queue_depth: int, horizon_us: int = 2**31
+    ) -> Schedule:
         """Return the schedule of *rate_hz*, taken as the simplest fraction within 1e-9 of it.
 
         Without a lead it gets :func:`~haptogram.driver.timing.lead.default_lead_us`.
@@ -44,7 +52,7 @@ class Schedule:
         exact_hz = Fraction(check_number("rate_hz", rate_hz, LEAST_RATE_HZ, US_PER_S))
         period_us = US_PER_S / exact_hz.limit_denominator(1_000_000)
         if lead_us is None:
-            lead_us = default_lead_us(period_us, queue_depth)
+            lead_us = default_lead_us(min(queue_depth * period_us, Fraction(horizon_us)))
         return cls(period_us, check_whole("lead_us", lead_us, 1, 2**31 - 1))
 
     @property
@@ -77,13 +85,14 @@ class Schedule:
                 f"rate is {self.rate_hz:g} Hz; the board computes these focal points in "
                 f"{computing_us} µs a frame: up to {US_PER_S / computing_us:g} frames/s"
             )
-        if self.lead_us > identity.max_horizon_us:
+        if self.lead_us > (longest_us := longest_lead_us(identity)):
             raise ConfigurationError(
-                f"lead is {self.lead_us} µs; the board looks {identity.max_horizon_us} µs ahead"
+                f"lead is {self.lead_us} µs; the board looks {identity.max_horizon_us} µs ahead: "
+                f"lead up to {longest_us} µs"
             )
-        waiting = -(-self.lead_us // self.period_us)
+        waiting = -(-self.lead_us // self.period_us) + 1  # one, until the carrier lets it latch
         if waiting > identity.queue_depth:
-            longest_us = int(identity.queue_depth * self.period_us)
+            longest_us = int((identity.queue_depth - 1) * self.period_us)
             raise ConfigurationError(
                 f"a lead of {self.lead_us} µs at {self.rate_hz:g} Hz keeps {waiting} frames "
                 f"waiting; the board's queue holds {identity.queue_depth}: lead up to "

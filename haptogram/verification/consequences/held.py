@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from haptogram.acoustics import AcousticModel, Drive, pressure
-from haptogram.acoustics.arrays import FloatArray
+from haptogram.acoustics import AcousticModel, Drive
+from haptogram.acoustics.field.reference import arrival_at_point
 from haptogram.records.frame import Intended, Observation
 from haptogram.settings.frozen import dataclass
 
@@ -109,19 +109,13 @@ def consequence_of_held_focus(
     None as *held*: nothing had been latched yet.  None in return: the drive is not known.
     """
     position = np.array(intended.foci[0].position_m)
-    wanted = _held_focus_pressure_rms_pa(model, intended.drive, position)
+    wanted, _ = arrival_at_point(model, intended.drive.weights(), position)
     if held is None:
         return Consequence(None, 0.0, wanted)
     if held.drive is None:
         return None
-    pressure_rms_pa = _held_focus_pressure_rms_pa(model, held.drive, position)
+    pressure_rms_pa, _ = arrival_at_point(model, held.drive.weights(), position)
     if held.drive.is_muted:
         return Consequence(None, pressure_rms_pa, wanted)
     away_m = float(np.linalg.norm(position - np.array(held.focus_m)))
     return Consequence(_MM * away_m, pressure_rms_pa, wanted)
-
-
-def _held_focus_pressure_rms_pa(model: AcousticModel, drive: Drive, position: FloatArray) -> float:
-    """Return the RMS pressure of a held drive at a position."""
-    found = pressure(model, drive.weights(), position[None, :])
-    return abs(complex(found[0])) / math.sqrt(2.0)

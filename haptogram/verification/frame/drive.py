@@ -14,11 +14,11 @@ from haptogram.acoustics.arrays import as_complex_array, as_float_array, as_floa
 from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
-from haptogram.settings.arguments import check_argument_kind, check_choice
+from haptogram.settings.arguments import check_argument_kind, check_choice, check_number
 
 from ..tolerance import Tolerance, Uncertainty
 from .judge import FrameJudge
-from .verdict import FrameStatus, FrameVerdict
+from .verdict import FrameVerdict
 
 _KEY: Final = FrameKey(0, 0, 0, 0)
 
@@ -92,6 +92,7 @@ def judge(
     asked = frame_weights(model, foci, solver)
     if amplitudes is not None:
         levels = as_float_vector("amplitudes", amplitudes, model.array.count)
+        check_number("amplitudes", float(levels.min()), 0.0, 1.0)
         asked = levels * np.exp(1j * np.angle(asked))
     wanted = Drive.from_weights(asked, latched.phase_bits)
     seen = Observation(_KEY, 0, False, Evidence.EXTERNAL, latched)
@@ -103,10 +104,11 @@ def judge(
 
     verdict = judged(wanted)
     # Nobody sent another drive, and a tolerance has many; of several foci with other amplitudes.
-    others = len(foci) > 1 and amplitudes is None and tolerance is not None
-    if verdict.status is FrameStatus.CORRUPT or (others and not verdict.passed):
+    others = len(foci) > 1 and amplitudes is None and not (tolerance or Tolerance()).is_strict
+    is_another = verdict.is_wrong and all(verdict.criteria.values())
+    if is_another or (others and not verdict.passed and not latched.is_muted):
         own = judged(latched)
-        verdict = own if own.passed or verdict.status is FrameStatus.CORRUPT else verdict
+        verdict = own if own.passed or is_another else verdict
     return verdict
 
 

@@ -42,9 +42,9 @@ class IdealFrameDrive:
 
     Attributes
     ----------
-    targets : sequence of TargetField
+    targets : sequence of FrameTarget
         One for each focus.
-    placed : sequence of TargetField
+    placed : sequence of FrameTarget
         Those of the foci that shall be heard: the others have no place.
     weights : (N,) numpy.ndarray of complex
         Ideal phases with the intended amplitudes.

@@ -35,7 +35,7 @@ from .ideal_drive import IdealFrameDrive
 from .ordinary import BY_CRC, OrdinaryFrames, Pair
 from .several import SeveralFociFrame
 from .single import SingleFocusFrame, judge_silent_frame, verdict_not_radiated
-from .target import FrameTarget
+from .target import FrameTarget, check_frame_tolerance
 from .verdict import WRONG, FrameStatus, FrameVerdict
 
 # Of targets, and as many drives of solvers and verdicts: a pass that repeats costs nothing new.
@@ -99,8 +99,8 @@ class FrameJudge:
         codes = np.frombuffer(amplitude_codes, np.uint8)
         amplitudes, place = codes / FULL_AMPLITUDE, np.array(position_m)
         target = FrameTarget(self._model, place, amplitudes, limit_rad, self.tolerance)
-        if not self.tolerance.is_strict and target.active.any():
-            target.check_tolerance()
+        if target.active.any():  # as before a run: the verdict on it comes too late to refuse
+            check_frame_tolerance(self._model, place, self.tolerance)
         return target
 
     def _targets(self, intended: Intended) -> list[FrameTarget]:
@@ -158,7 +158,7 @@ class FrameJudge:
             DriveToFind(intended.drive, criteria.judged_frame_step_rad(intended))
             for intended, _ in pairs
         ]
-        found = self._reconstructor(steps).reconstruct_all(asked)
+        found = self._reconstructor(steps).reconstruct_all_quickly(asked)
         return [
             (intended, dataclasses.replace(latch, reconstruction=focus))
             for (intended, latch), focus in zip(pairs, found, strict=True)

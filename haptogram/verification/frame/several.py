@@ -46,7 +46,7 @@ _MM: Final = 1e3
 _SECOND_ORDER: Final = 1.1  # factor on the first-order bound
 _EXACT: Final = 1.0 + 1e-4
 _FLAT: Final = 1.02  # factor on the distance to a peak that was found: it may be so flat
-_MOST_SLACK: Final = 2.0  # tolerance of an amplitude, relative to the phase limit of a found host
+_MOST_SLACK: Final = 2.0  # tolerance of an amplitude, relative to the phase error of a found host
 _MOST_EXCESS: Final = 0.3  # largest excess pressure that another drive for these foci explains
 _OTHER_LEVELS: Final = "the pressures of the foci are off by more than is tolerated"
 _OTHER_AMPLITUDES: Final = "the amplitudes are off by more than the solver makes of the tolerance"
@@ -161,7 +161,7 @@ class SeveralFociFrame:
         return meaningful_frame_elements(self.intended, self.latched) & active
 
     def _judge_strictly(
-        self, ideal: IdealFrameDrive, error_rad: float, slack: float = 0.0
+        self, ideal: IdealFrameDrive, error_rad: float, slack: FloatArray | float = 0.0
     ) -> _Findings:
         """Return the findings about a drive that may differ from the ideal one by rounding only."""
         offsets_m, limits_m = ideal.offsets_m(self._weights), ideal.limits_m()
@@ -211,11 +211,11 @@ class SeveralFociFrame:
 
         Peaks of several foci may move further than the host is off; smaller misses do not show.
         """
-        found = self._judge_strictly(
-            ideal.of_host(self.intended, host),
-            host.error_rad / _EXACT,
-            _MOST_SLACK * host.limit_rad,
-        )
+        # Foci far apart: what hardly turns the phases of their sum may change its amplitudes much.
+        tolerated = ideal.tolerated_amplitudes if ideal.has_amplitudes else 0.0
+        slack = np.maximum(_MOST_SLACK * max(host.error_rad, host.rounding_rad), tolerated)
+        nearest = ideal.of_host(self.intended, host)
+        found = self._judge_strictly(nearest, host.error_rad / _EXACT, slack)
         target = ideal.targets[0]
         beyond = host.is_beyond(scale_of_tolerance(target.tolerance, target.model))
         own_m = [None] * len(ideal.placed) if beyond else ideal.offsets_m(self._weights)

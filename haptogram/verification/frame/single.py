@@ -79,7 +79,7 @@ class SingleFocusFrame:
         The frame.
     latched : Drive
         Radiated drive.
-    target : TargetField
+    target : FrameTarget
         Demands of its focus on the field.
     known : Uncertainty
         How well array and air are known.

@@ -22,7 +22,8 @@ def frame_status_of(
     focused : bool
         Whether the drive has a single focus.
     """
-    if all(verdicts.values()):
+    is_placed = "S1" in verdicts or "S2" in verdicts  # else nobody knows where its foci are
+    if all(verdicts.values()) and (is_placed or not faults):
         return FrameStatus.CORRUPT if faults else FrameStatus.ON_TARGET
     if not faults or (focused and faults == (UNNAMED,)):
         return FrameStatus.OFF_TARGET  # the drive that was sent, in other air; or for another point

@@ -271,23 +271,6 @@ class FrameTarget:
         steepness = self._steepness_rad_m
         return _WIDTH_RAD / steepness if steepness > 0.0 else math.inf
 
-    def check_tolerance(self) -> None:
-        """Raise if the tolerance is more than half of the focus.
-
-        Raises
-        ------
-        ConfigurationError
-            It names the tolerance, the focus and the largest tolerance.
-        """
-        if self.tolerated_rad <= _WIDTH_RAD / 2.0:
-            return
-        x, y, z = _MM * self.position_m
-        raise ConfigurationError(
-            f"tolerance of {tolerance_text(self.tolerance)}; the focus at ({x:.1f}, {y:.1f}, "
-            f"{z:.1f}) mm is {_MM * self.width_m:.1f} mm wide (-3 dB), and a tolerance can be half "
-            "of that at most, air included"
-        )
-
     @cached_property
     def tolerated_rad(self) -> float:
         """RMS change of the phases that a tolerated miss in tolerated air makes."""
@@ -326,13 +309,20 @@ def check_frame_tolerance(model: AcousticModel, points_m: ArrayLike, tolerance: 
     Raises
     ------
     ConfigurationError
-        As :meth:`FrameTarget.check_frame_tolerance`.
+        It names the tolerance, the focus and the largest tolerance.
     """
     if tolerance.is_strict:
         return
     everything = np.ones(model.array.count)
     for point in np.unique(np.atleast_2d(np.asarray(points_m, dtype=np.float64)), axis=0):
-        FrameTarget(model, point, everything, 0.0, tolerance).check_tolerance()
+        target = FrameTarget(model, point, everything, 0.0, tolerance)
+        if target.tolerated_rad > _WIDTH_RAD / 2.0:
+            x, y, z = _MM * point
+            raise ConfigurationError(
+                f"tolerance of {tolerance_text(tolerance)}; the focus at ({x:.1f}, {y:.1f}, "
+                f"{z:.1f}) mm is {_MM * target.width_m:.1f} mm wide (-3 dB), and a tolerance can "
+                "be half of that at most, air included"
+            )
 
 
 def frame_target_uncertainty(

@@ -81,6 +81,11 @@ class Judged:
         return self.verdict.exit_status
 
 
+def is_share_reached(count: int, share: float, total: int) -> bool:
+    """Return True if *count* is a *share* of *total*, whatever the rounding of 0.55 times 100."""
+    return count >= (share - 1e-12) * total
+
+
 @dataclass(frozen=True, slots=True)
 class Cut:
     """Interruption of a run before its end.
@@ -137,7 +142,7 @@ class FrameVerdict:
     evidence : Evidence or None
         Who saw it; None if nobody did.
     target_m : tuple
-        First focus that was intended, in metres.
+        First focus that was intended, in metres; of a board that is watched, the one farthest off.
     measured_m : tuple or None
         Where the focus was found; None for a coordinate that this array cannot observe.
     lateral_error_mm, axial_error_mm : float or None
@@ -151,7 +156,7 @@ class FrameVerdict:
     smallest_miss_mm : float or None
         Length of that bound, and the tolerance: a shorter miss does not show.  None where a miss in
         some direction would never show.
-    uncertainty_mm : PlaceUncertainty or None
+    uncertainty_mm : VerdictUncertainty or None
         How well the place is known, for what is not known of air and elements.
     phase_error_rad : float or None
         S1: half the range of the element residuals.
@@ -245,7 +250,7 @@ class FrameVerdict:
     @property
     def is_silence(self) -> bool:
         """True if the frame was to radiate nothing: there is no focus to miss."""
-        return [*self.criteria] == ["S5"]
+        return [*self.criteria] == ["S5"] and self.phase_error_rad is None
 
     @property
     def target_pressure_rms_pa(self) -> float | None:

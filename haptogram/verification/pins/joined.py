@@ -17,7 +17,7 @@ from haptogram.records.frame import Evidence, Intended, Observation
 from haptogram.records.pins import PinRecord
 from haptogram.settings.arguments import Progress
 
-from ..frame.verdict import Judged, Verdict
+from ..frame.verdict import Judged, Verdict, is_share_reached
 from ..run import verify_run
 from ..run_verdict import RunVerdict
 from ..tolerance import Tolerance, Uncertainty
@@ -177,7 +177,7 @@ def verify_captures(
     wrong = [line for one in pins for line in one.reasons if one.verdict is Verdict.FAIL]
     missing = [line for one in pins for line in one.reasons if one.verdict is Verdict.INCONCLUSIVE]
     judged = np.any([one.judged for one in pins], axis=0)
-    if not missing and judged.sum() < min_verified * len(frames):
+    if not missing and not is_share_reached(int(judged.sum()), min_verified, len(frames)):
         missing.append(
             f"{int(judged.sum())} of {len(frames)} frames were judged; {100.0 * min_verified:g} % "
             "must be (--min-verified)"
@@ -219,7 +219,7 @@ def _pins_too_rarely_seen(
     sizes = np.array([len(same) for same in passes])
     counts = {element: int(sizes[shown].sum()) for element, shown in sorted(seen.items())}
     total = int(sizes.sum())
-    rare = [element for element, count in counts.items() if count < min_verified * total]
+    rare = [e for e, count in counts.items() if not is_share_reached(count, min_verified, total)]
     if not rare:
         return ""
     names = ", ".join(map(str, rare[:_NAMED]))

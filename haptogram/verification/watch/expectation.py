@@ -1,7 +1,8 @@
 """The foci that a user expects, and the verdict on a latch by them.
 
 Criteria and bounds are those of :mod:`haptogram.verification.frame`: S1 to S4, for phases of the
-steps that the board has. Amplitudes are taken as radiated, so there is no S5.
+steps that the board has. Amplitudes are taken as radiated, so there is no S5; of several foci in a
+frame there is S2 alone.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import FloatArray, as_point_array
+from haptogram.acoustics.field.reference import check_field_points
 from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.estimates import as_vector
 from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
@@ -25,13 +27,12 @@ from haptogram.records.frame import FrameKey
 
 from ..frame import criteria
 from ..frame.status import frame_status_of
-from ..frame.target import FrameTarget
+from ..frame.target import FrameTarget, check_frame_tolerance
 from ..frame.tolerated import ToleratedHost
 from ..frame.verdict import FrameStatus, FrameVerdict, Vector
 from ..tolerance import Tolerance, Uncertainty
 from .latch import SeenLatch
 
-_MM: Final = 1e3
 _FINEST_STEPS: Final = 256
 _ROUNDING_RAD: Final = 1e-6
 _SOUNDING: Final = 1e-6
@@ -53,7 +54,8 @@ class Expectation:
     Raises
     ------
     ConfigurationError
-        No frame, or a point that is no place.
+        No frame; a point that is no place, behind the array or at one of its elements; a tolerance
+        of more than half of the focus.
 
     Examples
     --------
@@ -74,6 +76,8 @@ class Expectation:
         self._model = model
         self._frames = [as_point_array("frames_m", np.atleast_2d(np.asarray(f))) for f in frames_m]
         self.tolerance = Tolerance() if tolerance is None else tolerance
+        check_field_points(model, np.concatenate(self._frames))
+        check_frame_tolerance(model, np.concatenate(self._frames), self.tolerance)
         self._target = functools.lru_cache(_REMEMBERED)(self._make_target)
 
     @property
@@ -153,10 +157,7 @@ class Expectation:
         """Return the target at a place, for the sounding amplitudes and the phase steps."""
         limit_rad = math.pi / min(steps, _FINEST_STEPS) + _ROUNDING_RAD
         levels = np.frombuffer(amplitudes, np.float64)
-        target = FrameTarget(self._model, np.array(place_m), levels, limit_rad, self.tolerance)
-        if not self.tolerance.is_strict:
-            target.check_tolerance()
-        return target
+        return FrameTarget(self._model, np.array(place_m), levels, limit_rad, self.tolerance)
 
     def _judge_several(
         self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern
@@ -174,10 +175,11 @@ class Expectation:
         off_m = places - foci[nearest]
         ok = criteria.are_foci_within(off_m, bounds, self.tolerance.miss_mm)
         worst = int(np.linalg.norm(off_m, axis=1).argmax())
+        target_m, levels = foci[nearest[worst]], np.ones(self._model.array.count)
         return dataclasses.replace(
             seen,
             status=FrameStatus.ON_TARGET if ok else FrameStatus.OFF_TARGET,
             criteria={"S2": ok},
-            measured_m=as_vector(places[worst]),
-            lateral_error_mm=_MM * float(np.linalg.norm(off_m[worst])),
+            target_m=as_vector(target_m),
+            **FrameTarget(self._model, target_m, levels, 0.0, Tolerance()).miss(off_m[worst]),
         )

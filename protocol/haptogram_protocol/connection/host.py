@@ -40,6 +40,8 @@ class HostConnection(ConnectionInbox):
         Identity and limits of the board, once the session is open.
     warnings : list of str
         Differences between the two ends that do not keep them from working together.
+    stream_index : int
+        Number of the next stream frame; may be set back over frames that were not sent.
     counters : dict of str to int
         Number of received frames by :data:`HOST_COUNTERS`.
 
@@ -64,7 +66,7 @@ class HostConnection(ConnectionInbox):
         self._pending = PendingRequests()
         self._window = 1  # upload chunks that may be unanswered
         self._control_seq = 0
-        self._stream_index = m.FIRST_STREAM_SEQ
+        self.stream_index = m.FIRST_STREAM_SEQ
         self._event_expected = 0
 
     # --- Out -----------------------------------------------------------------------------------
@@ -156,13 +158,13 @@ class HostConnection(ConnectionInbox):
         body = m.build_body(
             message,
             flags=m.Flag.IMMEDIATE if t_apply_us is None else 0,
-            seq=self._stream_index,
+            seq=self.stream_index,
             time_us=t_apply_us or 0,
             session=self.session,
         )
         wire = encode_frame(body, self._stuff)
-        index = self._stream_index
-        self._stream_index += 1
+        index = self.stream_index
+        self.stream_index += 1
         return index, wire
 
     def data_to_send(self) -> bytes:

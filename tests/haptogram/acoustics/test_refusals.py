@@ -92,6 +92,7 @@ def test_what_has_no_field_is_refused_by_every_engine(kind, weights, points, mes
             r"amplitude is 1e\+300, must be 1e-06 to 1000000",
         ),
         (lambda: solve_foci(MODEL, [PLACE], rounds=2.5), "rounds is 2.5, must be a whole number"),
+        (lambda: fit_focus(MODEL, np.zeros(16), PLACE, step_rad=-0.1), "step_rad is -0.1, must be"),
         (lambda: radiation_pressure_pa("loud", MODEL.medium), "not an array of numbers"),
         (lambda: mean_square_pressure(ENGINE, ONE, [PLACE], 1e-3), r"must be \(F, 16\)"),
         (lambda: exposure_at(ENGINE, np.empty((0, 16)), [PLACE], 1e-3), "F at least 1"),

@@ -1,5 +1,6 @@
 """The driver on boards of other dialects: every one, real ports, wrong boards, and none."""
 
+import base64
 import contextlib
 import dataclasses
 import doctest
@@ -164,6 +165,78 @@ def test_a_link_that_does_not_answer_is_told():
         DialectDriver(far.path, dialect="autd3", timeout_s=0.2)
 
 
+class CutPort:
+    """A port that takes one byte at a time, and the user interrupts after some of them."""
+
+    def __init__(self, port):
+        self.url, self.now_ns = port.url, port.now_ns
+        self.read_available, self.close = port.read_available, port.close
+        self._write = port.write_some
+        self.bytes_until_cut = None
+
+    def write_some(self, data):
+        if self.bytes_until_cut is None:
+            return self._write(data)
+        if self.bytes_until_cut <= 0:
+            self.bytes_until_cut = None
+            raise KeyboardInterrupt
+        self.bytes_until_cut -= 1
+        return self._write(data[:1])
+
+
+@every_dialect
+@pytest.mark.parametrize("share", [0.1, 0.6, 0.9])
+def test_every_channel_is_off_after_an_interrupt_within_a_frame(name, share):
+    with in_virtual_time(name) as (port, records):
+        cut = CutPort(port)
+        with contextlib.suppress(KeyboardInterrupt), DialectDriver(cut, dialect=name) as driver:
+            driver.focus(targets(driver)[0])
+            driver.hold(0.05)
+            cut.bytes_until_cut = share * DIALECTS[name].frame_bytes(driver.boards)
+            driver.focus(targets(driver)[1])
+            pytest.fail("the frame was not cut")
+    *_, last = (record for record in records if record["kind"] == "pulses")
+    assert not any(base64.b64decode(last["widths"]))
+
+
+@pytest.mark.parametrize("seconds", [0.98, 1.0, 2.01])
+def test_a_board_that_forgets_the_beginning_of_a_frame_falls_silent_when_it_is_told(seconds):
+    """InteractLab clears its FIFO after every second of silence, and a frame that has begun."""
+
+    def is_silent():
+        *_, last = (record for record in records if record["kind"] == "pulses")
+        return not any(base64.b64decode(last["widths"]))
+
+    with in_virtual_time("interactlab") as (port, records):
+        with DialectDriver(port, dialect="interactlab") as driver:
+            driver.focus(targets(driver)[0])
+            driver.hold(seconds)
+            driver.mute()
+            driver.hold(0.05)
+            assert is_silent()
+            driver.focus(targets(driver)[0])
+            driver.hold(seconds)
+            assert not is_silent()
+        assert is_silent()
+
+
+def test_the_first_frame_is_shown_by_a_board_that_forgets_while_the_host_lets_it_settle():
+    with in_virtual_time("interactlab") as (port, records):
+        write, late_ns = port.write_some, iter([1_000_000])  # the frame that opens, on its way
+        port.read_available(port.now_ns() + 2_000_000_000)  # the board is up
+
+        def write_late(data):
+            port.read_available(port.now_ns() + next(late_ns, 0))
+            return write(data)
+
+        port.write_some = write_late
+        with DialectDriver(port, dialect="interactlab") as driver:
+            driver.focus(targets(driver)[0])
+            driver.hold(0.05)
+            *_, last = (record for record in records if record["kind"] == "pulses")
+            assert any(base64.b64decode(last["widths"]))
+
+
 def test_devices_that_are_not_there_are_refused_in_the_words_of_the_board():
     with (
         in_virtual_time("autd3", dialect_option=("devices=2",)) as (port, _),
@@ -226,6 +299,8 @@ def test_phases_of_a_caller_are_rounded_to_the_steps_of_the_board():
             driver.hold(0.05)
             with pytest.raises(ConfigurationError, match=r"shape \(3,\), must be \(256,\)"):
                 driver.phases([0.0, 1.0, 2.0])
+            with pytest.raises(ConfigurationError, match=r"phases_rad.* is 1e\+300, must be"):
+                driver.phases([1e300] * 256)
             driver.mute()
         assert codes[0] == codes[-1] == 0
         assert set(codes) == set(range(32))

@@ -130,6 +130,18 @@ def test_an_interrupted_stream_mutes_before_anything_else_that_waits(port):
     assert 100 <= len(driver.intended) < 200
 
 
+@pytest.mark.parametrize("lead_us", [5_000, 96_000])
+def test_an_interrupted_stream_takes_no_frame_from_the_next_one(driver, lead_us):
+    def interrupt(done, _):
+        if done >= 100:
+            raise ZeroDivisionError
+
+    with contextlib.suppress(ZeroDivisionError):
+        driver.stream(CIRCLE, 1000, loops=5, progress=interrupt)
+    counters = driver.stream(CIRCLE, 1000, lead_us=lead_us).status.counters
+    assert (counters.latched, counters.gap) == (len(driver.intended), 0)
+
+
 def test_a_board_that_does_not_confirm_its_mute_is_an_error_in_bounded_time(port):
     driver = Driver(port)
     driver.arm()
@@ -263,7 +275,7 @@ def test_a_mute_waits_for_no_more_than_two_frames(writes):
         ({"rate_hz": 0}, "rate_hz is 0, must be 0.001 to 1000000"),
         ({"rate_hz": float("nan")}, "rate_hz is nan"),
         ({"lead_us": 0}, "lead_us is 0, must be 1"),
-        ({"lead_us": 150_000}, "keeps 150 frames waiting; the board's queue holds 128"),
+        ({"lead_us": 150_000}, "keeps 151 frames waiting; the board's queue holds 128"),
         ({"rate_hz": 1, "lead_us": 11_000_000}, "10000000 µs ahead"),
         ({"lead_us": 100}, "lead is 100 µs"),
         ({"mode": "colours"}, "mode is 'colours'"),
@@ -409,6 +421,26 @@ def test_the_boards_own_word_joins_what_was_intended(port, mode):
         assert (observation.drive == intended.drive) == (mode is TraceMode.DRIVE)
 
 
+def test_latches_that_the_trace_ring_kept_no_longer_are_counted():
+    with Driver(small_board(trace_ring=60), trace=TraceMode.RING) as driver:
+        driver.arm()
+        driver.stream(CIRCLE[:100], 500)
+        assert (len(driver.observations), driver.observations.dropped) == (60, 40)
+        driver.stream(CIRCLE[:30], 500)
+        assert (len(driver.observations), driver.observations.dropped) == (90, 40)
+
+
+@pytest.mark.parametrize("minutes", [1, 40, 69])
+def test_a_latch_of_long_ago_is_read_back_with_its_own_time(port, minutes):
+    with Driver(port, trace=TraceMode.RING) as driver:
+        driver.arm()
+        driver.focus((0.01, 0.0, 0.15))
+        port.stall(minutes * 60_000_000_000)
+        driver.collect_ring()
+        told = driver.read_drive(), *driver.observations
+    assert {latch.t_latch_us for latch in told} == {latch.t_latch_us for latch in port.latches}
+
+
 def test_read_back_shows_latched_and_radiated(driver):
     intended = driver.focus((0.01, 0.0, 0.15))
     driver.correct_phases(bytes(range(16)))
@@ -438,8 +470,12 @@ def test_a_sequence_plays_on_the_boards_clock(driver, port, mode):
     assert port.board.output.state is OutputState.ARMED
 
 
-def test_a_playback_longer_than_its_lease_is_kept_alive(driver):
-    report = driver.play(CIRCLE, 40, unattended_ms=2000)
+@pytest.mark.parametrize("unattended_ms", [None, 1000, 2000])
+def test_a_playback_longer_than_its_lease_is_kept_alive(unattended_ms):
+    allowed_ms = unattended_ms or 1000  # the least that a board may allow
+    with Driver(small_board(max_unattended_ms=allowed_ms), seed=1) as driver:
+        driver.arm()
+        report = driver.play(CIRCLE, 40, unattended_ms=unattended_ms)
     assert report.latched == 200
 
 
@@ -577,7 +613,7 @@ def test_streams_that_follow_each_other_at_once_leave_no_silence(driver, port):
         ({"rate_hz": -1}, "rate_hz is -1"),
         ({"mode": "drives"}, "hold phases or points, not drives"),
         ({"unattended_ms": 100}, "unattended_ms is 100"),
-        ({"lead_us": 20_000_000}, "lead_us is 20000000, must be 1 to 10000000"),
+        ({"lead_us": 20_000_000}, "lead_us is 20000000, must be 1 to 9999000"),
         (
             {"targets": [[Focus((0, 0, 0.1))], [Focus((0, 0, 0.1))] * 2], "mode": "points"},
             "as many",

@@ -53,6 +53,36 @@ def boards_of(dialect):
         yield PyserialTransport(port, dialect)
 
 
+# --- Whole numbers of numpy ----------------------------------------------------------------------
+
+
+def short(number):
+    """Return *number* in the fewest bits of numpy, which most products overflow."""
+    return np.min_scalar_type(number).type(number)
+
+
+@pytest.mark.filterwarnings("error")
+def test_whole_numbers_of_numpy_are_those_of_python():
+    baudrate, keep = short(3_000_000), short(2000)
+    with Driver(BoardPort(model=MODEL), seed=short(1), baudrate=baudrate, keep=keep) as driver:
+        driver.arm()
+        lead_us, spin_us = short(50_000), short(200)
+        sent = driver.stream([PLACE] * 200, 1000, loops=short(3), lead_us=lead_us, spin_us=spin_us)
+        lead_us, least_ms = short(100_000), short(3000)
+        played = driver.play(
+            [PLACE] * 200, 1000, loops=short(3), lead_us=lead_us, unattended_ms=least_ms
+        )
+    assert sent.sent == sent.status.counters.latched == played.latched == 600
+
+
+@pytest.mark.filterwarnings("error")
+def test_whole_numbers_of_numpy_are_those_of_python_on_another_wire():
+    options = {"dialect": "sonicsurface", "baudrate": short(230_400), "keep": short(200)}
+    with boards_of("sonicsurface") as port, DialectDriver(port, **options) as driver:
+        report = driver.stream([PLACE] * 100, 40, loops=short(3), spin_us=short(200))
+    assert report.frames == driver.observations.total == 300
+
+
 # --- A driver that was closed --------------------------------------------------------------------
 
 
@@ -93,6 +123,23 @@ def test_a_host_whose_session_another_host_took_is_told_of_it():
     Driver(port, seed=2)
     with pytest.raises(DeviceError, match=r"STALE_SESSION.*; another host has opened a session"):
         first.status()
+
+
+def test_a_host_whose_board_was_started_anew_is_told_of_it():
+    port, anew = BoardPort(model=MODEL), BoardPort(model=MODEL)
+    driver = Driver(port, seed=1)
+    anew.stall(port.now_ns())
+    port.simulation = anew.simulation
+    with pytest.raises(DeviceError, match="STALE_SESSION, detail 0; the board has been started"):
+        driver.focus(PLACE)
+
+
+def test_a_host_that_takes_the_nonce_of_the_last_session_is_told_of_it():
+    port = BoardPort(model=MODEL)
+    Driver(port, seed=1).close()
+    port.closed = False
+    with pytest.raises(DeviceError, match="SEQUENCE_REUSED, detail 1; the last session had this"):
+        Driver(port, seed=1)
 
 
 @pytest.mark.pty

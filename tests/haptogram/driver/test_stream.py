@@ -212,7 +212,7 @@ def test_a_trimmed_lead_stays_in_its_limits_and_keeps_the_laws(stalls_us, share)
     port = Jittery(stalls_us)
     driver, report = stream(port, np.tile(CIRCLE, (10, 1)), trim=True, miss_share=share)
     assert_the_laws_hold(port, driver, report)
-    assert report.lead_us <= default_lead_us(1000, 128)
+    assert report.lead_us <= default_lead_us(128_000)
     assert report.lead_moves <= 12
 
 
@@ -233,6 +233,43 @@ def test_a_trim_that_cannot_work_is_refused(options, text):
 
 
 # --- clocks --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lead_us", [None, 99_000])
+@pytest.mark.parametrize("way", ["stream", "play"])
+def test_no_lead_is_beyond_what_a_board_looks_ahead(way, lead_us):
+    """The least that a board may, by a clock that the host knows to some microseconds."""
+    port = Jittery(ppm=-50, baud=50_000_000, queue_depth=256, max_horizon_us=100_000)
+    with Driver(port, seed=1, baudrate=50_000_000) as driver:
+        driver.arm()
+        show = getattr(driver, way)
+        with pytest.raises(ConfigurationError, match=r"lead.* 99000"):
+            show(CIRCLE, 500, lead_us=99_001)
+        assert show(CIRCLE, 500, lead_us=lead_us).status.counters.latched == len(CIRCLE)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 1003.7, 3999])
+def test_the_longest_lead_fills_no_queue(rate_hz):
+    """On a line that takes no time, as a pseudo-terminal."""
+    settings = {"ppm": -50, "baud": 50_000_000, "queue_depth": 16}
+    options = {"rate_hz": rate_hz, "baudrate": 50_000_000}
+    longest_us = int(15e6 / rate_hz)
+    with pytest.raises(ConfigurationError, match=f"lead up to {longest_us} µs"):
+        stream(Jittery(**settings), **options, lead_us=longest_us + 1)
+    _, report = stream(Jittery(**settings), **options, lead_us=longest_us)
+    assert report.status.counters.latched == report.frames
+
+
+@pytest.mark.parametrize("ppm", [-100, 30, 100])
+@pytest.mark.parametrize("way", ["stream", "play"])
+def test_a_host_that_did_nothing_for_an_hour_knows_the_time_again(way, ppm):
+    port = Jittery(ppm=ppm)
+    with Driver(port, seed=1) as driver:
+        driver.arm()
+        port.stall(3_600_000_000_000)
+        getattr(driver, way)(CIRCLE, 1000, lead_us=5_000)
+    for latch, intended in zip(port.latches, driver.intended, strict=True):
+        assert 0 <= latch.t_latch_us - intended.t_apply_us < CARRIER_US
 
 
 @pytest.mark.parametrize("ppm", [-100, 37, 100])

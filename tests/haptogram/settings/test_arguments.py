@@ -140,8 +140,8 @@ METHODS = {
     "stream": STREAM,
     "play": {
         **{name: STREAM[name] for name in ("targets", "rate_hz", "loops", "mode", "solver")},
-        "lead_us": (None, *WHOLE, 0),
-        "unattended_ms": (None, *WHOLE, 0),
+        "lead_us": (*WHOLE, 0),
+        "unattended_ms": (*WHOLE, 0),
         "progress": CALLABLE,
     },
     "correct_phases": {"codes": (None, 5, NAN, "x" * 16, [0] * 16, b"", bytes(15), bytes(17))},

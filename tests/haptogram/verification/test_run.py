@@ -14,7 +14,7 @@ from haptogram.acoustics import AcousticModel, Drive, focus_phases
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, FrameKey
 from haptogram.records.losses import BoardLosses
-from haptogram.verification import Cut, FrameStatus, Verdict, verify_run
+from haptogram.verification import Cut, FrameStatus, RunVerdict, Verdict, verify_run
 from latched_drives import SESSION, drive_of, intend, registers, seen
 from oracles import circular_piston, field
 
@@ -307,6 +307,34 @@ def test_a_share_of_the_frames_must_be_verified(held_up, min_verified, verdict):
     if verdict is not Verdict.PASS:
         needed = f"{100 * min_verified:g} % must be: this machine held up {held_up}"
         assert run.reasons == (f"{10 - held_up} of 10 frames were verified; {needed}",)
+
+
+@pytest.mark.parametrize(
+    ("drive", "verdict"), [(lambda _: None, Verdict.PASS), (elsewhere, Verdict.FAIL)]
+)
+def test_a_latch_of_the_board_counts_whatever_was_seen_on_the_wire_before(drive, verdict):
+    frames = intended_frames(3)
+    seen_twice = [
+        latch
+        for frame in frames
+        for latch in (
+            seen(frame, evidence=Evidence.WIRE, t_latch_us=frame.t_apply_us - 100),
+            seen(frame, drive(frame)),
+        )
+    ]
+    run = verify(frames, seen_twice)
+    assert run.verdict is verdict
+    assert (run.counts["latched"], run.counts["duplicated"], run.counts["early"]) == (3, 0, 0)
+
+
+@pytest.mark.parametrize("count", [100, 300])
+def test_a_share_in_percent_is_reached_by_as_many_of_a_hundred(count):
+    for percent in range(1, 101):
+        needed = percent * count // 100
+        for verified in (needed, needed - 1):
+            counts = {"sent": count, "cancelled": 0, "verified": verified, "lost": 0}
+            run = RunVerdict(Verdict.PASS, (), [], [], percent / 100, counts)
+            assert run.too_few is (verified < needed), (percent, verified)
 
 
 def test_a_lost_frame_fails_whatever_share_suffices():

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptogram.acoustics import AcousticModel, Medium, TransducerArray, focus_phases
+from haptogram.acoustics import AcousticModel, Drive, Medium, TransducerArray, focus_phases
 from haptogram.acoustics.model.medium import air_speed_uncertainty
-from haptogram.acoustics.solvers.several import weights_for_foci
+from haptogram.acoustics.solvers.several import frame_weights, weights_for_foci
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
 from haptogram.settings.run.verify import VerifyConfig
@@ -32,6 +32,7 @@ from latched_drives import field_of, intend, registers, seen, working_volume
 pytestmark = pytest.mark.sampled(3)
 
 MODEL = AcousticModel.default()
+SMALL = AcousticModel.default(8, 8)
 TARGET = (0.013, -0.021, 0.11)
 
 
@@ -268,6 +269,22 @@ def test_what_is_no_focus_fails_at_the_largest_tolerance_that_is_accepted(name, 
     assert found.status in (FrameStatus.OFF_TARGET, FrameStatus.WRONG_DRIVE), found
 
 
+@pytest.mark.parametrize("other", [(-0.03, 0.02, 0.09), (0.0, 0.015, 0.12), (0.02, 0.03, 0.1)])
+def test_a_tolerance_that_is_accepted_before_a_run_is_not_refused_after_it(other):
+    """Amplitudes of two foci make each of them narrower than that of the whole array."""
+    points = [(-0.012, -0.005, 0.08), other]
+    narrowest_mm = min(1e3 * field_of(SMALL, point).width_m for point in points)
+    tolerance = Tolerance(miss_mm=0.4999 * narrowest_mm)
+    check_frame_tolerance(SMALL, points, tolerance)
+    foci = tuple(Focus.at(point, 0.5) for point in points)
+    drive = Drive.from_weights(frame_weights(SMALL, foci, "naive"))
+    frame = intend(SMALL, points[0], foci=foci, drive=drive)
+    levels = drive.amplitude_codes / 255.0
+    assert min(1e3 * field_of(SMALL, p, amplitudes=levels).width_m for p in points) < narrowest_mm
+    run = verify_run([frame], [seen(frame)], model=SMALL, tolerance=tolerance)
+    assert run.verdict is Verdict.PASS
+
+
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("solver", ["naive", "gs", "wgs", "gspat", "ibp"])
 def test_a_tolerated_miss_of_several_foci_stays_as_small_as_it_was_stated(solver):
@@ -281,6 +298,25 @@ def test_a_tolerated_miss_of_several_foci_stays_as_small_as_it_was_stated(solver
         found = judged(intended, miss_mm=0.3)
         assert (found.status is FrameStatus.ON_TARGET) == passes, found
         assert found.smallest_miss_mm is None or found.smallest_miss_mm < 1.5
+
+
+@pytest.mark.parametrize(
+    ("far", "level", "away_mm"),
+    [
+        ((0.185, 0.0, 0.1), 1.0, (0.0, 0.3, 0.0)),
+        ((0.185, 0.0, 0.1), 1.0, (0.25, -0.25, 0.25)),
+        ((0.13, -0.12, 0.07), 0.5, (0.0, -0.3, 0.3)),
+        ((0.13, -0.12, 0.07), 1.0, (0.0, -0.3, 0.3)),
+    ],
+)
+def test_foci_far_apart_are_not_wrong_within_the_tolerance(far, level, away_mm):
+    """Their sum hardly turns, while its amplitudes change by more than rounding of phases may."""
+    points = [far, (-0.03, 0.0, 0.1)]
+    foci = tuple(Focus.at(point, level) for point in points)
+    moved = [Focus.at(np.add(point, 1e-3 * np.array(away_mm)), level) for point in points]
+    drive = Drive.from_weights(frame_weights(SMALL, moved, "naive"))
+    found = judged(intend(SMALL, far, foci=foci, drive=drive), model=SMALL, miss_mm=0.5)
+    assert not found.is_wrong, found
 
 
 @pytest.mark.parametrize("degrees", [4.0, 6.0, 10.0, 15.0])
@@ -339,6 +375,19 @@ def test_humidity_changes_the_speed_of_sound():
     assert air_speed_uncertainty(air, 10.0, 40.0) == pytest.approx(
         Medium.air(30.0, 90.0).sound_speed_m_s / air.sound_speed_m_s - 1.0, rel=1e-6
     )
+
+
+@pytest.mark.parametrize(("temperature_c", "percent"), [(2.0, 0.0), (0.0, 30.0), (2.0, 30.0)])
+def test_standard_uncertainties_of_the_air_add_up_by_their_squares(temperature_c, percent):
+    known, air = (
+        Uncertainty(temperature_c=temperature_c, humidity_percent=percent),
+        Medium.air(20.0),
+    )
+    parts = [  # whoever draws both at random, each by itself, finds this spread
+        (Medium.air(20.0 + temperature_c).sound_speed_m_s / air.sound_speed_m_s - 1.0),
+        (Medium.air(20.0, 50.0 + percent).sound_speed_m_s / air.sound_speed_m_s - 1.0),
+    ]
+    assert known.speed_share(air) == pytest.approx(math.hypot(*parts), rel=0.02)
 
 
 def test_a_real_board_is_known_less_well_than_a_virtual_one():

@@ -52,13 +52,15 @@ class LevelsInTime:
         known = np.isfinite(self.levels_db)
         if self.is_busy is not None and (self.is_busy & known).any():
             loss = float(np.median(self.levels_db[self.is_busy & known]))
-            return f"while bytes arrive: {loss:.1f} dB" if loss < -_LEAST_DB else ""
+            if loss < -_LEAST_DB:
+                return f"while bytes arrive: {loss:.1f} dB"
         low = known & (self.levels_db < -_LEAST_DB)
         if not low.any():
             return ""
         share = 100.0 * low.sum() / known.sum()
         loss = float(np.median(self.levels_db[low]))
-        return f"for {share:.0f} % of the time: {loss:.1f} dB; capture to_board to know why"
+        why = "; capture to_board to know why" if self.is_busy is None else ""
+        return f"for {share:.0f} % of the time: {loss:.1f} dB{why}"
 
 
 def levels_of_pins_in_time(record: PinRecord) -> LevelsInTime | None:

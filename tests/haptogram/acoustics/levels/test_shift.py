@@ -171,6 +171,20 @@ def test_the_spot_has_the_size_that_was_measured_before(z, three, six, null, bel
     assert spot.axial_peak_m == pytest.approx(peak(MODEL, target)[2] - z, abs=0.3e-3)
 
 
+@pytest.mark.parametrize("target", [(0.0, 0.0, 0.1), (0.02, 0.0, 0.15), (-0.05, 0.03, 0.12)])
+def test_a_spot_off_the_axis_reaches_from_null_to_null(target):
+    """The nulls beside the maximum, which diffraction pulls away from the target."""
+    model, offsets = AcousticModel.default(8, 8), np.arange(-0.06, 0.06, 5e-5)
+    spot = measure_spot(NumpyEngine(model), focus(model, target), target)
+    for axis, width_m in enumerate(spot.null_to_null_m):
+        places = target + offsets[:, None] * np.eye(3)[axis]
+        level = np.abs(pressure(model, focus(model, target), places))
+        least = 1 + np.flatnonzero((level[1:-1] < level[:-2]) & (level[1:-1] < level[2:]))
+        top = int(np.argmax(level * (np.abs(offsets) < 0.01)))
+        low, high = least[least < top].max(), least[least > top].min()
+        assert width_m == pytest.approx(offsets[high] - offsets[low], abs=1.5e-4)
+
+
 def test_a_wide_array_makes_a_narrow_spot_across_its_width():
     target = np.array([0.0, 0.0, 0.1])
     wide, deep = AcousticModel.default(12, 6), AcousticModel.default(6, 12)

@@ -103,6 +103,16 @@ def test_a_weight_is_rounded_by_half_a_step_of_phase_and_amplitude(weights, bits
     assert np.abs(rounded - weights).max() <= limit + 1e-12
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("bits", [1, 8, 16])
+def test_bits_that_are_a_number_of_numpy_are_those_of_python(bits):
+    codes = quantise_phase([1.0, -2.0, 3.0], bits)
+    short = np.uint8(bits)
+    assert quantise_phase([1.0, -2.0, 3.0], short).tolist() == codes.tolist()
+    assert dequantise_phase(codes, short).tolist() == dequantise_phase(codes, bits).tolist()
+    assert phase_step_rad(short) == phase_step_rad(bits)
+
+
 def test_a_weight_above_one_is_refused_or_saturated_and_zero_has_phase_code_zero():
     weights = [3j, 0.0, complex(-0.0, -0.0), -0.25]
     with pytest.raises(ConfigurationError, match=r"weights\[0\] has the magnitude 3, must be 1"):
@@ -152,7 +162,7 @@ def test_codes_cannot_be_changed():
         (lambda: Drive.from_weights([np.nan]), "nan"),
         (lambda: Drive.from_weights(["x"]), "not an array of numbers"),
         (lambda: quantise_phase([np.inf], 8), "inf"),
-        (lambda: quantise_phase([1e12], 8), "1e.12 rad, at most 1e.09"),
+        (lambda: quantise_phase([1e12], 8), r"phases_rad\[0\] is 1e.12, must be 1e.09 at most"),
         (lambda: quantise_phase([0.0], 17), "phase_bits is 17"),
         (lambda: phase_step_rad(0), "phase_bits is 0"),
     ],

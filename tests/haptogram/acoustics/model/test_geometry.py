@@ -22,6 +22,12 @@ def test_element_number_counts_along_y_first():
             assert array.positions_m[ix * 3 + iy] == pytest.approx(expected, abs=1e-15)
 
 
+@pytest.mark.filterwarnings("error")
+def test_sides_that_are_numbers_of_numpy_are_those_of_python():
+    array = TransducerArray.grid(np.uint8(20), np.uint8(20))
+    assert array.digest() == TransducerArray.grid(20, 20).digest()
+
+
 @given(grids())
 def test_a_grid_is_centred_faces_up_and_is_symmetric(array):
     assert array.centre_m == pytest.approx([0, 0, 0], abs=1e-12)

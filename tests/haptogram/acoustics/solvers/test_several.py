@@ -182,6 +182,7 @@ def test_the_comparison_has_a_row_for_each_method_and_number():
         ([[0, 0, 0.1]], {"rounds": 0}, "rounds is 0"),
         ([[0, 0, 0.1]], {"amplitudes": [0.0]}, "amplitude is 0"),
         ([[0, 0, 0.1]], {"amplitudes": [1.0, 1.0]}, "shape"),
+        (spread_foci(1, 2), {"amplitudes": [1e-6, 2.0]}, "ratio of the amplitudes is 2000000"),
         ([[0, 0, 0.1], [0, 0, np.nan]], {}, "finite"),
         ([[0, 0, -0.1]], {}, "height z"),
     ],
@@ -189,6 +190,18 @@ def test_the_comparison_has_a_row_for_each_method_and_number():
 def test_bad_input_is_refused(points, options, message):
     with pytest.raises(ConfigurationError, match=message):
         solve_foci(BOARD, points, **options)
+
+
+@pytest.mark.parametrize("amplitudes", [(1e-6, 1.0), (1.0, 1e6), (1e6, 1e6)])
+@pytest.mark.parametrize("method", METHODS)
+def test_amplitudes_as_far_apart_as_may_be_give_a_drive(method, amplitudes):
+    drive = solve_foci(BOARD, spread_foci(1, 2), amplitudes, method=method)
+    assert np.isfinite(drive).all()
+
+
+def test_a_single_focus_needs_no_solver_but_one_that_there_is():
+    with pytest.raises(ConfigurationError, match="method is 'magic'"):
+        weights_for_foci(BOARD, [[0, 0, 0.1]], [1.0], [0.0], method="magic")
 
 
 class NarrowBeam:

@@ -1,6 +1,7 @@
 import pytest
 
 from haptogram.driver.line.link import Link, open_line_session
+from haptogram.driver.upload import upload_by_driver
 from haptogram.errors import DeviceError, LinkLostError, NoAnswerError
 from haptogram_protocol import HostConnection
 from haptogram_protocol.connection import EventReceived
@@ -18,6 +19,8 @@ from haptogram_protocol.messages import (
     StatusReply,
     Stop,
     StopReply,
+    UploadChunk,
+    UploadKind,
 )
 from virtual_ports import BoardPort, ScriptedPort
 
@@ -101,6 +104,35 @@ def test_a_mute_overtakes_a_request_that_waits(link, port):
     link.send(Ping(1))
     assert link.mute(MuteReply, 10**9).state.name == "MUTED"
     assert port.board.output.state.name == "MUTED"
+
+
+@pytest.fixture
+def muting_link(link):
+    """A link whose handler mutes the board at every event, as a sink can."""
+    link.request(Arm(), ArmReply)
+    link.handler = lambda _: link.mute(MuteReply, 10**9)
+    return link
+
+
+def test_a_request_that_a_mute_of_the_handler_overtakes_is_given_up(muting_link, port):
+    port.stall(250_000_000)  # STATUS waits in the port
+    with pytest.raises(NoAnswerError, match="a request was given up for a MUTE"):
+        muting_link.request(GetStatus(), StatusReply)
+    assert muting_link.request(GetStatus(), StatusReply).state.name == "MUTED"
+
+
+def test_a_mute_that_mutes_of_the_handler_overtake_is_confirmed(muting_link, port):
+    port.stall(950_000_000)
+    assert muting_link.mute(MuteReply, 10**9).state.name == "MUTED"
+    assert not muting_link.connection.outstanding
+
+
+def test_an_upload_that_a_mute_of_the_handler_overtakes_is_given_up(muting_link, port):
+    write = port.write_some
+    port.write_some = lambda data: len(data) if data[2] == UploadChunk.TYPE else write(data)
+    with pytest.raises(NoAnswerError, match="a request was given up for a MUTE"):
+        upload_by_driver(muting_link, UploadKind.CORRECTION, 0, bytes(256))
+    assert muting_link.request(GetStatus(), StatusReply).state.name == "MUTED"
 
 
 def test_a_mute_ends_the_rest_of_a_frame_that_was_cut_off(port):

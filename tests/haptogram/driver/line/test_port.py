@@ -259,6 +259,20 @@ class VirtualPort(serial.SerialBase):
         return found
 
 
+def test_a_port_that_cannot_but_wait_for_a_write_is_refused_and_closed(monkeypatch):
+    """As that of rfc2217:// is."""
+
+    def refuse(*_):
+        raise NotImplementedError("write_timeout is currently not supported")
+
+    port = serial.serial_for_url("loop://")
+    monkeypatch.setattr(type(port), "write_timeout", property(fset=refuse))
+    monkeypatch.setattr(serial, "serial_for_url", lambda *_, **__: port)
+    with pytest.raises(ConfigurationError, match=r"rfc2217://h:1.*not supported.*take socket://"):
+        open_transport("rfc2217://h:1")
+    assert not port.is_open
+
+
 def test_the_ports_own_clock_is_used_where_it_has_one():
     port = PyserialTransport(VirtualPort(), "virtual")
     assert port.read_available(5_000) == b""

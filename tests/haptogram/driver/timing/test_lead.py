@@ -11,10 +11,10 @@ DELAYS = st.lists(st.integers(-1000, 60_000), min_size=1, max_size=400)
 
 
 def test_the_default_fills_three_quarters_of_the_queue_up_to_100_ms():
-    assert default_lead_us(Fraction(1000), 128) == 96_000
-    assert default_lead_us(Fraction(2000), 128) == 100_000
-    assert default_lead_us(Fraction(1000), 32) == 24_000
-    assert default_lead_us(Fraction(100), 128) == 9_600
+    assert default_lead_us(128_000) == 96_000
+    assert default_lead_us(256_000) == 100_000
+    assert default_lead_us(32_000) == 24_000
+    assert default_lead_us(Fraction(12_800)) == 9_600
 
 
 @given(DELAYS, st.integers(1, 5000), st.floats(0, 1))

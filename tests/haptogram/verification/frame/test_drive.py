@@ -11,7 +11,14 @@ from haptogram.acoustics import AcousticModel, Drive, focus_phases, superpose_fo
 from haptogram.acoustics.solvers.several import frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey
-from haptogram.verification import FrameJudge, Tolerance, Uncertainty
+from haptogram.verification import (
+    FrameJudge,
+    RunConsequences,
+    RunVerdict,
+    Tolerance,
+    Uncertainty,
+    Verdict,
+)
 from haptogram.verification.frame.verdict import FrameStatus
 from latched_drives import drive_of, intend, registers, seen
 
@@ -76,6 +83,46 @@ def test_a_drive_passes_up_to_the_tolerance(foci, solver, share, passes):
     found = judge(model, foci, drive, solver=solver, tolerance=tolerance)
     assert found.passed == passes
     assert found.status is not FrameStatus.NOT_VERIFIED
+
+
+@pytest.mark.parametrize("known", [None, Uncertainty(phase_rad=0.1), Uncertainty(position_mm=0.1)])
+@pytest.mark.parametrize("level", [0.0, 0.5, np.repeat([0.0, 1.0], 60), np.arange(120) != 7])
+def test_no_tolerance_lets_silence_or_a_lower_level_pass(level, known):
+    """A place and air within it change phases, and amplitudes only as far as these."""
+    weights, tolerance = frame_weights(MODEL, PAIR, "naive"), Tolerance(miss_mm=0.5)
+    assert judge(MODEL, PAIR, weights, tolerance=tolerance, uncertainty=known)
+    assert not judge(MODEL, PAIR, level * weights, tolerance=tolerance, uncertainty=known)
+
+
+@pytest.mark.parametrize(
+    ("foci", "drive", "is_silence"),
+    [(Focus(TARGET, 0.0), 0.0 * WEIGHTS, True), (PAIR, np.exp(2.0j * PHASES**2), False)],
+)
+def test_of_a_drive_of_no_foci_no_miss_shows_and_it_is_no_silence(foci, drive, is_silence):
+    found = judge(MODEL, foci, drive, solver="wgs", tolerance=Tolerance(miss_mm=0.5))
+    assert (found.is_silence, found.smallest_miss_mm) == (is_silence, None)
+    right = judge(MODEL, TARGET, WEIGHTS)
+    run = RunVerdict(Verdict.PASS, (), [right, found], [], 0.5)
+    assert run.smallest_miss_mm == (right.smallest_miss_mm if is_silence else None)
+
+
+def test_another_drive_whose_foci_do_not_show_is_wrong():
+    """The focus is not known to be in its place: the drive is not just a damaged one."""
+    drive = Drive.from_weights(np.exp(2.0j * PHASES**2))
+    wanted = Drive.from_weights(frame_weights(MODEL, PAIR, "wgs"))
+    frame = intend(MODEL, TARGET, drive=wanted, foci=PAIR, solver="wgs")
+    found = FrameJudge(MODEL, carrier_us=25, tolerance=Tolerance(miss_mm=0.5)).judge(
+        frame, seen(frame, drive)
+    )
+    assert found.criteria == {"S5": True}
+    assert found.status is FrameStatus.WRONG_DRIVE
+    assert RunConsequences.of([found, dataclasses.replace(found, t_apply_us=1000)]).away_ms > 0.0
+
+
+def test_a_tolerance_of_nothing_is_none():
+    weights = frame_weights(MODEL, PAIR, "naive")
+    full = weights / np.abs(weights)  # as a board without amplitudes has it
+    assert judge(MODEL, PAIR, full, tolerance=Tolerance()) == judge(MODEL, PAIR, full)
 
 
 @pytest.mark.parametrize("count", [15, pytest.param(60, marks=pytest.mark.nightly)])
@@ -143,6 +190,7 @@ def test_a_right_drive_passes_and_its_mirror_fails(target, weights, changes):
         (TARGET, WEIGHTS[1:], {}, "drive of 119, array of 120 elements"),
         (TARGET, 2 * WEIGHTS, {}, "must be 1 at most"),
         (TARGET, WEIGHTS, {"amplitudes": [1.0]}, "amplitudes has shape"),
+        (TARGET, WEIGHTS, {"amplitudes": TAPER - 0.5}, "amplitudes is -0.3, must be 0 to 1"),
         (TARGET, WEIGHTS, {"solver": "best"}, "solver"),
         (TARGET, WEIGHTS, {"tolerance": Tolerance(miss_mm=10.0)}, "half of that at most"),
     ],

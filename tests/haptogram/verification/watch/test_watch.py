@@ -3,6 +3,7 @@
 import dataclasses
 import doctest
 import json
+import math
 import re
 
 import numpy as np
@@ -10,11 +11,12 @@ import pytest
 
 import pattern_drives as drives
 from dialect_boards import SENT, DialectBoard
-from haptogram.acoustics import Calibration, focus_phases
+from haptogram.acoustics import AcousticModel, Calibration, focus_phases
 from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
 from haptogram.records.remark import About
 from haptogram.verification import FrameStatus, Tolerance, Verdict
+from haptogram.verification.frame.target import FrameTarget
 from haptogram.verification.watch import (
     Defect,
     Diagnosis,
@@ -145,6 +147,13 @@ def test_several_foci_are_expected_together():
         seen
     )
     assert off.verdict.status is FrameStatus.OFF_TARGET
+    for found in (right, off.verdict):
+        miss_mm = 1e3 * np.subtract(found.measured_m, found.target_m)
+        beam = np.array(found.target_m) - array.positions_m.mean(axis=0)
+        along_mm = miss_mm @ beam / np.linalg.norm(beam)
+        assert found.axial_error_mm == pytest.approx(along_mm, abs=1e-9)
+        across_mm = math.sqrt(miss_mm @ miss_mm - along_mm**2)
+        assert found.lateral_error_mm == pytest.approx(across_mm, abs=1e-6)
     one = Watch(model, expectation=Expectation(model, [frame[:1]])).take(seen)
     assert one.verdict.faults == ("several foci where one focus was expected",)
 
@@ -169,9 +178,31 @@ def test_nothing_latched_is_inconclusive():
     assert run.result("the board was killed").verdict is Verdict.INCONCLUSIVE
 
 
-def test_an_expectation_needs_a_frame():
-    with pytest.raises(ConfigurationError, match="frames_m holds no frame"):
-        Expectation(model_of(LAYOUTS["sonicsurface"].array()), [])
+@pytest.mark.parametrize(
+    ("frames_m", "message"),
+    [
+        ([], "frames_m holds no frame"),
+        ([(0.0, 0.0, 0.1), (0.0, 0.0, -0.1)], "point 1 is 100 mm behind the baffle"),
+        ([[(0.0, 0.0, 0.1), (0.0, 0.0, 0.0)]], "point 1 is .* mm from element"),
+    ],
+)
+def test_an_expectation_needs_frames_of_places_with_a_field(frames_m, message):
+    """The board that is watched would go on without a verdict from its first latch on."""
+    with pytest.raises(ConfigurationError, match=message):
+        Expectation(AcousticModel.default(3, 3), frames_m)
+
+
+def test_a_tolerance_is_refused_at_the_begin_and_not_for_what_is_latched():
+    """Where only the rim sounds, the focus is narrower."""
+    model, target = AcousticModel.default(8, 8), (0.0, 0.0, 0.1)
+    with pytest.raises(ConfigurationError, match="half of that at most"):
+        Expectation(model, [target], tolerance=Tolerance(miss_mm=10.0))
+    half_mm = FrameTarget(model, np.array(target), np.ones(64), 0.0, Tolerance()).width_m * 5e2
+    expected = Expectation(model, [target], tolerance=Tolerance(miss_mm=0.99 * half_mm))
+    rim = np.ones((8, 8))
+    rim[2:-2, 2:-2] = 0.0
+    seen = SeenLatch(1, rim.ravel() * np.exp(1j * focus_phases(model, target)), 256)
+    assert Watch(model, expectation=expected).take(seen).verdict.passed
 
 
 # --- mistakes, with an expectation ----------------------------------------------------------------
