@@ -217,6 +217,14 @@ def writing_file(
     return _errors_as_refusals(lambda error: unwritable_file(path, error, option), kinds)
 
 
+def reads_as(kind: str) -> contextlib.AbstractContextManager[None]:
+    """Refuse a record of a back door that is none of its *kind*: "a latch record"."""
+    return _errors_as_refusals(
+        lambda error: ConfigurationError(f"not {kind} of a back door: {error!r}"),
+        (LookupError, TypeError, ValueError, AttributeError, ArithmeticError),
+    )
+
+
 @contextlib.contextmanager
 def _errors_as_refusals(
     refusal: Callable[[BaseException], ConfigurationError], kinds: _Kinds

@@ -32,7 +32,7 @@ from haptogram.acoustics import (
     Transducer,
     TransducerArray,
 )
-from haptogram.errors import ConfigurationError, plain_reason, reading_file
+from haptogram.errors import ConfigurationError, plain_reason, reading_file, reads_as, refusals_of
 from haptogram.machine.closing import ClosedByWith
 from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
 from haptogram.records.latch import Codes
@@ -67,7 +67,7 @@ def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
     ConfigurationError
         It is no such record, or of a transducer that is not known here.
     """
-    try:
+    with reads_as("a board record"), refusals_of("not a board record of a back door:"):
         positions, normals = np.array(board["positions_m"]), np.array(board["normals"])
         shape = board["grid_shape"]
         source = board["transducer"]
@@ -80,13 +80,10 @@ def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
                 source["frequency_hz"],
             ),
         )
-        measured = board["calibration"]
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigurationError(f"not a board record of a back door: {error!r}") from error
-    if measured is None:
-        return model
-    gain, phase_rad, places = (np.array(measured[n]) for n in ("gain", "phase_rad", "positions_m"))
-    return model.calibrated(Calibration(gain, phase_rad, places))
+        if (measured := board["calibration"]) is None:
+            return model
+        gain, phase_rad = np.array(measured["gain"]), np.array(measured["phase_rad"])
+        return model.calibrated(Calibration(gain, phase_rad, np.array(measured["positions_m"])))
 
 
 def _parse_directivity(written: str) -> CircularPiston | PointSource:
@@ -106,7 +103,7 @@ def observation_of_record(record: Mapping[str, Any]) -> Observation:
     ConfigurationError
         If it is no such record.
     """
-    try:
+    with reads_as("a latch record"), refusals_of("not a latch record of a back door:"):
         return Observation(
             key=FrameKey.from_record(record),
             t_latch_us=record["t_latch_us"],
@@ -118,8 +115,6 @@ def observation_of_record(record: Mapping[str, Any]) -> Observation:
             radiated=None if record["radiated"] is None else drive_of_record(record["radiated"]),
             t_received_us=record["t_received_us"],
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigurationError(f"not a latch record of a back door: {error!r}") from error
 
 
 def observations_of_backdoor(

@@ -261,12 +261,11 @@ class ClientRemarks:
                 "and no commands of a controller in front of it",
                 t_us,
             )
-        elif not self._is_own and self._are_finer_frames():
-            self._is_own = True
-            fact, cause = _CLUES[_OF_WHOLE_FRAMES]
-            self._remark(About.OTHER_ARRAY, f"{fact}: the client has {cause}", t_us)
-            self._tell_compared(t_us)
         else:
+            if not self._is_own and self._are_finer_frames():
+                self._is_own = True
+                fact, cause = _CLUES[_OF_WHOLE_FRAMES]
+                self._remark(About.OTHER_ARRAY, f"{fact}: the client has {cause}", t_us)
             self._tell_compared(t_us)
 
     def _remark_other_wire(self, text: str, t_us: int) -> None:

@@ -15,7 +15,7 @@ import random
 import zlib
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from haptogram_protocol import framing, messages
 from haptogram_protocol.cobs import cobs_encode
@@ -28,8 +28,7 @@ from .line import LineFault, Values, fault_on_bytes
 # A body in, what follows the first delimiter out (COBS and the last delimiter); None: unchanged.
 Rewrite: TypeAlias = Callable[[bytes, Values, random.Random], bytes | None]
 _Change: TypeAlias = Callable[[Header, Values], dict[str, int]]
-_TRUE_COUNTERS: Final = ("frames", "latched", "requests")  # counters that rise when all is well
-_PONG_TIMES: Final = ("t_rx_us", "t_tx_us")
+_TIMES: Final = frozenset({"t_rx_us", "t_tx_us", "t_latch_us", "last_latch_us"})
 
 
 def fault_on_frames(rewrite: Rewrite) -> LineFault:
@@ -118,10 +117,19 @@ def _clock_report_fault(body: bytes, values: Values, source: random.Random) -> b
     """Return a frame of the board with shifted times."""
     header, message = messages.parse_body(body)
     by_us = round(values["us"] + values["jitter_us"] * source.uniform(-1, 1))
-    if isinstance(message, messages.Pong):
-        times = {name: (getattr(message, name) + by_us) & 0xFFFFFFFF for name in _PONG_TIMES}
-        message = dataclasses.replace(message, **times)
-    return _rebuilt_faulty_report(header, message, by_us) if by_us else None
+    return _rebuilt_faulty_report(header, _told_later(message, by_us), by_us) if by_us else None
+
+
+def _told_later(record: Any, by_us: int) -> Any:
+    """Return a record with every time that it tells, and those of its records, shifted."""
+    values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+    times = {name: (values[name] + by_us) & 0xFFFFFFFF for name in _TIMES & values.keys()}
+    inner = {
+        name: tuple(_told_later(one, by_us) for one in value)
+        for name, value in values.items()
+        if isinstance(value, tuple)
+    }
+    return dataclasses.replace(record, **times, **inner)
 
 
 def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | None:
@@ -129,7 +137,7 @@ def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | N
     header, message = messages.parse_body(body)
     if not isinstance(message, messages.Status | messages.StatusReply):
         return None
-    true = {name: getattr(message.counters, name) for name in _TRUE_COUNTERS}
+    true = {name: getattr(message.counters, name) for name in messages.GROWING_COUNTERS}
     counters = messages.Counters(**{**dict.fromkeys(messages.Counters.WIRE, 0), **true})
     lie = dataclasses.replace(
         message, state=OutputState.ARMED, reason=MuteReason.NONE, counters=counters

@@ -39,8 +39,8 @@ def _fault_places(count: int, chance: float, source: random.Random) -> Iterator[
         return
     place = -1
     while True:
-        gap = 0 if chance >= 1 else int(math.log(1 - source.random()) / math.log1p(-chance))
-        place += 1 + gap
+        gap = 0.0 if chance >= 1 else math.log(1 - source.random()) / math.log1p(-chance)
+        place += 1 + int(min(gap, count))  # the gap of the least chance is infinite
         if place >= count:
             return
         yield place
@@ -93,20 +93,12 @@ def _burst_fault(data: bytearray, values: Values, source: random.Random) -> int:
     return len(places)
 
 
-def _truncate_fault(data: bytearray, values: Values, source: random.Random) -> int:
-    """Cut off the end at a random place; return 1 if it did."""
-    fires = source.random() < values["p"]
-    if fires:
-        del data[source.randrange(len(data)) :]
-    return int(fires)
-
-
-def _overrun_fault(data: bytearray, values: Values, source: random.Random) -> int:
-    """Remove a run of bytes; return 1 if it did."""
+def _loss_fault(data: bytearray, values: Values, source: random.Random) -> int:
+    """Lose so many bytes from a random one on; all of them, if the fault has no number."""
     fires = source.random() < values["p"]
     if fires:
         first = source.randrange(len(data))
-        del data[first : first + round(values["bytes"])]
+        del data[first : first + round(values.get("bytes", len(data)))]
     return int(fires)
 
 
@@ -163,22 +155,15 @@ def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> 
     return cut, len(cut) - len(chunks)
 
 
-def _held_by_fault(grid_ns: int, chunks: list[FaultChunk]) -> Acted:
-    """Delay chunks to the next multiple of *grid_ns*."""
-    if grid_ns == 0:
-        return chunks, 0
-    held = [dataclasses.replace(c, t_ns=-(-c.t_ns // grid_ns) * grid_ns) for c in chunks]
-    return held, sum(new != old for new, old in zip(held, chunks, strict=True))
+def _grid_fault(name: str, unit_ns: int) -> LineFault:
+    """Return a fault that delays chunks to a time grid, whose step is the parameter *name*."""
 
+    def act(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
+        grid_ns = round(values[name] * unit_ns) or 1
+        held = [dataclasses.replace(c, t_ns=-(-c.t_ns // grid_ns) * grid_ns) for c in chunks]
+        return held, sum(new != old for new, old in zip(held, chunks, strict=True))
 
-def _coalesce_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
-    """Delay chunks to a grid of microseconds, so that they arrive together."""
-    return _held_by_fault(round(values["us"] * _NS_PER_US), chunks)
-
-
-def _batch_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
-    """Delay chunks to a grid of milliseconds, so that they arrive together."""
-    return _held_by_fault(round(values["ms"] * _NS_PER_MS), chunks)
+    return act
 
 
 LINE_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
@@ -187,8 +172,8 @@ LINE_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
         "line.drop": fault_on_bytes(_drop_fault),
         "line.insert": fault_on_bytes(_insert_fault),
         "line.burst": fault_on_bytes(_burst_fault),
-        "line.truncate": fault_on_bytes(_truncate_fault),
-        "line.overrun": fault_on_bytes(_overrun_fault),
+        "line.truncate": fault_on_bytes(_loss_fault),
+        "line.overrun": fault_on_bytes(_loss_fault),
         "line.break": fault_on_bytes(_break_fault),
         "line.baud": fault_on_bytes(_baud_fault),
         "line.half_open": _no_line_fault,
@@ -196,7 +181,7 @@ LINE_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
         "line.duplicate": _duplicate_fault,
         "line.delay": _delay_fault,
         "line.slice": _slice_fault,
-        "line.coalesce": _coalesce_fault,
-        "line.batch": _batch_fault,
+        "line.coalesce": _grid_fault("us", _NS_PER_US),
+        "line.batch": _grid_fault("ms", _NS_PER_MS),
     }
 )

@@ -177,6 +177,7 @@ class Reconstructor:
     def _all_of(
         self, asked: Sequence[DriveToFind], reconstruct: Callable[..., _Found]
     ) -> list[Reconstruction | _Found]:
+        """Return the field of each: beside the last one at once, others by *reconstruct*."""
         found: list[Reconstruction | _Found] = []
         while len(found) < len(asked):
             beside = self._foci_beside_last(asked[len(found) : len(found) + self._at_once])

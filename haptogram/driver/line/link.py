@@ -311,7 +311,7 @@ class Link:
             )
 
     def _message(self, outcome: _Outcome | None, reply: type[_M]) -> _M:
-        """Return the reply to a request; raise if it was given up, timed out or was refused."""
+        """Return the reply to a request; raise if it timed out, was refused or given up."""
         if outcome is None:
             raise errors.NoAnswerError(f"{self.url}: a request was given up for a MUTE")
         if isinstance(outcome, RequestTimedOut):

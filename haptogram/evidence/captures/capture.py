@@ -17,6 +17,7 @@ from haptogram.errors import ConfigurationError
 #: Channels of a capture that is read: the elements of an array, and a few signals beside them.
 MOST_CHANNELS: Final = 2048
 MOST_EDGES: Final = 50_000_000
+_NUMBER: Final = "([0-9]{1,9})"
 _MOST_SHARES: Final = 16  # steps in the least distance of two edges
 _LEAST_STEP: Final = 4.0  # ticks: a finer grid cannot be recognised
 _MOST_STEPS: Final = 20_000.0  # most steps of a distance: a longer one is a silence
@@ -142,7 +143,7 @@ class Capture:
     def numbered_channels(self, pattern: str) -> dict[str, int]:
         """Return the channels that *pattern* names, with their numbers in place of its ``{}``."""
         before, after = map(re.escape, pattern.split("{}"))
-        found = ((name, re.fullmatch(f"{before}([0-9]+){after}", name)) for name in self.channels)
+        found = ((name, re.fullmatch(f"{before}{_NUMBER}{after}", name)) for name in self.channels)
         return {name: int(number[1]) for name, number in found if number}
 
     def channel(self, name: str) -> ChannelEdges:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import configparser
 import re
 import zipfile
-import zlib
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,7 +18,7 @@ from haptogram.errors import ConfigurationError, unreadable_file
 from .capture import MOST_EDGES, Capture, ChannelEdges
 
 _BLOCK: Final = 4 << 20  # bytes of samples at a time
-_RATE: Final = re.compile(r"\s*([0-9.]+)\s*([kMG]?)(?:Hz)?\s*")
+_RATE: Final = re.compile(r"\s*([0-9.]{1,30})\s*([kMG]?)(?:Hz)?\s*")
 _FACTORS: Final = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 _MOST_BYTES: Final = 4 << 30
 _MOST_METADATA: Final = 1 << 20
@@ -43,13 +43,15 @@ def read_sigrok(path: Path) -> Capture:
     try:
         with zipfile.ZipFile(path) as archive:
             return _read_whole_sigrok(path, archive)
+    except ConfigurationError:
+        raise
     except OSError as error:
         raise unreadable_file(path, error, "capture") from error
     except (zipfile.BadZipFile, EOFError) as error:
         raise ConfigurationError(
             f"{path}: no session file of sigrok, or one that was cut off ({error}); save it again"
         ) from error
-    except (zlib.error, NotImplementedError, RuntimeError) as error:
+    except Exception as error:  # what the parsers of the library happen to raise
         raise ConfigurationError(f"{path}: the samples are damaged; capture again") from error
 
 
@@ -98,6 +100,9 @@ def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
     probes = {bit: name for bit, name in probes.items() if 0 <= bit < 8 * unit_size}
     if rate_hz <= 0.0 or not probes:
         raise ConfigurationError(f"{path}: no logic channel, or a sampling rate of 0")
+    ((name, count),) = Counter(probes.values()).most_common(1)
+    if count > 1:
+        raise ConfigurationError(f"{path}: {count} channels are named {name!r}; give each its own")
     return _Metadata(prefix, rate_hz, unit_size, probes)
 
 
@@ -105,7 +110,7 @@ def _sigrok_part(prefix: str, name: str) -> int | None:
     """Return the index of a sample file in a sigrok archive; None for other entries."""
     if name == prefix:
         return 0
-    found = re.fullmatch(rf"{re.escape(prefix)}-(\d+)", name)
+    found = re.fullmatch(rf"{re.escape(prefix)}-(\d{{1,9}})", name)
     return None if found is None else int(found[1])
 
 

@@ -85,10 +85,8 @@ class _VcdChannel:
             return 0
         if self.level < 0:
             first = int(defined.argmax())
-            rest = int((~defined[first:]).sum())
-            if self.undefined > rest:
-                self.defined_from = int(times[first])
-            self.undefined = rest
+            self.undefined = int((~defined[first:]).sum())
+            self.defined_from = int(times[first])
             self.first = self.level = int(values[first] == _ONE)
         times, levels = times[defined], (values[defined] == _ONE).astype(np.int8)
         changed = np.diff(levels, prepend=np.int8(self.level)) != 0

@@ -20,7 +20,8 @@ _END_OF_HEADER: Final = re.compile(rb"\$enddefinitions\s+\$end")
 _TIMESCALE: Final = re.compile(r"(1|10|100)\s*(s|ms|us|ns|ps|fs)")
 _NO_BITS: Final = ("real", "realtime", "string", "event")
 _UNITS_S: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ps": 1e-12, "fs": 1e-15}
-_RANGE: Final = re.compile(r"\[(-?\d+):(-?\d+)\]")
+_WIDTH: Final = re.compile(r"[0-9]{1,4}")
+_RANGE: Final = re.compile(r"\[(-?\d{1,9}):(-?\d{1,9})\]")
 #: Identifier code of a variable, packed, and a bit of it: 0 is the last one of its vectors.
 VcdBit: TypeAlias = tuple[int, int]
 #: Scopes, words of the name, and bit of a channel.
@@ -68,7 +69,7 @@ def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
     """Parse the declarations of a VCD file: time unit, scopes, variables and buses."""
     scopes: list[str] = []
     found: list[_Variable] = []
-    buses: list[list[_Variable]] = []
+    buses: list[tuple[list[str], list[str]]] = []
     tick_s = None
     for keyword, body in _vcd_sections(words):
         if keyword == "$timescale":
@@ -77,15 +78,16 @@ def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
             scopes.append(body[-1] if body else "")
         elif keyword == "$upscope" and scopes:
             scopes.pop()
-        elif keyword == "$var" and len(body) >= 4 and body[1] == "1":
-            found.append((scopes.copy(), body[3:], (_packed_vcd_code(path, body[2]), 0)))
         elif keyword == "$var" and len(body) >= 4 and body[0] not in _NO_BITS:
-            buses.append(_bus_bits(path, scopes.copy(), body))
+            if body[1] == "1":
+                found.append((scopes.copy(), body[3:], (_packed_vcd_code(path, body[2]), 0)))
+            elif _WIDTH.fullmatch(body[1]):
+                buses.append((scopes.copy(), body))
     if tick_s is None:
         raise ConfigurationError(f"{path}: no $timescale; the times of its edges are unknown")
-    for bus in buses:
-        if len(found) + len(bus) <= MOST_CHANNELS:  # a simulation may hold any number of registers
-            found += bus
+    for scopes, body in buses:
+        if len(found) + int(body[1]) <= MOST_CHANNELS:  # a simulation may hold any registers
+            found += _bus_bits(path, scopes, body)
     if not 1 <= len(found) <= MOST_CHANNELS:
         raise ConfigurationError(f"{path}: {len(found)} channels, must be 1 to {MOST_CHANNELS}")
     return VcdHeader(tick_s, _named_vcd_variables(path, found))
@@ -93,8 +95,6 @@ def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
 
 def _bus_bits(path: Path, scopes: list[str], body: list[str]) -> list[_Variable]:
     """Split a multi-bit variable into one channel per bit: ``name[bit]``."""
-    if not body[1].isdecimal():
-        return []
     width, code = int(body[1]), _packed_vcd_code(path, body[2])
     name, numbers = _plain_vcd_words(body[3:]), _RANGE.search("".join(body[3:]))
     first, last = (int(n) for n in numbers.groups()) if numbers else (width - 1, 0)

@@ -17,7 +17,7 @@ from haptogram.acoustics import Drive, Reconstruction
 from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.model.drive import saturated_weights
 from haptogram.acoustics.model.pulses import PulseDrive
-from haptogram.errors import ConfigurationError
+from haptogram.errors import reads_as, refusals_of
 from haptogram.evidence.backdoor import (
     observations_of_backdoor,
     observations_on_clock_of,
@@ -155,7 +155,7 @@ def pulse_observation_of(record: Mapping[str, Any], channels: Sequence[int]) -> 
     ConfigurationError
         If it is no such record.
     """
-    try:
+    with reads_as("a pulses record"), refusals_of("not a pulses record of a back door:"):
         levels = {int(channel): bytes.fromhex(text) for channel, text in record["levels"].items()}
         pulses = PulseDrive(
             _pulse_numbers(record["rises"], "<u2"),
@@ -176,8 +176,6 @@ def pulse_observation_of(record: Mapping[str, Any], channels: Sequence[int]) -> 
             counted=record["counted"],
             reconstruction=observed_reconstruction_of(record["reconstruction"]),
         )
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise ConfigurationError(f"not a pulses record of a back door: {error!r}") from error
 
 
 def _pulse_numbers(text: str, kind: str) -> np.ndarray[Any, Any]:

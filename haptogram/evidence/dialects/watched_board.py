@@ -9,7 +9,7 @@ import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.boards.layout import Z_UP, Rows
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, reads_as
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.dialects.captured_latches import PINS
 from haptogram.evidence.dialects.latches import PulseObservation, pulse_observation_of
@@ -62,10 +62,11 @@ class WatchedBoard:
             raise ConfigurationError("the first record of a back door must be of the kind board")
         self.model = board_model_of_evidence(record)
         self.dialect = str(record.get("dialect", HAPTOGRAM))
-        self._channels = [int(channel) for channel in record.get("channels", ())]
-        self.channels = self._channels_of_a_board(record)
+        with reads_as("a board record"):
+            self._channels = [int(channel) for channel in record.get("channels", ())]
+            self.channels = self._channels_of_a_board(record)
+            self._axes = np.array(record.get("client_axes", Z_UP), dtype=np.float64)
         self._steps = record.get("steps")
-        self._axes = np.array(record.get("client_axes", Z_UP), dtype=np.float64)
         is_simulated = record.get("simulator") is not None
         self._evidence, self._timed = Evidence.SIMULATED if is_simulated else evidence, timed
         self._next: int | None = None
@@ -101,17 +102,14 @@ class WatchedBoard:
         ConfigurationError
             A record that cannot be read.
         """
-        if record["kind"] == "pulses":
-            found = self._of_pulses(record)
-        elif record["kind"] == "latch":
-            found = self._of_codes(record)
-        elif record["kind"] == PINS:
-            found = self._of_pins(record)
-        else:
-            return None
-        if self._next is not None:
-            self.missing += max(0, found.number - self._next)
-        self._next = found.number + 1
+        kinds = {"pulses": self._of_pulses, "latch": self._of_codes, PINS: self._of_pins}
+        with reads_as("a latch record"):
+            if (read := kinds.get(record["kind"])) is None:
+                return None
+            found = read(record)
+            if self._next is not None:
+                self.missing += max(0, found.number - self._next)
+            self._next = found.number + 1
         return found
 
     def _of_pulses(self, record: Mapping[str, Any]) -> SeenLatch:

@@ -13,17 +13,20 @@ from typing import Any, Final, TypeAlias
 
 from haptogram.records.latch import Codes, LatchRecord
 from haptogram_protocol.annotation.frames import Annotated
-from haptogram_protocol.messages import EVENT_RANGE, MessageType
+from haptogram_protocol.connection import INITIAL_RTO_US
+from haptogram_protocol.messages import EVENT_RANGE, MessageType, signed_difference
 
 Fields: TypeAlias = Mapping[str, Any]
+_Key: TypeAlias = tuple[Hashable, ...]
 RECORDED: Final = "recorded"
 REPLAYED: Final = "replayed"
 _OTHER: Final = {RECORDED: REPLAYED, REPLAYED: RECORDED}
+_REPLY: Final = "reply"
 _MOST_KEPT: Final = 1000  # differences that are kept in words; all are counted
 #: Fields that hold a count or a state of the moment at which a frame came.
 _OF_THE_MOMENT: Final = frozenset(
     {"queued", "free_bytes", "margins", "last_seq", "counters", "number", "oldest", "next"}
-    | {"config_crc", "boot_id"}
+    | {"config_crc", "boot_id", "last_latch_us", "margin_min_us", "margin_mean_us"}
 )
 #: Fields by which a board introduces itself.
 _IDENTITY: Final = frozenset({"major", "nonce", "transducers", "carrier_hz"})
@@ -88,9 +91,10 @@ class ReplayComparison:
     same: Counter[str] = field(default_factory=Counter)
     differing: Counter[str] = field(default_factory=Counter)
     differences: list[Difference] = field(default_factory=list)
-    _waiting: dict[str, dict[Hashable, deque[_Entry]]] = field(
+    _waiting: dict[str, dict[_Key, deque[_Entry]]] = field(
         default_factory=lambda: {RECORDED: {}, REPLAYED: {}}
     )
+    _read_us: int | None = None  # device time of the last frame in the recording
     _first_bytes: Difference | None = None
 
     def add_frame(self, side: str, piece: Annotated) -> None:
@@ -100,7 +104,9 @@ class ReplayComparison:
             self._add(side, "frames", ("damaged",), entry)
             return
         header = piece.header
-        fields = dict(piece.fields) | {"fault": piece.fault} if piece.fault else dict(piece.fields)
+        if side == RECORDED:
+            self._read_us = header.time_us
+        fields = {"type": piece.name, "fault": piece.fault, **piece.fields}
         what = f"{piece.name} seq {header.seq} of session {header.session:#06x}"
         entry = _Entry(what, header.time_us, fields)
         if self.exact:
@@ -116,12 +122,13 @@ class ReplayComparison:
         what = f"latch {latch.index} of session {latch.session:#06x}"
         if latch.sequence:
             what = f"latch {latch.index} in pass {latch.loop} of sequence {latch.sequence}"
-        fields = {"late": latch.late, "latched": latch.latched}
-        fields["radiated"] = latch.radiated or latch.latched
+        fields: dict[str, Any] = {"late": latch.late, "commanded_bits": latch.commanded_bits}
+        fields |= {"latched": latch.latched, "radiated": latch.radiated or latch.latched}
         if self.exact or timed:
             fields["t_us"] = latch.t_latch_us % (1 << 32)
         if self.exact:
             fields |= {"number": latch.number, "t_received_us": latch.t_received_us}
+            fields |= {"ramping": latch.ramping}
         entry = _Entry(what, latch.t_latch_us, fields)
         self._add(side, "latches", ("latch", *latch.key), entry)
 
@@ -146,10 +153,20 @@ class ReplayComparison:
             self._first_bytes = Difference("bytes of the board", t_us, detail)
 
     def forget_replayed(self, *, frames: bool) -> None:
-        """Leave out the frames that the recorded host did not come to read, or all but frames."""
+        """Leave out the frames that the recorded host did not come to read, or all but frames.
+
+        An answer is not left out that left so long before the last frame in the recording that the
+        host would have asked again.
+        """
         waiting = self._waiting[REPLAYED]
-        for key in [key for key in waiting if (_compared_replay_kind(key) == "frames") is frames]:
-            del waiting[key]
+        for key in [key for key in waiting if (key[0] == "frames") is frames]:
+            waiting[key] = deque(one for one in waiting[key] if self._is_extra_reply(key, one))
+
+    def _is_extra_reply(self, key: _Key, entry: _Entry) -> bool:
+        """Return True for an answer that the host of the recording would have asked for again."""
+        if key[-1] != _REPLY or self._read_us is None:
+            return False
+        return signed_difference(self._read_us, entry.t_us, 32) > INITIAL_RTO_US
 
     def close(self, end_us: int) -> None:
         """Count the entries that only one account has.
@@ -161,7 +178,7 @@ class ReplayComparison:
             self.forget_replayed(frames=False)
         for side, why in ((RECORDED, "missing in the replay"), (REPLAYED, "not in the recording")):
             for key, entries in self._waiting[side].items():
-                kind = _compared_replay_kind(key)
+                kind = str(key[0])
                 is_ours = side == RECORDED and kind != "output"
                 for entry in entries:
                     if is_ours or entry.t_us < end_us:
@@ -171,12 +188,12 @@ class ReplayComparison:
             self.differing["bytes"] += 1  # the same frames: in another order, or with noise between
             self.differences.append(self._first_bytes)
 
-    def _add(self, side: str, kind: str, key: tuple[Hashable, ...], entry: _Entry) -> None:
+    def _add(self, side: str, kind: str, key: _Key, entry: _Entry) -> None:
         """Compare an entry with its counterpart, or queue it until that arrives."""
         if side == RECORDED and kind != "frames":
             self.has_backdoor = True
         place, others = (kind, *key), self._waiting[_OTHER[side]]
-        if place not in others:
+        if not others.get(place):
             self._waiting[side].setdefault(place, deque()).append(entry)
             return
         other = others[place].popleft()  # of those with one key the first meets the first
@@ -197,18 +214,12 @@ class ReplayComparison:
             self.differences.append(Difference(entry.what, t_us, detail))
 
 
-def _compared_replay_kind(key: Hashable) -> str:
-    """Return the kind of entry for which :meth:`ReplayComparison._add` made a key."""
-    assert isinstance(key, tuple)  # as _add made it
-    return str(key[0])
-
-
-def _compared_replay_key(piece: Annotated) -> tuple[Hashable, ...]:
+def _compared_replay_key(piece: Annotated) -> _Key:
     """Return a comparison key for a frame, independent of the number of STATUS frames before it."""
     header, fields = piece.header, piece.fields
     assert header is not None  # of an undamaged frame
     if header.type not in EVENT_RANGE:
-        return (header.session, header.seq, "reply")
+        return (header.session, header.seq, _REPLY)
     of_latch = fields.get("index", str(fields.get("key", "")))
     return (header.session, piece.name, of_latch)
 
@@ -220,7 +231,7 @@ def _comparable_fields(fields: Fields, name: str) -> Fields:
     return {
         key: _comparable_value(value)
         for key, value in fields.items()
-        if not (key.startswith("t_") or key.endswith("_us") or key in _OF_THE_MOMENT)
+        if not (key.startswith("t_") or key in _OF_THE_MOMENT)
     }
 
 

@@ -157,20 +157,18 @@ def replay_recording(recording: Recording, make_board: MakeReplayBoard) -> Repla
     """
     result = ReplayResult()
     for opening, facts, entries in _recorded_lines(recording):
-        if opening.excerpt:
-            result.notes.append(f"an excerpt of a soak is not replayed: {opening.excerpt}")
-            continue
-        _replay_line(opening, facts, entries, make_board, result)
+        if not _noted_as_excerpt(opening, result):
+            _replay_line(opening, facts, entries, make_board, result)
     if recording.note:
         result.notes.append(recording.note)
     return result
 
 
-def recorded_facts(recording: Recording) -> LineFacts:
-    """Return the facts that the frames of the first board tell."""
-    return next(
-        (_collect_facts(part) for _, part in _recorded_parts(recording, _FRAMES)), LineFacts()
-    )
+def _noted_as_excerpt(opening: _Opening, result: ReplayResult) -> bool:
+    """Note an excerpt of a soak, which is not replayed; return False for anything else."""
+    if opening.excerpt:
+        result.notes.append(f"an excerpt of a soak is not replayed: {opening.excerpt}")
+    return bool(opening.excerpt)
 
 
 def _recorded_lines(
@@ -312,7 +310,6 @@ class _ReplayLine:
         """Feed every entry, and then let the board come to the end of its queue."""
         for entry in entries:
             self._take(entry)
-        self.comparison.forget_replayed(frames=True)
         end_ns = self._now_ns
         while self.comparison.awaited and self._now_ns < end_ns + _AFTER_LAST_NS:
             self._now_ns += _STEP_NS
@@ -433,37 +430,44 @@ def replay_to_port(recording: Recording, url: str, *, baudrate: int) -> ReplayRe
     LinkError
         If the port does not open or breaks, or the board does not answer.
     """
-    hello = recorded_facts(recording).hello
+    result = ReplayResult()
+    facts = (_collect_facts(part) for _, part in _recorded_parts(recording, _FRAMES))
+    hello = next(facts, LineFacts()).hello
+    parts = _recorded_parts(recording, _FRAMES)
     port = open_transport(url, baudrate=baudrate)
     with contextlib.closing(port):
-        player = _RecordingPlayer(port, hello)
+        player = _RecordingPlayer(port, recording.first_bytes(LOOKED_AT_BYTES), hello)
         try:
-            player.run(recording)
+            for opening, entries in itertools.islice(parts, 1):
+                if not _noted_as_excerpt(opening, result):
+                    player.run(entries)
         finally:
             with contextlib.suppress(LinkError):
                 player.mute()
-    result = ReplayResult([player.comparison], [], player.to_board, player.to_host)
+    result.comparisons.append(player.comparison)
+    result.to_board, result.to_host = player.to_board, player.to_host
+    if others := sum(1 for _ in parts):
+        result.notes.append(f"the first board of the recording was fed; it has {others} more")
     if recording.note:
         result.notes.append(recording.note)
     return result
 
 
 class _RecordingPlayer:
-    def __init__(self, port: Transport, hello: messages.HelloReply | None) -> None:
+    def __init__(self, port: Transport, first: bytes, hello: messages.HelloReply | None) -> None:
         self.comparison = ReplayComparison(exact=False)
         self.to_board = self.to_host = 0
         self._port, self._hello = port, hello
         self._recorded, self._replayed = FrameAnnotator(), FrameAnnotator()
         self._shifter = ReplayFrameShifter()
-        self._is_ours = True
+        self._is_ours = HAPTOGRAM in looks_like_dialect(first)
         self._first_us: dict[str, int] = {}  # device time of the first reply, by side
 
-    def run(self, recording: Recording) -> None:
+    def run(self, entries: Iterator[RecordingEntry]) -> None:
         """Send what was sent, when it was sent, and take what comes."""
-        self._is_ours = HAPTOGRAM in looks_like_dialect(recording.first_bytes(LOOKED_AT_BYTES))
         start_ns: int | None = None
         now_ns = self._port.now_ns()
-        for entry in recording.entries((TO_BOARD, TO_HOST)):
+        for entry in (entry for entry in entries if entry.topic != LINK):
             start_ns = now_ns - entry.t_ns if start_ns is None else start_ns
             if entry.topic == TO_HOST:
                 for piece in self._recorded.feed(entry.data):

@@ -8,7 +8,7 @@ from itertools import islice
 from typing import Any, Final
 
 from haptogram.acoustics import Drive, NotSingle, Reconstruction, saturated_weights
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, reads_as
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.dialects.latches import PulseObservation, pulse_observation_of
 from haptogram.machine.terminal import printable_on_terminal
@@ -65,10 +65,8 @@ class LiveViewerScene:
     def take(self, records: Iterable[Mapping[str, Any]]) -> None:
         """Take records as they come."""
         for record in records:
-            try:
+            with reads_as("a record"):
                 self._take(record)
-            except (KeyError, TypeError, ValueError) as error:
-                raise ConfigurationError(f"not a record of a back door: {error!r}") from error
 
     def _take(self, record: Mapping[str, Any]) -> None:
         """Process a record of the board by its kind."""

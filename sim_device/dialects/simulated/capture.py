@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Final
 
-from haptogram.errors import writing_file
+from haptogram.errors import ConfigurationError, writing_file
 
 from ...line.vcd import vcd_identifier, write_vcd_head
 from .process import PERIOD, SAME, SimulatedHello, count_of_same
 
 _LINES: Final = ("carrier", "to_board", "to_host")
 _BITS: Final = 10  # bits of a byte on the line
+_LAST_TIME: Final = re.compile(r"#([0-9]{1,18})\n[^#]*\Z")
 _OFF_NS: Final = 1_000_000  # gap in the capture for a reset of the board
 
 
@@ -31,20 +33,21 @@ class SimulatedCapture:
     Raises
     ------
     ConfigurationError
-        If it cannot be written.
+        If it cannot be written, or is there and no capture.
     """
 
     def __init__(self, path: Path, hello: SimulatedHello, byte_ns: float) -> None:
         self._path, self._period_ns, self._bit_ns = path, hello.period_ns, byte_ns / _BITS
         names = [*_LINES, *hello.pins]
         self._codes = [vcd_identifier(number) for number in range(len(names))]
+        self._all = (1 << len(hello.pins)) - 1
         self._hold_ns = max(round(byte_ns), hello.period_ns)  # until all of a time is known
         self._high = self._periods = 0
         self._changes: list[tuple[int, int]] = []  # since the period began, and levels
         self._last = self._changes
         self._edges: list[tuple[int, str]] = []  # that are not written yet
         with writing_file(path, "--simulator-capture"):
-            self._file = path.open("a+", encoding="ascii")
+            self._file = path.open("a+", encoding="ascii", errors="replace")
         self._offset_ns = self._end_of_file_ns()
         if not self._offset_ns:
             write_vcd_head(self._file, names, _LINES[1:])
@@ -53,8 +56,11 @@ class SimulatedCapture:
         """Return the time at which the appended capture continues."""
         size = self._file.seek(0, os.SEEK_END)
         self._file.seek(max(0, size - 100))
-        _, mark, last = self._file.read().rpartition("#")
-        return int(last.split()[0]) + _OFF_NS if mark else 0
+        last = _LAST_TIME.search(self._file.read())
+        if size and last is None:
+            self._file.close()
+            raise ConfigurationError(f"--simulator-capture {self._path}: is there and no capture")
+        return int(last[1]) + _OFF_NS if last else 0
 
     def carried(self, line: str, begin_ns: float, value: int) -> None:
         """Take down a byte, whose start bit begins at a time."""
@@ -74,7 +80,7 @@ class SimulatedCapture:
                 self._end_periods(count_of_same(line.rstrip()))
             elif line.strip():
                 _, since, levels = line.split()
-                self._changes.append((int(since), int(levels, 16)))
+                self._changes.append((int(since), int(levels, 16) & self._all))
 
     def _end_periods(self, count: int) -> None:
         """Write whole periods with the last changes; the first may start at other levels."""

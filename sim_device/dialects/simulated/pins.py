@@ -54,7 +54,7 @@ class SimulatedPins:
     Raises
     ------
     ValueError
-        From :meth:`take`: a line that cannot be read.
+        From :meth:`take`, which takes whole lines: one that cannot be read.
     """
 
     def __init__(self, count: int, period_ns: int) -> None:
@@ -77,6 +77,7 @@ class SimulatedPins:
         for block in blocks:
             yield from self._take_period((yield from self._repeat(block)))
         self._rest = yield from self._repeat(self._rest)
+        self._words(self._rest)  # a capture takes them down before the period ends
 
     def _repeat(self, block: bytes) -> Generator[ShownDrive, None, bytes]:
         """Process periods equal to the last one; return the remaining changes."""
@@ -118,10 +119,9 @@ class SimulatedPins:
 
     def _weights_of(self, block: bytes) -> ComplexArray:
         """Return the fundamental of each pin in a period, which starts at the current levels."""
-        words = [line.split() for line in block.splitlines() if line.strip()]
+        words = self._words(block)
         if not words:
             return np.zeros(self.count, np.complex128)
-        self._check(words)
         times = np.array([int(word[1]) for word in words])
         levels = self._read_levels([word[2] for word in words])
         edges = np.diff(levels, axis=0, prepend=self._levels[None])
@@ -131,8 +131,9 @@ class SimulatedPins:
         weights: ComplexArray = np.einsum("t,tc->c", 0.5j * (turns - 1.0), edges)
         return weights
 
-    def _check(self, words: list[list[bytes]]) -> None:
-        """Refuse malformed or out-of-order lines."""
+    def _words(self, block: bytes) -> list[list[bytes]]:
+        """Return the words of each change; refuse malformed or out-of-order lines."""
+        words = [line.split() for line in block.splitlines() if line.strip()]
         form, before_ns = (3, b"P", self._digits, b"", True), 0
         for word in words:
             time = word[1] if len(word) > 1 else b""
@@ -144,6 +145,7 @@ class SimulatedPins:
                     f"{before_ns} to {self.period_ns - 1}, and {self._digits} digits of levels"
                 )
             before_ns = int(time)
+        return words
 
     def _read_levels(self, words: list[bytes]) -> NDArray[np.int8]:
         """Return the (M, C) levels in hex numbers."""

@@ -168,7 +168,7 @@ class SimulatorProcess:
 
     def _read_hello(self, answer: bytes) -> SimulatedHello:
         """Parse the greeting of the simulator: version, pins, carrier period and start."""
-        first, *lines = answer.decode(errors="replace").strip().splitlines()
+        first, *lines = answer.decode(errors="replace").strip().splitlines() or [""]
         if not first.startswith("hello "):
             self.garbage(answer)
         if first != f"hello {VERSION}":

@@ -148,11 +148,14 @@ class SimulatedUnit:
         while not self._is_lost and self._process.now_ns < until_ns:
             self._is_lost = True  # unless it answers
             text, sent = self._process.grant(until_ns)
-            self._take_pins(text)
+            try:
+                self._take_pins(text)
+                if self._capture is not None:
+                    self._write_capture(self._capture, text, sent)
+            except ValueError as error:
+                self._process.fail(f"wrote {error}")
             self._is_lost = False
             self._sent += sent
-            if self._capture is not None:
-                self._write_capture(self._capture, text, sent)
             if sent and stops:
                 return
 
@@ -165,11 +168,8 @@ class SimulatedUnit:
 
     def _take_pins(self, text: bytes) -> None:
         """Append latches for the pin changes of the simulator; check its count of periods."""
-        try:
-            for t_ns, pulses in self._pins.take(text):
-                self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
-        except ValueError as error:
-            self._process.fail(f"wrote {error}")
+        for t_ns, pulses in self._pins.take(text):
+            self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
         if self._pins.halved and not self._has_warned:
             self._has_warned = True
             _LOG.warning("half the carrier: pins repeat after %d ns", 2 * self._pins.period_ns)

@@ -96,9 +96,10 @@ class SlotBoards(LatchingUnit):
         return None if period is None else self._boot_us + period * PERIOD_US
 
     def advance_to(self, t_us: int) -> list[Reply]:
-        """Go on to the pattern that is due."""
-        if self._playlist.advance_to(self._period(t_us)):
-            self._latch("pattern", t_us)
+        """Go on to each pattern that is due."""
+        while (due_us := self.next_event_us()) is not None and due_us <= t_us:
+            if self._playlist.advance_to(self._period(due_us)):
+                self._latch("pattern", due_us)
         return []
 
     def _period(self, t_us: int) -> int:

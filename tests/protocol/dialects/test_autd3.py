@@ -290,6 +290,9 @@ def test_the_text_of_a_refusal_is_bounded() -> None:
     (reply,) = host.receive_data(b"\xff" + struct.pack("<I", 2**32 - 1))
     assert isinstance(reply, Autd3Refused)
     assert "4294967295 bytes" in reply.reason
+    assert not host.counters
+    assert host.receive_data(b"a text that is too long") == []
+    assert host.counters == {"bytes_unexpected": 23}  # each byte of it once
     assert len(Autd3BoardEnd().send(Autd3Refused("x" * 10_000))) == 5 + 4096
 
 

@@ -16,7 +16,13 @@ from haptogram_protocol.dialects.ultraino.arduino.slots import (
     NANO16_FIRMWARE,
     Pulse,
 )
-from sim_device.dialects.ultraino.slot_boards import ArduinoPlaylist, SlotBoards
+from sim_device.board.events import CarrierState
+from sim_device.dialects.ultraino.slot_boards import (
+    UPLOAD,
+    ArduinoPlaylist,
+    SlotBoards,
+    UnsteadyUnit,
+)
 
 PATTERNS = 5
 
@@ -97,6 +103,36 @@ def test_several_patterns_are_latched_one_after_the_other_for_a_whole_pass():
     assert [int(latch.pulses.rises[0]) for latch in latches][:4] == [0, 1, 2, 0]
     assert len(latches) <= 8
     assert board.settings.count == 64
+
+
+@given(
+    st.lists(st.integers(1, 6), min_size=2, max_size=PATTERNS),
+    st.lists(st.integers(0, 5000), max_size=20),
+    st.lists(st.integers(1, 400), max_size=9),
+)
+def test_patterns_change_when_they_are_due_whoever_asks_and_whatever_is_heard(
+    durations, stops, bytes_us
+):
+    latches = []
+    for is_disturbed in (False, True):
+        boards = SlotBoards(MEGA64_FIRMWARE, 1, 0)
+        unit = UnsteadyUnit(boards, CarrierState.STEADY, is_disturbed=is_disturbed)
+        for number in range(len(durations)):
+            unit.take(nibbles.SetPattern(0, number, pattern(number)), 0)
+        unit.take(nibbles.SetDurations(bytes([*durations, 0])), 0)
+        unit.take(nibbles.CommitDurations(), 0)
+        unit.take(nibbles.Swap(), 0)
+        for end_us in itertools.accumulate(bytes_us):
+            unit.hear(end_us - 0.5, end_us)
+        for t_us in [*sorted(stops), 6000] if is_disturbed else [6000]:
+            unit.advance_to(t_us)
+        latches.append([at for at in unit.take_latches() if at.cause != UPLOAD])
+    quiet, disturbed = ([(at.t_latch_us, at.cause, at.index) for at in of] for of in latches)
+    assert disturbed == quiet
+    ends = itertools.accumulate(durations)
+    assert [t_us for t_us, cause, _ in quiet if cause == "pattern"][: len(durations)] == [
+        25 * end for end in ends
+    ]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dialect_boards import DialectBoard, blueprint_of_options
+from dialect_boards import SENT, DialectBoard, blueprint_of_options
 from haptogram.errors import ConfigurationError
 from haptogram.settings.board import BoardConfig
 from haptogram_protocol.dialects import sonicsurface
@@ -194,6 +194,18 @@ def test_faults_of_transducers_and_line_act(name):
     assert np.array_equal(latch.radiated[2:], healthy.latches[0].radiated[2:])
     assert latch.is_faulty == bool(healthy.latches[0].radiated[:2].any())
     assert board.simulation.fault_counts["line.drop"] > 0
+
+
+@every_dialect
+@pytest.mark.parametrize("fault", ["ok bank=0", "delayed bank=0 code=0", "intermittent bank=0 p=0"])
+def test_a_fault_that_changes_nothing_is_not_counted(fault, name):
+    board = DialectBoard(name, fault=(f"device.{fault}",), seed=1)
+    board.pass_us(1_100_000)  # InteractLab's is silent for a second
+    board.send(SENT[name])
+    board.pass_us(100_000)
+    assert any(latch.radiated.any() for latch in board.latches[1:])
+    assert set(board.simulation.fault_counts.values()) == {0}
+    assert not any(latch.is_faulty for latch in board.latches)
 
 
 def board_of_a_link():

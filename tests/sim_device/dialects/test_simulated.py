@@ -1,5 +1,7 @@
 """Boards that another process simulates, here a few lines of Python."""
 
+import contextlib
+import dataclasses
 import os
 import shlex
 import sys
@@ -7,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from haptogram.errors import ConfigurationError, LinkLostError
 from haptogram.evidence.captures.channel_map import ChannelMap
@@ -16,7 +20,10 @@ from haptogram.settings.board import BoardConfig
 from haptogram.settings.board_url import PortConfig
 from haptogram_protocol.dialects.sonicsurface import OFF
 from sim_device.blueprint import blueprint_of
+from sim_device.board.settings import board_settings
+from sim_device.dialects.simulated import process
 from sim_device.dialects.simulated.pins import STEPS, SimulatedPins
+from sim_device.dialects.simulated.unit import SimulatedUnit
 from sim_device.protocol_haptogram import open_virtual_port
 
 SCRIPT = Path(__file__).with_name("python_simulator.py")
@@ -86,9 +93,13 @@ def test_it_is_the_same_each_time():
         ("skips", "periods of the carrier"),
     ],
 )
-def test_one_that_misbehaves_is_named_once_and_what_it_showed_is_kept(way, seen):
+@pytest.mark.parametrize("is_captured", [False, True])
+def test_one_that_misbehaves_is_named_once_and_what_it_showed_is_kept(
+    way, seen, is_captured, tmp_path
+):
     before = children()
-    port = opened(command(PINS, way))
+    file = {"simulator_capture": tmp_path / "pins.vcd"} if is_captured else {}
+    port = opened(command(PINS, way), **file)
     port.write(RAMP)
     with pytest.raises(LinkLostError, match=seen) as caught:
         port.wait_until_ns(port.now_ns() + 20_000_000)
@@ -129,6 +140,7 @@ def test_one_that_answers_late_is_as_good():
     [
         ("/nonexistent/simulator", "cannot be started: there is no such file"),
         ("cat", "wrote 'L 4340'"),
+        ("sed -u s/.*//", "wrote ''"),
         ("yes", "wrote 'y'"),
         ("false", "has ended: status 1"),
         (command(PINS, "none", 2), "speaks version 2 of the protocol, must be 1"),
@@ -141,6 +153,64 @@ def test_what_is_no_simulator_of_this_board_is_refused(simulator, seen):
     with pytest.raises(ConfigurationError, match=seen):
         opened(simulator)
     assert children() == before
+
+
+#: What stands between the lines of a simulator that is not quite one.
+ODD = [
+    *(b"R 5 41\n", b"R 99 1ff\n", b"R\n", b"= 3\n", b"= -1\n", b"= 99999999999999999999\n"),
+    *(b"= 3|\n", b"|\n", b" |\n", b"P|\n", b"P 5 01|\n", b"P 0 0\n", b"P 0 ff\n"),
+    *(b"P 24999 1f\n", b"P 25000 01\n", b"\n", b" ", b". 5\n", b"x", b"\xff", b"9" * 5000),
+    "\N{ARABIC-INDIC DIGIT FOUR}".encode(),
+]
+
+
+class OddProcess:
+    """A simulator of five pins in the place of a process; it says odd things here and there."""
+
+    def __init__(self, odd):
+        self.odd, self.now_ns, self.close = list(odd), 0, lambda: None
+
+    def ask(self, text, _):
+        if text.startswith(b"L"):
+            return b"hello 1\npins a b c d e\nperiod 25000\n. 0\n"
+        until_ns = int(text.rsplit(b"T ", 1)[1])
+        periods = until_ns // 25_000 - self.now_ns // 25_000
+        self.now_ns = until_ns
+        lines = [b"P 7 %02x\n|\n" % (n % 32) for n in range(periods)] + [b"P 3 01\n"]
+        place, line = self.odd.pop(0) if self.odd else (0, b"")
+        lines.insert(round(place * len(lines)), line)
+        answer = b"".join(lines)
+        return answer + b"\n" * (not answer.endswith(b"\n")) + b". %d\n" % until_ns
+
+
+@pytest.mark.parametrize("is_captured", [False, True])
+@given(st.lists(st.tuples(st.floats(0, 1), st.sampled_from(ODD)), min_size=30, max_size=30))
+def test_whatever_a_simulator_says_is_read_or_refused(is_captured, tmp_path_factory, odd):
+    settings = board_settings(array="5x1")
+    for said in odd:
+        file = tmp_path_factory.mktemp("odd") / "pins.vcd" if is_captured else None
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(
+                process, "LineProcess", lambda *_, said=said: OddProcess([(0, b""), said])
+            )
+            unit = SimulatedUnit(
+                dataclasses.replace(settings, simulator="odd", simulator_capture=file)
+            )
+        with contextlib.suppress(LinkLostError):
+            for t_us in (70, 160, 200):
+                unit.advance_to(settings.boot_us + t_us)
+        unit.power_down()
+
+
+@pytest.mark.parametrize(
+    "content", [b"# notes\n", b"\xff#5\xfe", b"text", b"#" + b"9" * 99 + b"\n"]
+)
+def test_a_file_that_is_no_capture_is_left_alone(content, tmp_path):
+    file = tmp_path / "notes.md"
+    file.write_bytes(content)
+    with pytest.raises(ConfigurationError, match=r"notes\.md: is there and no capture"):
+        opened(command(PINS), simulator_capture=file)
+    assert file.read_bytes() == content
 
 
 def period(changes, digits=1):

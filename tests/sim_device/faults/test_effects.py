@@ -12,13 +12,23 @@ from haptogram.cli import main as verify
 from haptogram.errors import ConfigurationError
 from haptogram.settings.faults.plan import FaultPlan, faults_of_toml
 from haptogram_protocol.framing import FrameDecoder, encode_frame
-from haptogram_protocol.messages import GetStatus, Ping, build_body, parse_body
+from haptogram_protocol.messages import (
+    MESSAGES,
+    RESPONSE_RANGE,
+    Counters,
+    GetStatus,
+    Ping,
+    StatusReply,
+    build_body,
+    parse_body,
+)
 from haptogram_protocol.state import OutputState
 from sim_device.board.clock import BoardClock
 from sim_device.command.command import main
 from sim_device.faults.clock import faulty_clock
 from sim_device.faults.injector import inject_on_line
 from sim_device.faults.line import FaultChunk
+from strategies_protocol import records
 
 VIRTUAL = "haptogram://?clock=virtual&array=4x4&reconstruct=0"
 MS = 1_000_000
@@ -127,6 +137,45 @@ def test_a_status_that_lies_says_armed_and_no_errors(open_host):
     assert told.counters.crc == 0
     assert host.port.simulation.dialect.counters["crc"] > 0
     assert host.port.simulation.fault_counts["device.status"] > 0
+
+
+def reported(fault, message):
+    """Return time and message of a frame of the board, at 7 us, behind a fault of its reports."""
+    frame = encode_frame(build_body(message, flags=0, seq=9, time_us=7, session=5))
+    chunks, _ = inject_on_line(FaultPlan.parse([fault]), "up", 0, frame)
+    header, found = parse_body(*FrameDecoder().feed(chunks[0].data))
+    return header.time_us, found
+
+
+def times_told(record):
+    """Return the times that a record and those in it tell, by what the specification says."""
+    for name, form in type(record).WIRE.items():
+        if form.doc.startswith("device time"):
+            yield getattr(record, name)
+    tail = type(record).TAIL
+    for inner in getattr(record, tail.name) if tail and tail.record else ():
+        yield from times_told(inner)
+
+
+@pytest.mark.parametrize("number", [n for n in MESSAGES if n >= RESPONSE_RANGE.start])
+@given(data=st.data())
+def test_a_clock_that_is_told_wrong_is_wrong_in_every_time_and_nowhere_else(number, data):
+    message = data.draw(records(MESSAGES[number]))
+    by_us = data.draw(st.sampled_from([-(10**9), -1, 1, 10**9]))
+    time_us, found = reported(f"device.clock us={by_us}", message)
+    wrong = [time_us, *times_told(found)]
+    assert wrong == [(t_us + by_us) % 2**32 for t_us in [7, *times_told(message)]]
+    again = reported(f"device.clock us={-by_us}", found)[1]
+    assert again == message
+
+
+@given(records(StatusReply))
+def test_a_status_that_lies_counts_what_grows_when_all_is_well_and_nothing_else(status):
+    lie = reported("device.status", status)[1]
+    told = {name for name in Counters.WIRE if getattr(lie.counters, name)}
+    growing = ("frames", "accepted", "latched", "requests")
+    assert told == {name for name in growing if getattr(status.counters, name)}
+    assert lie.last_latch_us == status.last_latch_us
 
 
 def test_a_clock_that_is_told_wrong_while_the_board_latches_right(open_host):

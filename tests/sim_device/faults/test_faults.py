@@ -34,6 +34,13 @@ def act(text, data=DATA, t_ns=0, seed=1):
     return chunks, sum(fired.values())
 
 
+@pytest.mark.parametrize("least", ["5e-324", "1e-310", "1e-300"])
+@pytest.mark.parametrize("fault", ["flip ber", "drop p", "insert p", "burst p"])
+def test_the_least_chance_hits_nothing(fault, least):
+    chunks, fired = act(f"line.{fault}={least}")
+    assert ([chunk.data for chunk in chunks], fired) == ([DATA], 0)
+
+
 def record_of(open_host, fault, name="latch"):
     host = open_host(f"{VIRTUAL}&fault={fault.replace(' ', '+')}")
     host.arm()

@@ -311,7 +311,6 @@ class Autd3HostEnd:
             return None, 0
         (size,) = _COUNT.unpack_from(received, at)
         if size > MAX_TEXT_BYTES:
-            self.counters["bytes_unexpected"] += size
             return messages.Autd3Refused(
                 f"a text of {size} bytes; up to {MAX_TEXT_BYTES} are read"
             ), _COUNT.size

@@ -1,5 +1,7 @@
 """Readers of captures: files typed by hand, any size of a chunk, another reader, files cut off."""
 
+import contextlib
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -43,8 +45,9 @@ TYPED = {
     "vectors of one bit, and identifiers like other tokens": (
         "$timescale 10 ns $end $scope module top $end $var wire 1 b A [0] $end\n"
         "$var wire 1 # B $end $var real 64 $ R $end $var wire 8 1 V [7:0] $end\n"
+        "$var real 1 & S $end $var event 1 ' E $end\n"
         "$upscope $end $enddefinitions $end\n"
-        "#0 b0 b b1 # r1.5 $ b10 1\n#3 b1 b\n#4 0# 0b\n#5 b11 1\n",
+        "#0 b0 b b1 # r1.5 $ b10 1 r2 & 1'\n#3 b1 b\n#4 0# 0b\n#5 b11 1\n",
         {"A": (False, [3, 4]), "B": (True, [4])}
         | {"V[0]": (False, [5]), "V[1]": (True, [])}
         | {f"V[{bit}]": (False, []) for bit in range(2, 8)},
@@ -121,8 +124,39 @@ def test_undefined_levels_are_counted_and_the_scale_is_read(tmp_path):
     file.write_text(f'{HEAD}#0 x! 0"\n#2 z!\n#5 x!\n')
     edges = vcd.read_vcd(file).channel("A")
     assert (edges.undefined, edges.defined_from) == (3, 0)  # never defined
+    file.write_text(f'{HEAD}#0 0!\n#7 1"\n#9 0"\n')
+    edges = vcd.read_vcd(file).channel("B")
+    assert (edges.undefined, edges.defined_from) == (0, 7)  # no value before
     file.write_text(TYPED["comments and scopes"][0])
     assert vcd.read_vcd(file).tick_s == 1e-6
+
+
+@pytest.mark.parametrize("width", ["3000", "1000000", "9" * 5000, "\N{ARABIC-INDIC DIGIT FOUR}"])
+def test_a_register_of_any_width_is_left_out_and_costs_nothing(width, tmp_path):
+    file = tmp_path / "wide.vcd"
+    wide = f"$var reg {width} % wide [{width}:0] $end\n"
+    file.write_text(f'{wide}{HEAD}#0 0! 0"\n#5 1! b1 %\n', encoding="utf-8")
+    tracemalloc.start()
+    assert edges_of(vcd.read_vcd(file)) == {"A": (False, [5]), "B": (False, [])}
+    assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    tracemalloc.stop()
+
+
+def test_pins_that_a_dump_tells_late_are_not_judged_before(tmp_path):
+    file = tmp_path / "late.vcd"
+    times = [12_500 * n for n in range(2000)]
+    lines = [f"#{t}\n{k % 2}!" for k, t in enumerate(times)]
+    for name in ("B", "C"):  # low all the time, and silent in the file, up to 20 ms
+        sign = chr(ord(name) - 32)
+        for k in range(1601, 2000):
+            lines[k] += f"\n{k % 2}{sign}"
+    head = HEAD.replace("$enddef", "$var wire 1 # C $end\n$enddef")
+    file.write_text(head + "\n".join(lines) + "\n")
+    mapped = {"reference": "A", "elements": {"B": 0, "C": 1}, "sample_rate_hz": 24e6}
+    record = pin_record_of_capture(read_capture(file), ChannelMap.of("map.toml", mapped))
+    for pin in record.pins.values():
+        assert pin.defects == ()
+        assert pin.begin == pytest.approx(800.5, abs=1.0)
 
 
 @st.composite
@@ -236,6 +270,59 @@ def test_a_session_of_sigrok_has_the_edges_of_its_samples(size, chunks, deflated
     }
 
 
+PACKED = {"stored": 0, "deflated": 8, "bzip2": 12, "lzma": 14}
+
+
+def packed_session(file, samples, how, names=("D0", "D1"), more=()):
+    """Write a session whose entries are packed in a way that sigrok does not use."""
+    probes = "".join(f"probe{bit + 1}={name}\n" for bit, name in enumerate(names))
+    about = f"[device 1]\ncapturefile=logic-1\nsamplerate=24 MHz\n{probes}unitsize=1\n"
+    with zipfile.ZipFile(file, "w", how) as archive:
+        archive.writestr("metadata", about)
+        archive.writestr("logic-1-1", samples.astype(np.uint8).tobytes())
+        for name in more:
+            archive.writestr(name, b"")
+    return file.read_bytes()
+
+
+@pytest.mark.parametrize("how", PACKED)
+@given(data=st.data())
+def test_a_damaged_session_is_read_or_refused(how, data, tmp_path_factory):
+    """A program that packs sessions anew may take any compression."""
+    file = tmp_path_factory.mktemp("damaged") / "session.sr"
+    session = packed_session(file, np.arange(3000) % 256, PACKED[how])
+    for _ in range(20):
+        damaged = bytearray(session)
+        for at in data.draw(st.lists(st.integers(0, len(session) - 1), min_size=1, max_size=3)):
+            damaged[at] = data.draw(st.integers(0, 255))
+        file.write_bytes(damaged)
+        with contextlib.suppress(ConfigurationError):
+            read_capture(file)
+
+
+def test_entries_of_other_names_are_no_samples(tmp_path):
+    file = tmp_path / "session.sr"
+    packed_session(file, np.arange(9), 0, more=["logic-1-" + "9" * 5000, "logic-1-x", "logic-2-1"])
+    assert edges_of(read_capture(file))["D0"] == expected_edges(np.arange(9), 0)
+
+
+def test_a_session_with_a_name_that_is_no_text_is_refused(tmp_path):
+    file = tmp_path / "session.sr"
+    session = bytearray(packed_session(file, np.arange(9), 0))
+    entry = session.index(b"PK\x01\x02")
+    session[entry + 9], session[entry + 46] = 8, 0xFF  # UTF-8 is said
+    file.write_bytes(session)
+    with pytest.raises(ConfigurationError, match="the samples are damaged"):
+        read_capture(file)
+
+
+def test_two_channels_of_one_name_are_refused_in_a_session(tmp_path):
+    file = tmp_path / "session.sr"
+    packed_session(file, np.arange(9), 0, names=("D0", "CLK", "CLK"))
+    with pytest.raises(ConfigurationError, match="2 channels are named 'CLK'; give each its own"):
+        read_capture(file)
+
+
 @pytest.mark.parametrize("cut_at", range(0, 400, 7))
 def test_a_session_cut_anywhere_is_refused_in_one_line(cut_at, tmp_path):
     file = tmp_path / "session.sr"
@@ -278,6 +365,7 @@ def test_what_is_no_capture_is_refused_in_one_line(name, tmp_path):
     [
         ({"rate": "fast"}, "metadata without a device"),
         ({"rate": "0 Hz"}, "sampling rate of 0"),
+        ({"rate": "9" * 400 + " Hz"}, "metadata without a device"),
         ({"prefix": ""}, "no samples"),
     ],
 )

@@ -9,7 +9,11 @@ from hypothesis import strategies as st
 pytest.importorskip("mcap")
 
 from haptogram.errors import NoAnswerError
+from haptogram.evidence.recordings import replay
+from haptogram.evidence.recordings.channels import LINK
+from haptogram.evidence.recordings.reader import Recording
 from haptogram.evidence.recordings.replay import ReplayFrameShifter
+from haptogram.evidence.recordings.writer import RecordingWriter
 from haptogram_protocol.annotation.frames import FrameAnnotator
 from haptogram_protocol.framing import MAX_ENCODED_BYTES, encode_frame
 from haptogram_protocol.messages import STREAM_RANGE, Flag, Header, MessageType
@@ -63,3 +67,51 @@ def test_a_time_cannot_be_moved_before_the_board_has_answered():
     header = Header(MessageType.PLAY, 0, 1, 77, 2)
     with pytest.raises(NoAnswerError, match="has not answered"):
         ReplayFrameShifter().feed(encode_frame(header.pack() + b"\0" * 12))
+
+
+class SilentPort:
+    """A port whose board takes every byte and never answers; a look costs a millisecond."""
+
+    url = "silent"
+
+    def __init__(self):
+        self.now, self.sent = 0, b""
+
+    def now_ns(self):
+        self.now += 1_000_000
+        return self.now
+
+    def read_available(self, deadline_ns):
+        self.now = max(self.now, deadline_ns)
+        return b""
+
+    def write_some(self, data):
+        self.sent += data
+        return len(data)
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("events", "sent", "notes"),
+    [
+        (["opened"], b"0", []),
+        (["opened", "opened", "opened"], b"0", ["the first board of the recording was fed; "]),
+        (["excerpt", "excerpt"], b"", ["an excerpt of a soak is not replayed: ", "the first b"]),
+        ([], b"", []),
+    ],
+)
+def test_the_first_board_alone_is_fed(events, sent, notes, tmp_path, monkeypatch):
+    with RecordingWriter(tmp_path / "run.mcap") as writer:
+        for number, event in enumerate(events):
+            told = {"event": event, "board": None, "boot_ns": None, "paced": 0, "text": "late"}
+            writer.document(LINK, number * 1_000_000, told)
+            writer.to_board(number * 1_000_000, b"%d\0" % number)
+    port = SilentPort()
+    monkeypatch.setattr(replay, "open_transport", lambda *_, **__: port)
+    result = replay.replay_to_port(Recording(tmp_path / "run.mcap"), "silent", baudrate=9600)
+    assert port.sent.strip(b"\0") == sent
+    assert len(result.notes) == len(notes)
+    assert all(map(str.startswith, result.notes, notes))
+    assert result.exit_status == 3
