@@ -27,6 +27,7 @@ _SETTLED_M: Final = 1e-7
 #: A step so short leads no higher where rounding errors are larger.
 AT_TOP_M: Final = 2e-4
 _HALVINGS: Final = 10
+_LEAST_CLIMB: Final = 0.05  # of ln |p|^2 by the slope: a quarter is due, and less overshoots
 _LONGEST_SHIFT_RAD: Final = 0.2  # beyond it the second order says nothing of the maximum
 _NO_SPREAD: Final = 1e-12  # least spread of the directions to the elements
 _UNOBSERVABLE: Final = 1e-6  # least share of the largest eigenvalue: a line has two below it
@@ -208,7 +209,8 @@ def climb_to_pressure_peak(
 ) -> FloatArray | None:
     """Return (D,) the offset of the pressure peak next to *start_m* along (D, 3) *axes*.
 
-    A step that does not climb is halved.
+    A step that hardly climbs is halved: with the curvature of 1 / r alone, without that of the
+    directivity, it may lead as far behind the peak as it began before it.
 
     Parameters
     ----------
@@ -230,13 +232,14 @@ def climb_to_pressure_peak(
         if float(np.linalg.norm(step)) < settled_m:
             return offset + step
         for halving in range(_HALVINGS):
-            higher = offset + 0.5**halving * step
-            there = PressureLevel.at(model, weights, start_m + higher @ axes, axes)
-            if there is not None and there.level > here.level:
+            part = 0.5**halving * step
+            there = PressureLevel.at(model, weights, start_m + (offset + part) @ axes, axes)
+            least = math.exp(_LEAST_CLIMB * min(float(here.gradient @ part), 1.0))
+            if there is not None and there.level > least * here.level:
                 break
         else:  # at the top, as far as rounding errors can tell
             return offset if float(np.linalg.norm(step)) < AT_TOP_M else None
-        offset, here = higher, there
+        offset, here = offset + part, there
     return None
 
 

@@ -186,11 +186,8 @@ class Reconstructor:
             self._at_once = min(_AT_ONCE, 2 * self._at_once) if beside else 1
             if not beside:
                 drive, step_rad, slack_rad = asked[len(found)]
-                found.append(
-                    NoFocus("muted")
-                    if drive.is_muted
-                    else reconstruct(drive.weights(), step_rad=step_rad, slack_rad=slack_rad)
-                )
+                how, muted = {"step_rad": step_rad, "slack_rad": slack_rad}, drive.is_muted
+                found.append(NoFocus("muted") if muted else reconstruct(drive.weights(), **how))
         return found
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:

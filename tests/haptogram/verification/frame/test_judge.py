@@ -50,6 +50,15 @@ def test_right_drives_of_other_arrays_are_on_target(shape, bits):
         assert (found.status, found.faults) == (FrameStatus.ON_TARGET, ()), found
 
 
+@pytest.mark.parametrize("mirror", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
+def test_a_peak_far_before_its_target_is_climbed_to(mirror):
+    """Near a small array directivity bends the field along the beam as much as 1 / r does."""
+    model = AcousticModel.default(5, 5, pitch_m=0.00794, temperature_c=49.904)
+    intended = intend(model, (0.005 * mirror[0], 0.009 * mirror[1], 0.052))
+    found = FrameJudge(model, carrier_us=25).judge(intended, seen(intended))
+    assert found.status is FrameStatus.ON_TARGET, found
+
+
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("bits", [8, 6, 5])
 def test_a_correct_drive_never_exceeds_the_worst_case_of_its_rounding(bits):
