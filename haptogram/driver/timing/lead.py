@@ -10,9 +10,7 @@ from fractions import Fraction
 from typing import Final
 
 _LONGEST_DEFAULT_US: Final = 100_000
-_SHARE: Final = Fraction(
-    3, 4
-)  # share of the board's queue, whose rest takes up a burst, and of its horizon
+_SHARE: Final = Fraction(3, 4)  # share of the queue (the rest takes up a burst) and of the horizon
 _GUARD_US: Final = 200  # margin above the worst delay seen: two clocks and a carrier period
 _GUARD_SHARE: Final = 4  # part of the worst delay, 1 / n, that is added as well
 _LATENESS_DECAY: Final = 0.9  # factor on the lateness for each report without a late frame
