@@ -248,7 +248,10 @@ class Serial(serial.SerialBase):
             self._worker.pump()
 
     def _pass_time(self, until_ns: int | None) -> None:
-        """Advance time to the next event, at most to *until_ns*."""
+        """Advance virtual time to the next event, at most to *until_ns*; sleep on a wall clock.
+
+        A sleep is short: the event may still be to come.
+        """
         next_ns = self.simulation.next_event_ns()
         if self._is_virtual:
             times = [t_ns for t_ns in (next_ns, until_ns) if t_ns is not None]

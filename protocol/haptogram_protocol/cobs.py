@@ -48,11 +48,11 @@ def cobs_encode(data: bytes) -> bytes:
     bytes
         Encoded bytes without delimiters.
     """
-    return _cobs_byte_by_byte(data) if data.count(0) <= _FEW else _cobs_all_at_once(data)
+    return _cobs_piece_by_piece(data) if data.count(0) <= _FEW else _cobs_all_at_once(data)
 
 
-def _cobs_byte_by_byte(data: bytes) -> bytes:
-    """Encode with a plain loop."""
+def _cobs_piece_by_piece(data: bytes) -> bytes:
+    """Encode the pieces between zeros, one by one: quick while they are few."""
     pieces = data.split(_ZERO)
     out = b"".join([_CODES[len(p)] + p if len(p) < BLOCK else _cobs_blocks(p) for p in pieces])
     # A full block at the very end implies no zero, so no code byte follows it.

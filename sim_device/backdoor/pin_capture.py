@@ -126,7 +126,7 @@ class BackdoorPinCapture:
 
     def carried(self, name: str, begin_us: float, data: bytes) -> None:
         """Keep bytes that a line of the UART carries back to back from *begin_us* on."""
-        if name in self._lines and self._is_within(begin_us):
+        if name in self._lines and self._begin_or_is_within(begin_us):
             self._lines[name].carry(begin_us, data)
 
     def lines_cut(self, t_us: float) -> None:
@@ -159,7 +159,7 @@ class BackdoorPinCapture:
         """Queue a change of the pins at *t_us*, if within the capture."""
         if weights is None and self._is_silent:
             return
-        if not self._is_within(t_us):
+        if not self._begin_or_is_within(t_us):
             self._is_full = True
             return
         if self._acts and self._acts[-1][0] > t_us:
@@ -167,8 +167,8 @@ class BackdoorPinCapture:
         self._acts.append((t_us, weights, is_latch and weights is not None, carrier))
         self._is_silent = weights is None
 
-    def _is_within(self, t_us: float) -> bool:
-        """Return True if *t_us* is within the capture, which starts with the first event."""
+    def _begin_or_is_within(self, t_us: float) -> bool:
+        """Begin the capture at *t_us* if it has not; return True if *t_us* is before its end."""
         if self._begin_us is None:
             self._begin_us = t_us
         return t_us - self._begin_us < self._config.capture_ms * 1000.0

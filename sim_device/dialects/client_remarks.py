@@ -174,7 +174,7 @@ class ClientRemarks:
             return
         self._came = True
         if self._is_own:
-            self._tell_compared(t_us)
+            self._report_wire(t_us)
         self._first_bytes += data[: LOOKED_AT_BYTES - len(self._first_bytes)]
         if len(self._first_bytes) == LOOKED_AT_BYTES:
             self._compare(unshown, t_us)
@@ -236,8 +236,8 @@ class ClientRemarks:
             self._said.add((what, True))
             self._remark(about, text, t_us)
 
-    def _tell_compared(self, t_us: int) -> None:
-        """Report once per client whether its bytes were recognised as this wire format."""
+    def _report_wire(self, t_us: int) -> None:
+        """Report whether a client speaks this wire; once more if it is recognised only later."""
         if self._told_own is None or self._told_own < self._is_own:
             self._told_own = self._is_own
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
@@ -266,7 +266,7 @@ class ClientRemarks:
                 self._is_own = True
                 fact, cause = _CLUES[_OF_WHOLE_FRAMES]
                 self._remark(About.OTHER_ARRAY, f"{fact}: the client has {cause}", t_us)
-            self._tell_compared(t_us)
+            self._report_wire(t_us)
 
     def _remark_other_wire(self, text: str, t_us: int) -> None:
         """Append a remark that the client speaks another wire."""

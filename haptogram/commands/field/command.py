@@ -60,13 +60,13 @@ class FieldConfig(Settings):
 _PICTURE: Final = ("plane", "quantity", "decibels", "half_width_mm", "step_mm", "picture")
 
 
-def _acts_for_an_ear(arguments: argparse.Namespace) -> bool:
-    """Return True if the options for a listener take effect."""
+def _is_ear_beside_focus(arguments: argparse.Namespace) -> bool:
+    """Return True for --ear-mm beside a single focus: without --object and --drive."""
     return arguments.ear_mm is not None and not arguments.object and not arguments.drive
 
 
 _WITH_PICTURE: Final = acting_options.with_option("picture")
-_FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _acts_for_an_ear)
+_FOR_AN_EAR: Final = Acting("on one focus, with --ear-mm", _is_ear_beside_focus)
 _ACTING: Final = {
     "resolution_mm": Acting(
         "with --object, on other objects than a point",
@@ -83,7 +83,7 @@ _ACTING: Final = {
     "center_mm": acting_options.with_option("object"),
     "rate_hz": Acting(
         "with --object, on other objects than a point, or on one focus with --ear-mm",
-        lambda a: a.object not in (None, "point") or _acts_for_an_ear(a),
+        lambda a: a.object not in (None, "point") or _is_ear_beside_focus(a),
     ),
     "modulation": _FOR_AN_EAR,
     "modulation_hz": _FOR_AN_EAR,

@@ -106,17 +106,20 @@ class DialogueModel:
 
     def frames(self) -> list[FrameInDialogue]:
         """Return the frames that the model has sent since the last call."""
-        self._carry_out()
+        self._pass_steps()
         sent, self._sent = self._sent, b""
         return _frames_in_dialogue(sent)
 
     def next_us(self) -> int | None:
         """Return when the model does something by itself; None: never."""
-        answer = self._carry_out()
+        answer = self._pass_steps()
         return None if answer == "-" else int(answer) + self._boot_us
 
-    def _carry_out(self) -> str:
-        """Carry out the steps that wait; return when the model does something by itself."""
+    def _pass_steps(self) -> str:
+        """Pass the waiting steps to the model, keep the frames that it sends, return its answer.
+
+        That is the time of the next thing that it does by itself, in microseconds; "-": none.
+        """
         steps, self._steps = [*self._steps, "next"], []
         *answers, next_us = self._process.step(";".join(steps)).split(";")
         self._sent += b"".join(map(bytes_of_step, answers))

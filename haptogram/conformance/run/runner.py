@@ -314,7 +314,7 @@ class SuiteRunner:
         return _Outcome(Behaviour.OK)
 
     def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
-        """Convert the end of a case into an outcome."""
+        """Return the outcome of a case; slow line, late host or timer may excuse a failure."""
         clause = self._clauses[case.clause]
         if ended.behaviour is Behaviour.FAILED and board.wire.was_held_up_beyond_reckoning():
             ended = HeldUpError(f"for {board.wire.held_up_us / 1000:.0f} ms, and then: {ended}")

@@ -91,7 +91,7 @@ class SimulatedPins:
         return block
 
     def _take_period(self, block: bytes) -> Iterator[ShownDrive]:
-        """Process one carrier period, unless it repeats a steady one."""
+        """Decode a carrier period; yield a drive that repeats, or the mean of many that do not."""
         self.periods += 1
         if self._is_steady and block == self._block:
             return

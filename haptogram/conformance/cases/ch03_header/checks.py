@@ -119,7 +119,7 @@ def _judge_answers_in_burst(board: BoardClient, name: str, *wires: bytes) -> Non
 def _judge_answer_in_burst(
     board: BoardClient, name: str, sent: m.Message, answer: ReceivedByClient
 ) -> None:
-    """FAILED unless a request in a burst gets its response, or is refused as MUTED."""
+    """FAILED unless a request gets its response; ARM and PLAY may be refused as MUTED."""
     got, text = answer.message, f"{name} is answered by {board.link.answer_text(answer)}"
     if isinstance(got, m.Error) and isinstance(sent, m.Arm | m.Play):
         check_fields(got, name, code=m.ErrorCode.BAD_STATE, detail=OutputState.MUTED)

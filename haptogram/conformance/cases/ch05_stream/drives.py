@@ -195,7 +195,7 @@ def every_sum_of_streamed_points(board: BoardClient) -> None:
 def _groups_of_full_points(
     board: BoardClient, number: int
 ) -> Iterator[tuple[str, tuple[m.FocalPoint, ...]]]:
-    """Yield groups of full-amplitude points: equal, half in antiphase, and random."""
+    """Yield groups of full-amplitude points: one repeated, one in antiphase with itself, random."""
     place = random_point_to_send(board)
     for quarter in range(4):
         lag = (0x4000 * quarter + board.random.randrange(0x4000)) & 0xFFFF

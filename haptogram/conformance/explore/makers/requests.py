@@ -92,7 +92,7 @@ class RandomRequests(RandomUploads):
         ]
         if m.Feature.CORRECTION in self._can:
             uploads.append(m.UploadBegin(m.UploadKind.CORRECTION, 0, 0, count, 0))
-        found: list[m.Message] = [m.GetGeometry(0, count), *self._whole_drives(), *uploads]
+        found: list[m.Message] = [m.GetGeometry(0, count), *self._whole_drive_reads(), *uploads]
         others = (make() for make in self.messages().values())
         return found + [other for other in others if type(other) not in set(map(type, found))]
 
@@ -107,25 +107,25 @@ class RandomRequests(RandomUploads):
             return m.ReadDrive(kind, first, pick((count, count - first, 1, _MOST_U16)))
 
         reads: list[Callable[[], m.Message]] = [
-            partial(drive, whole.kind) for whole in self._whole_drives()
+            partial(drive, whole.kind) for whole in self._whole_drive_reads()
         ]
         if self._can & m.Feature.TRACE_RING:
             firsts = (0, 0, 0, across(12), across(300), _MOST_U32, _MOST_U16)
             reads.append(lambda: m.ReadTrace(pick(firsts), pick((_MOST_U16, 4, 30, 1))))
         return reads
 
-    def _whole_drives(self) -> list[m.ReadDrive]:
-        """Return READ_DRIVE requests for all elements."""
+    def _whole_drive_reads(self) -> list[m.ReadDrive]:
+        """Return a READ_DRIVE of all elements for each kind of drive that the board reads back."""
         kinds = (kind for kind, needed in READ_CAPABILITIES.items() if self._can & needed)
         return [m.ReadDrive(kind, 0, self._identity.transducers) for kind in kinds]
 
     def read_backs(self) -> list[DialogueAction]:
         """Return requests for the whole drive, latched and radiated."""
-        return [self.frame(message) for message in self._whole_drives()]
+        return [self.frame(message) for message in self._whole_drive_reads()]
 
     def probe(self) -> list[DialogueAction]:
         """Return requests that together show what a board may have changed."""
-        asked: list[m.Message] = [*self._whole_drives()]
+        asked: list[m.Message] = [*self._whole_drive_reads()]
         if self.plays:  # its refusal shows how many sequences are stored
             asked.append(m.Play(ABSENT, SLOT_US, 1, 1000))
         if self._can & m.Feature.TRACE_RING:
