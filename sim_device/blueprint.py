@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 _OF_HAPTOGRAM: Final = (*REPORTS, "clock.offset", "clock.wrap", "clock.step")
 
 
-_OF_A_SIMULATOR: Final = {"slow_down", "simulator_capture"}
-_OF_OUR_FIRMWARE: Final = {"mutant", "latch_lead_us", "point_time_us", "max_playback_rate_hz"}
+_OF_A_SIMULATOR: Final = ("slow_down", "simulator_capture")
+_OF_OUR_FIRMWARE: Final = ("mutant", "latch_lead_us", "point_time_us", "max_playback_rate_hz")
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,10 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
         For an array or a calibration that cannot be read, an unknown mutant or dialect, an option
         or a fault that makes no sense in this dialect, and a fault that this board cannot have.
     """
-    for name in config.non_default().keys() & _OF_A_SIMULATOR:
-        if config.simulator is None:
-            raise ConfigurationError(f"{name} is for a simulated board; give simulator too")
-    for name in config.non_default().keys() & _OF_OUR_FIRMWARE:
-        if config.simulator is not None:
-            raise ConfigurationError(
-                f"{name} acts on an emulated board; leave it out with simulator"
-            )
+    if config.simulator is None and (name := _first_given(config, _OF_A_SIMULATOR)):
+        raise ConfigurationError(f"{name} is for a simulated board; give simulator too")
+    if config.simulator is not None and (name := _first_given(config, _OF_OUR_FIRMWARE)):
+        raise ConfigurationError(f"{name} acts on an emulated board; leave it out with simulator")
     if config.dialect is None:
         if config.dialect_option:
             raise ConfigurationError(
@@ -123,10 +119,16 @@ def _foreign_blueprint(config: BoardConfig, name: str) -> Blueprint:
     return Blueprint(settings, OtherAssembly(power_up), config.plan)
 
 
+def _first_given(config: BoardConfig, names: Sequence[str]) -> str | None:
+    """Return the first of *names* that the user has set to another value than its default."""
+    given = config.non_default()
+    return next((name for name in names if name in given), None)
+
+
 def _check_blueprint(config: BoardConfig, name: str) -> None:
     """Refuse what acts only on our own firmware, on its wire or on a grid."""
     given = config.non_default()
-    for own in given.keys() & _OF_OUR_FIRMWARE:
+    if own := _first_given(config, _OF_OUR_FIRMWARE):
         raise ConfigurationError(
             f"{own} {given[own]} acts only on Haptogram's own firmware, not on a board of the "
             f"dialect {name}; leave it out"
