@@ -14,9 +14,8 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.pins import CarrierPeriods, LineBytes, PinPulses, PinRecord
 
 from .capture import Capture, ChannelEdges
-from .carrier_clock import CarrierClock, checked_capture_period
+from .carrier_clock import CarrierClock, capture_to_first_splice, checked_capture_period
 from .channel_map import ChannelMap
-from .splices import capture_to_first_splice
 from .uart import LEAST_SAMPLES_A_BIT, decoded_uart_bytes
 
 _Floats: TypeAlias = NDArray[np.float64]

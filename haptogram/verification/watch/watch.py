@@ -20,14 +20,12 @@ from haptogram.settings.arguments import check_whole
 
 from ..frame.verdict import WRONG, FrameStatus, FrameVerdict
 from .diagnosis import DefectFinder
-from .elements import ElementMistakes
-from .expectation import Expectation
+from .expectation import Expectation, ExpectedOrder
 from .latch import SeenLatch
 from .mistakes import Aim, ClientMistakes
-from .order import ExpectedOrder
+from .out_of_step import CommonLosses, ElementMistakes
 from .rearrangements import client_rearrangements
 from .result import WatchedLatch, WatchResult
-from .together import CommonLosses
 
 _REMEMBERED: Final = 1024  # drives; clients show the same ones again and again
 _TIMED: Final = 4096
