@@ -21,7 +21,6 @@ from haptogram.evidence.boards import AnyDriver, BoardUnderTest
 from haptogram.evidence.dialects.latches import upload_loss_text
 from haptogram.machine.terminal import printable_on_terminal
 from haptogram.objects import run_frames
-from haptogram.objects.modulation import FocusFrames
 from haptogram.records.frame import STREAM, Intended, Observation
 from haptogram.records.kept import only_kept_records
 from haptogram.records.losses import BoardLosses
@@ -158,10 +157,8 @@ def measure_run(
         sink=sink,
     )
     known = board.model or driver.model
-    found = RunRecord(
-        board.label, known, _identity_of_run(driver.identity), warnings=driver.warnings
-    )
-    found.intended = driver.intended
+    about = _identity_of_run(driver.identity)
+    found = RunRecord(board.label, known, about, driver.intended, warnings=driver.warnings)
     total = shown.count * config.pace.repeat
     growth: dict[str, int] = {}
     lease_us = math.inf
@@ -172,7 +169,11 @@ def measure_run(
         before = driver.status().counters
         board.prepare(driver)
         with _interrupted_run(found, driver, total):
-            frames = _frames_of_run(config, driver, shown)
+            frames = driver.frames(
+                run_frames.targets_of_run(config, shown),
+                mode=cast("Mode", config.frame_kind),
+                solver=cast("Method", config.solver_of_host),
+            )
             driver.arm()  # now: the lease would run out while a solver is at work
             found.report = _display_run(config, driver, frames, progress)
         board.finish(driver)  # after an interrupt as well: the board is there
@@ -364,27 +365,13 @@ def _unexpected_run_counters(
     return {side: counts for side, counts in bad.items() if counts}
 
 
-def _frames_of_run(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
-    """Return the frames of the object, solved as configured."""
-    solver = cast("Method", config.solver_of_host)
-    mode = cast("Mode", config.frame_kind)
-    return driver.frames(run_frames.targets_of_run(config, shown), mode=mode, solver=solver)
-
-
 def _display_run(
     config: VerifyConfig, driver: Driver, frames: list[Frame], progress: Progress | None
 ) -> StreamReport | PlayReport:
     """Play the frames from the board's memory, or stream them, at the configured rate."""
     lead_us = None if config.pace.lead_ms is None else round(config.pace.lead_ms * 1e3)
-    if config.drive.mode == "sequence":
-        return driver.play(
-            frames,
-            config.pace.rate_hz,
-            loops=config.pace.repeat,
-            lead_us=lead_us,
-            progress=progress,
-        )
-    return driver.stream(
+    display = driver.play if config.drive.mode == "sequence" else driver.stream
+    return display(
         frames,
         config.pace.rate_hz,
         loops=config.pace.repeat,
@@ -485,8 +472,8 @@ def measure_run_of_dialect(
         "transducers": boards.array.count,
         "carrier_hz": model.frequency_hz,
     }
-    found = RunRecord(board.label, board.model or driver.model, about, warnings=driver.warnings)
-    found.intended = driver.intended
+    known = board.model or driver.model
+    found = RunRecord(board.label, known, about, driver.intended, warnings=driver.warnings)
     total = shown.count * config.pace.repeat
     with (
         _checked_run(found, driver, config, shown.points_m, elements),

@@ -184,10 +184,9 @@ class VirtualBoard(ClosedByWith):
             copy = self._folder.path / "calibration.csv"
             elements.to_file(copy)
             config = dataclasses.replace(config, calibration=copy)
-        start = self._start_in_program if self.is_virtual else self._start_process
         with contextlib.ExitStack() as undo:
             undo.callback(self._folder.remove)
-            self._process = start(config, reconstruct=reconstruct)
+            self._process = self._started(config, reconstruct=reconstruct)
             undo.callback(self._process.kill)
             undo.callback(self._process.close_pipe)
             self._records = BoardRecords(self.backdoor, self._process)
@@ -198,14 +197,12 @@ class VirtualBoard(ClosedByWith):
                 self.model = backdoor.board_model_of_evidence(self._records.read()[0])
             undo.pop_all()
 
-    def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram:
-        """Start the board in this program, and take over its URL."""
-        board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
-        self.url = board.url
-        return board
-
-    def _start_process(self, config: BoardConfig, *, reconstruct: bool) -> BoardProcess:
-        """Start the board as a process that listens at a link in the working folder."""
+    def _started(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram | BoardProcess:
+        """Start the board in this program, or in a process that listens at a link."""
+        if self.is_virtual:
+            board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
+            self.url = board.url
+            return board
         self.url = str(self._folder.path / "board")
         port = [f"--link={self.url}", f"--backdoor={self.backdoor}"]
         if not reconstruct:

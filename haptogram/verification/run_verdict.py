@@ -93,7 +93,11 @@ class RunVerdict(Judged):
     @property
     def odd_frames(self) -> list[FrameVerdict]:
         """Frames that are not on target, or not in time."""
-        return [f for f in self.frames if f.status not in NOTHING_WRONG or _has_timing_error(f)]
+        return [
+            f
+            for f in self.frames
+            if f.status not in NOTHING_WRONG or f.late or f.early or f.latches > 1
+        ]
 
     def findings(self) -> Iterator[tuple[str, list[FrameVerdict]]]:
         """Yield a line for each odd frame; of many, one for all with the same thing wrong."""
@@ -241,11 +245,6 @@ def cut_run_verdict_text(counts: Mapping[str, int]) -> str:
     parts = {"cancelled": "cancelled by its MUTE", "not_sent": "not sent"}
     said = (f", {counts[name]} {text}" for name, text in parts.items() if counts[name])
     return "".join(said)
-
-
-def _has_timing_error(frame: FrameVerdict) -> bool:
-    """Return True if a frame was late, early or latched more than once."""
-    return frame.late or frame.early or frame.latches > 1
 
 
 def _run_verdict_error_line(result: dict[str, Any]) -> str:

@@ -114,7 +114,7 @@ def _has_drive(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> boo
     if not sounding.any():
         return True
     error = _channel_lags(found, wanted)[sounding]
-    off = _signed_lags(error - error[0])
+    off = (error - error[0] + _TURN // 2) % _TURN - _TURN // 2  # within half a turn
     if is_near:  # outputs that are late, by a step or between two
         return bool(np.ptp(off) <= max(1, _TURN // frame.steps))
     return bool(np.abs(off).max() <= 1)
@@ -151,11 +151,6 @@ def _common_lag(found: Drive, wanted: Drive) -> int:
 def _channel_lags(found: Drive, wanted: Drive) -> NDArray[np.int64]:
     """Return the difference of the phase codes in each channel."""
     return found.phase_codes.astype(np.int64) - wanted.phase_codes.astype(np.int64)
-
-
-def _signed_lags(lags: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return lags within half a turn."""
-    return (lags + _TURN // 2) % _TURN - _TURN // 2
 
 
 def _unnumbered_without_lag(drive: Drive, lag: int) -> Drive:

@@ -32,7 +32,8 @@ def records_of_held_drives(held: HeldDrives, board: Mapping[str, Any]) -> list[d
             f"elements 0 to {count - 1}"
         )
     records = [dict(board)]
-    records += [_client_remark_record(text) for text in _limits_of_capture(held, count)]
+    remark = {"kind": "event", "event": "remark", "about": About.CLIENT}
+    records += [{**remark, "text": text} for text in _limits_of_capture(held, count)]
     begins = np.array([held.begins[0], *(latch.end for latch in held.latches)])
     times_us = np.rint(record.seconds(begins) * 1e6).astype(np.int64).tolist()
     for number, t_us in enumerate(times_us):
@@ -41,11 +42,6 @@ def records_of_held_drives(held: HeldDrives, board: Mapping[str, Any]) -> list[d
         records.append({"kind": PINS, "number": number, "t_latch_us": t_us, "weights": weights})
     end = {"kind": "end", "clean": True, "dropped": 0, "cut": record.cut}
     return [*records, end]
-
-
-def _client_remark_record(text: str) -> dict[str, Any]:
-    """Return the record of a remark about the client."""
-    return {"kind": "event", "event": "remark", "about": About.CLIENT, "text": text}
 
 
 def _limits_of_capture(held: HeldDrives, count: int) -> list[str]:

@@ -258,14 +258,11 @@ class RecordingWriter(ClosedByWith):
         with self._whole_entries:
             try:
                 yield
-            except OSError as error:
-                self._fail(error)
-
-    def _fail(self, error: OSError) -> None:
-        """Keep the first error as the reason why the recording ended; close the file."""
-        if not self.failure:
-            self.failure = f"{self.path}: the recording ended early: {plain_reason(error)}"
-            self._file.give_up()
+            except OSError as error:  # the first one is the reason why the recording ended
+                if not self.failure:
+                    why = f"the recording ended early: {plain_reason(error)}"
+                    self.failure = f"{self.path}: {why}"
+                    self._file.give_up()
 
 
 class _RecordingOutput:

@@ -125,8 +125,10 @@ def _held_stretches(
             yield _stretch_before_latch(frame, begin_us, end_us)
         elif frame.late:
             yield _stretch_before_latch(frame, begin_us, min(latched_us, end_us))
-        if frame.status in _ELSEWHERE or _is_another_focus_held(frame):
-            yield _stretch_after_latch(frame, latched_us, end_us)
+        is_known_by_crc = frame.status is FrameStatus.CORRUPT and not frame.criteria
+        if frame.status in _ELSEWHERE or is_known_by_crc:  # its effect is unknown if unseen
+            pressures_pa = frame.target_pressure_rms_pa, frame.intended_pressure_rms_pa
+            yield _HeldStretch(latched_us, end_us, frame.error_mm, *pressures_pa)
 
 
 def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
@@ -143,11 +145,6 @@ def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
         yield min((t for t in (next_us, over_us, quiet_us) if t is not None), default=begin_us)
 
 
-def _is_another_focus_held(frame: FrameVerdict) -> bool:
-    """Return True if only the CRC of a different drive was observed."""
-    return frame.status is FrameStatus.CORRUPT and not frame.criteria
-
-
 def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
     """Return the interval in which the previous drive was still radiated."""
     held = frame.consequence
@@ -155,12 +152,6 @@ def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _H
         return _HeldStretch(begin_us, end_us, None, None, None)
     pressures_pa = held.pressure_rms_pa, held.intended_pressure_rms_pa
     return _HeldStretch(begin_us, end_us, held.focus_error_mm, *pressures_pa)
-
-
-def _stretch_after_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the time in which a wrong drive was radiated; its effect is unknown if unseen."""
-    pressures_pa = frame.target_pressure_rms_pa, frame.intended_pressure_rms_pa
-    return _HeldStretch(begin_us, end_us, frame.error_mm, *pressures_pa)
 
 
 def _unbroken_stretches(stretches: list[_HeldStretch]) -> Iterator[list[_HeldStretch]]:

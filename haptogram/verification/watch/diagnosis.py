@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from typing import Final
 
 import numpy as np
@@ -85,16 +85,18 @@ class DefectFinder:
 
     def diagnoses(self) -> list[Diagnosis]:
         """Return the defects so far."""
-        details: dict[Defect, Callable[[], str]] = {
-            Defect.STRAY_CHANNELS: self._stray_text,
-            Defect.SILENT: self._silent_text,
-            Defect.AMPLITUDES_AS_PHASES: self._amplitude_text,
-        }
-        found = [
-            Diagnosis(defect, detail(), tuple(self._latches[defect]))
-            for defect, detail in details.items()
-            if self._latches[defect]
-        ]
+        details = {}
+        if stray := sorted(self._stray):
+            text = f"{len(stray)}, from channel {stray[0]} to {stray[-1]}"
+            details[Defect.STRAY_CHANNELS] = text
+        for silent, _ in self._silent.most_common(1):
+            names = ", ".join(map(str, sorted(silent)[:8])) + (", ..." if len(silent) > 8 else "")
+            elements = f"{_watched_elements_text(len(silent))} {names}"
+            details[Defect.SILENT] = f"{elements} beside a pattern of all the others"
+        if self._latches[Defect.AMPLITUDES_AS_PHASES]:
+            text = f"FB and {self._channels} amplitudes came after the phases and replaced them"
+            details[Defect.AMPLITUDES_AS_PHASES] = text
+        found = [Diagnosis(d, text, tuple(self._latches[d])) for d, text in details.items()]
         return found + self.frames.diagnoses() + self._reversals()
 
     # --- one latch -------------------------------------------------------------------------------
@@ -152,8 +154,9 @@ class DefectFinder:
         """Record which elements are half a turn off the pattern."""
         drive = hash(latch.weights.tobytes())
         limit_rad = math.pi / latch.steps
-        off = _half_turned_outliers(pattern, limit_rad)
-        for element, is_half in zip(pattern.outliers, off, strict=True):
+        away = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
+        for element, away_rad in zip(pattern.outliers, away.tolist(), strict=True):
+            is_half = away_rad <= 2.0 * limit_rad
             self._reversed[element].add(drive, limit_rad, is_half=is_half)
         for element, seen in self._reversed.items():
             if element not in pattern.outliers and abs(latch.weights[element]) > _SOUNDING:
@@ -172,20 +175,6 @@ class DefectFinder:
         latches = max((self._reversed[n].drives for n in proven), key=len)
         detail = f"{_watched_elements_text(len(proven))} {names} in {len(latches)} different drives"
         return [Diagnosis(Defect.REVERSED, detail, ())]
-
-    # --- texts -----------------------------------------------------------------------------------
-
-    def _stray_text(self) -> str:
-        numbers = sorted(self._stray)
-        return f"{len(numbers)}, from channel {numbers[0]} to {numbers[-1]}"
-
-    def _silent_text(self) -> str:
-        (silent, _), *_ = self._silent.most_common(1)
-        names = ", ".join(map(str, sorted(silent)[:8])) + (", ..." if len(silent) > 8 else "")
-        return f"{_watched_elements_text(len(silent))} {names} beside a pattern of all the others"
-
-    def _amplitude_text(self) -> str:
-        return f"FB and {self._channels} amplitudes came after the phases and replaced them"
 
 
 class _WatchedPolarity:
@@ -209,12 +198,6 @@ class _WatchedPolarity:
         """Whether chance would hardly turn it by half in each of these drives."""
         enough = len(self.drives) >= _LEAST_LATCHES and self._log_chance <= math.log(_CHANCE)
         return enough and not self.contradicted
-
-
-def _half_turned_outliers(pattern: Placed, limit_rad: float) -> list[bool]:
-    """Return which outliers are half a turn off, within twice the limit."""
-    off: FloatArray = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
-    return [bool(value <= 2.0 * limit_rad) for value in off]
 
 
 def _watched_elements_text(count: int) -> str:

@@ -95,7 +95,10 @@ class ClientMistakes:
                 return None
             (defect, detail), *others = parts
             more = "".join(f"; and {other}: {text}" for other, text in others)
-            return Diagnosis(defect, detail + more, ()) if self._is_enough(parts) else None
+            is_focus = np.isfinite(self._found).all(axis=1).mean() > 0.5
+            is_simple = not is_focus and len(parts) == 1  # a mistake without foci
+            is_enough = is_simple or self._distinct >= LEAST_TARGETS
+            return Diagnosis(defect, detail + more, ()) if is_enough else None
         return None
 
     def hint(self) -> str | None:
@@ -121,12 +124,6 @@ class ClientMistakes:
         unlikely = math.sqrt(UNKNOWNS * len(self._targets) * max(0.0, rival**2 - best**2))
         is_clear = best <= _IS_NOISE and unlikely >= _BETTER
         return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)
-
-    def _is_enough(self, parts: tuple[Part, ...]) -> bool:
-        """Return True if enough distinct targets were seen; a mistake without foci needs none."""
-        is_focus = np.isfinite(self._found).all(axis=1).mean() > 0.5
-        is_simple = not is_focus and len(parts) == 1
-        return is_simple or self._distinct >= LEAST_TARGETS
 
     def _levels(self) -> Iterator[list[tuple[float, tuple[Part, ...]]]]:
         """Yield scores of hypotheses of one mistake, then of two, each sorted by score."""
@@ -163,7 +160,9 @@ class ClientMistakes:
         if speed:
             parts += ((Defect.SPEED, self._speed_text(solved.share)),)
         if shift:
-            parts += ((Defect.AXES, self._shift_text(solved.shift_m)),)
+            shifts = (round(_MM * value, 1) + 0.0 for value in solved.shift_m @ self._axes)
+            shift_text = f"shifted by ({', '.join(f'{value:.1f}' for value in shifts)}) mm"
+            parts += ((Defect.AXES, shift_text),)
         return fit.misfit(solved), parts
 
     def _speed_text(self, share: float) -> str:
@@ -175,11 +174,6 @@ class ClientMistakes:
             f"the client assumes {assumed:.1f} m/s, air of {air_c:.1f} C (--temperature-c "
             f"{air_c:.1f}); the air has {here:.1f} m/s"
         )
-
-    def _shift_text(self, shift_m: FloatArray) -> str:
-        """Return a shift in mm along the client's axes."""
-        values = (round(_MM * value, 1) + 0.0 for value in shift_m @ self._axes)
-        return f"shifted by ({', '.join(f'{value:.1f}' for value in values)}) mm"
 
 
 def _sorted(

@@ -6,6 +6,7 @@ All names are in the axes of the client.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -108,7 +109,7 @@ class _CoordinateTurns:
                 part = Defect.COORDINATES, _axes_text(order)
                 yield part, self._around(np.eye(3)[list(order)], np.zeros(3))
         for factor, text in _UNITS:
-            yield (Defect.UNITS, text), _scaled(factor)
+            yield (Defect.UNITS, text), functools.partial(np.multiply, factor)
 
     def are_order(self, index: NDArray[np.intp]) -> bool:
         """Return True if elements in that order are turned or mirrored onto each other."""
@@ -139,11 +140,6 @@ class _CoordinateTurns:
         axes = self._axes.T @ self._array.axes
         turn = axes.T @ matrix @ axes
         return lambda places: centre_m + (places - centre_m) @ turn.T
-
-
-def _scaled(factor: float) -> Callable[[Places], Places]:
-    """Return a function that scales positions."""
-    return lambda places: factor * places
 
 
 def _axes_text(order: Sequence[int]) -> str:

@@ -142,18 +142,15 @@ class Watch:
             self._classifiers[latch.steps] = PatternClassifier(self._model, latch.steps)
             self._classifiers[latch.steps].warm_up()
         start_s = time.perf_counter()
-        pattern = self._classifiers[latch.steps].classify(weights, self._expected_m())
+        foci = () if self._order is None else self._order.next_foci
+        expected_m = foci[0] if len(foci) == 1 else None
+        pattern = self._classifiers[latch.steps].classify(weights, expected_m)
         took_ms = 1e3 * (time.perf_counter() - start_s)
         self._times_ms.append(took_ms)
         self._seen[key] = pattern
         if len(self._seen) > _REMEMBERED:
             self._seen.popitem(last=False)
         return pattern, took_ms
-
-    def _expected_m(self) -> FloatArray | None:
-        """Return the one focus of the frame that is expected next."""
-        foci = None if self._order is None else self._order.next_foci
-        return foci[0] if foci is not None and len(foci) == 1 else None
 
     def _judged(self, latch: SeenLatch, pattern: Pattern) -> FrameVerdict | None:
         """Return the verdict on a latch; None without an expected order."""
