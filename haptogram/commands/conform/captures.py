@@ -53,7 +53,7 @@ def recorded_suite(path: Path) -> tuple[SuiteResult, set[int]]:
     """
     from haptogram.evidence.recordings.channels import SUMMARY
     from haptogram.evidence.recordings.reader import Recording
-    from haptogram.evidence.recordings.sent_frames import recorded_sessions
+    from haptogram.evidence.recordings.recorded_run import recorded_sessions
     from haptogram.report.conformance.result import suite_of_conformance_json
 
     recording = Recording(path)

@@ -146,7 +146,7 @@ def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> Watched
     from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
     from haptogram.evidence.captures.pin_record import pin_record_of_capture
-    from haptogram.evidence.dialects.captured_latches import records_of_held_drives
+    from haptogram.evidence.dialects.watched_board import records_of_held_drives
     from haptogram.verification.pins.held.drives import held_pin_drives
 
     mapped = ChannelMap.from_file(arguments.channels, "channels")

@@ -1,4 +1,4 @@
-"""A board by the records of its back door, without knowledge of the intended foci."""
+"""A board by the records of its back door, or by a capture of its pins; nobody says what is meant."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.boards.layout import Z_UP, Rows
 from haptogram.errors import ConfigurationError, reads_as
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
-from haptogram.evidence.dialects.captured_latches import PINS
 from haptogram.evidence.dialects.latches import PulseObservation, pulse_observation_of
 from haptogram.records.frame import Evidence
+from haptogram.records.remark import About
+from haptogram.verification.pins.held.drives import HeldDrives
+from haptogram.verification.pins.pin_verdict import captured_elements_text
 from haptogram.verification.watch import SeenLatch
 from haptogram.verification.watch.latch import MODULATED
 from haptogram_protocol.dialects.looks_like import HAPTOGRAM
@@ -166,3 +168,50 @@ class WatchedBoard:
             cause="frame",
             evidence=self._evidence,
         )
+
+
+# --- Latches in a capture of the drive pins ------------------------------------------------------
+
+
+#: Kind of the records of latches that pins show.
+PINS: Final = "pins"
+
+
+def records_of_held_drives(held: HeldDrives, board: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return records of a capture, as those of a back door: the *board*, its latches, the end.
+
+    Raises
+    ------
+    ConfigurationError
+        An element that the board lacks.
+    """
+    record, count = held.record, len(board["positions_m"])
+    if held.elements[-1] >= count:
+        element = held.elements[-1]
+        raise ConfigurationError(
+            f"channel {record.pins[element].channel} is element {element}; the board has the "
+            f"elements 0 to {count - 1}"
+        )
+    records = [dict(board)]
+    remark = {"kind": "event", "event": "remark", "about": About.CLIENT}
+    records += [{**remark, "text": text} for text in _limits_of_capture(held, count)]
+    begins = np.array([held.begins[0], *(latch.end for latch in held.latches)])
+    times_us = np.rint(record.seconds(begins) * 1e6).astype(np.int64).tolist()
+    for number, t_us in enumerate(times_us):
+        weights = np.zeros(count, np.complex128)
+        weights[list(held.elements)] = held.weights[number]
+        records.append({"kind": PINS, "number": number, "t_latch_us": t_us, "weights": weights})
+    end = {"kind": "end", "clean": True, "dropped": 0, "cut": record.cut}
+    return [*records, end]
+
+
+def _limits_of_capture(held: HeldDrives, count: int) -> list[str]:
+    """Return notes on captured elements and on faulty pins."""
+    record = held.record
+    found = [f"pins of {captured_elements_text(len(held.elements), count)} were captured"]
+    found += [
+        f"element {element} ({pin.channel}): {text}"
+        for element, pin in record.pins.items()
+        for text in pin.defects
+    ]
+    return [*found, *record.notes]

@@ -14,7 +14,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.recordings.channels import SUMMARY, VERDICT
 from haptogram.evidence.recordings.reader import Recording
-from haptogram.evidence.recordings.sent_frames import (
+from haptogram.evidence.recordings.recorded_run import (
     SentFrame,
     model_of_recorded_answers,
     recorded_sent_frames,

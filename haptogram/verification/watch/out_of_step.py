@@ -26,8 +26,7 @@ from haptogram.acoustics.solvers.focus_fit import fit_focus, wrapped_phases
 from ..groups import groups_of_elements
 from .defect import Defect, Diagnosis
 from .latch import HALVED, UPLOAD, SeenLatch
-from .mistake_fit import MistakeFit
-from .mistakes import Aim
+from .mistakes import Aim, MistakeFit
 
 _ROUNDING: Final = 0.32  # RMS error in steps: rounding and cutting off leave 0.29
 _LEAST_LAG: Final = 0.75  # least lag of a group, in steps: codes that are cut off are off by less

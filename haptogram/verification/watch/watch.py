@@ -142,8 +142,8 @@ class Watch:
             self._classifiers[latch.steps] = PatternClassifier(self._model, latch.steps)
             self._classifiers[latch.steps].warm_up()
         start_s = time.perf_counter()
-        foci = () if self._order is None else self._order.next_foci
-        expected_m = foci[0] if len(foci) == 1 else None
+        foci = None if self._order is None else self._order.next_foci
+        expected_m = foci[0] if foci is not None and len(foci) == 1 else None
         pattern = self._classifiers[latch.steps].classify(weights, expected_m)
         took_ms = 1e3 * (time.perf_counter() - start_s)
         self._times_ms.append(took_ms)
