@@ -1,4 +1,4 @@
-"""A board by the records of its back door, or by a capture of its pins; nobody says what is meant."""
+"""A board by its back door, or by a capture of its pins, without knowledge of the intended foci."""
 
 from __future__ import annotations
 
