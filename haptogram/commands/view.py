@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.parser import Acting, Parser, add_file_option, checked_option_type
+from haptogram.settings.parser import Acting, Parser, add_file_option, add_flag, checked_option_type
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import PASS, USAGE
@@ -63,9 +63,9 @@ def set_up_view(parser: Parser) -> None:
         default=None,
         help="open the page in a browser [where there is a desktop]",
     )
-    parser.add_argument(
+    add_flag(
+        parser,
         "--until-eof",
-        action="store_true",
         help="end when standard input ends: with the program that started this one",
     )
     add_file_option(

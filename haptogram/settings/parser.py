@@ -298,6 +298,11 @@ def add_file_option(group: argparse._ActionsContainer, word: str, help: str, **m
     group.add_argument(word, type=file_name_option, help=help, **more)
 
 
+def add_flag(group: argparse._ActionsContainer, *words: str, help: str) -> None:
+    """Add an option without a value, which is off unless it is given."""
+    group.add_argument(*words, action="store_true", help=help)
+
+
 def name_option(text: str, what: str = "the name of a file") -> str:
     """Return an argument that names a place, *what*, which may begin with ``unix:``."""
     if not text.removeprefix("unix:"):

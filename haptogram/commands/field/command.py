@@ -9,7 +9,7 @@ from typing import Final
 
 from haptogram.settings.command_line import add_command_options, add_setting_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting, Parser
+from haptogram.settings.parser import Acting, Parser, add_flag
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig
 
@@ -139,7 +139,7 @@ def _add_field_picture(parser: Parser) -> None:
         help="also print the levels at an ear [0,-300,400: before the array, bent over it], next "
         "to a guideline; a focus is modulated",
     )
-    group.add_argument("--quiet", action="store_true", help="no progress and no text")
+    add_flag(group, "--quiet", help="no progress and no text")
 
 
 def run_field(arguments: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from haptogram.machine.files import write_json_file
-from haptogram.settings.parser import Parser, add_file_option
+from haptogram.settings.parser import Parser, add_file_option, add_flag
 
 from ..shell.exit_status import INCONCLUSIVE, USAGE
 from ..shell.output_files import CommandOutputs
@@ -23,7 +23,7 @@ def set_up_capture(parser: Parser) -> None:
     add_file_option(parser, "file", help="the capture")
     add_file_option(parser, "--map", required=True, help="TOML of its channels")
     add_file_option(parser, "--json", help="write every drive as JSON")
-    parser.add_argument("--quiet", action="store_true", help="no table, findings only")
+    add_flag(parser, "--quiet", help="no table, findings only")
 
 
 def run_capture(arguments: argparse.Namespace) -> int:

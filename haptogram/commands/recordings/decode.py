@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 
 from haptogram.errors import ConfigurationError, reading_file
 from haptogram.evidence.recordings.channels import MAGIC
-from haptogram.settings.parser import Parser, add_file_option
+from haptogram.settings.parser import Parser, add_file_option, add_flag
 
 from ..acting_options import refuse_idle_options, without_option
 
@@ -52,13 +52,11 @@ def set_up_decode(parser: Parser) -> None:
         help="what the file holds [auto: a recording by its first bytes, hex text by its "
         "characters, else raw bytes]",
     )
-    parser.add_argument(
-        "--from-board",
-        action="store_true",
-        help="the bytes of a dump are what a board sent [what a host sent]",
+    add_flag(
+        parser, "--from-board", help="the bytes of a dump are what a board sent [what a host sent]"
     )
-    parser.add_argument("--verbose", action="store_true", help="print every field in full")
-    parser.add_argument("--json", action="store_true", help="print a line of JSON for each frame")
+    add_flag(parser, "--verbose", help="print every field in full")
+    add_flag(parser, "--json", help="print a line of JSON for each frame")
 
 
 def run_decode(arguments: argparse.Namespace) -> int:

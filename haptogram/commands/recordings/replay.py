@@ -15,7 +15,7 @@ from haptogram.machine.files import write_json_file
 from haptogram.settings.board import DEFAULT_ARRAY, BoardConfig
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Parser, add_file_option
+from haptogram.settings.parser import Parser, add_file_option, add_flag
 from haptogram.settings.run.files import OutputConfig
 from haptogram.settings.run.frames import LinkConfig
 
@@ -58,9 +58,7 @@ def set_up_replay(parser: Parser, make_board: MakeBoard) -> None:
     board = parser.add_argument_group("board")
     rows = options_of(ReplayConfig)
     add_command_options(board, [rows["port"], rows["baud"]])
-    board.add_argument(
-        "--healthy", action="store_true", help="leave out mutant and faults of the recorded board"
-    )
+    add_flag(board, "--healthy", help="leave out mutant and faults of the recorded board")
     add_command_options(board, [rows["mutant"], rows["array"]])
     result = parser.add_argument_group("result", FILE_HELP)
     add_command_options(result, [rows["json"], rows["show"]])
