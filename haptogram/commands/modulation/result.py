@@ -12,8 +12,7 @@ import numpy as np
 
 from haptogram import acoustics
 from haptogram.acoustics.levels.spot import measure_spot
-from haptogram.objects.modulation import FocusFrames
-from haptogram.objects.signals import FeltSignal, felt_signal_at
+from haptogram.objects.modulation import FeltSignal, FocusFrames, felt_signal_at
 from haptogram.settings.shape import ModulationConfig
 
 from ..shell.positions import position_text
