@@ -428,5 +428,4 @@ def _settled_felt_signal(
         )[:, 0]
         for start in range(0, len(foci), _FOCI_AT_A_TIME)
     ]
-    settled: ComplexArray = frames.amplitudes * np.concatenate(parts)[which.reshape(-1)]
-    return settled
+    return frames.amplitudes * np.concatenate(parts)[which.reshape(-1)]

@@ -68,8 +68,7 @@ class Tolerance:
         if offset_m is None:
             return 0.0
         length_m = max(float(np.linalg.norm(offset_m)), 1e-12)
-        left: FloatArray = np.abs(offset_m) * max(0.0, 1.0 - self.miss_mm / 1e3 / length_m)
-        return left
+        return np.abs(offset_m) * max(0.0, 1.0 - self.miss_mm / 1e3 / length_m)
 
     def speed_share(self, medium: Medium) -> float:
         """Return the relative difference of the speed of sound that is tolerated."""

@@ -189,5 +189,4 @@ def half_sphere_directions(
     local = np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
     axes = axes_about_normal(axis) if side is None else plane_axes(axis, side)
     assert axes is not None  # *side* has a part across *axis*
-    directions: FloatArray = local @ axes
-    return directions
+    return local @ axes

@@ -175,8 +175,7 @@ class Calibration:
     @property
     def heard(self) -> BoolArray:
         """(N,) of bool: which elements radiate at all."""
-        heard: BoolArray = self.gain > 0.0
-        return heard
+        return self.gain > 0.0
 
     def moved(self, array: TransducerArray) -> TransducerArray:
         """Return *array* with its elements where they were measured.

@@ -210,13 +210,11 @@ class TransducerArray:
 
     def local_m(self, points_m: FloatArray) -> FloatArray:
         """Return (..., 3) points of the world along the array's own axes, from its centre."""
-        local: FloatArray = (points_m - self.centre_m) @ self.axes.T
-        return local
+        return (points_m - self.centre_m) @ self.axes.T
 
     def world_m(self, local_m: FloatArray) -> FloatArray:
         """Return the places in the world of (..., 3) points along the array's own axes."""
-        points: FloatArray = local_m @ self.axes + self.centre_m
-        return points
+        return local_m @ self.axes + self.centre_m
 
     @property
     def is_upright(self) -> bool:

@@ -93,8 +93,7 @@ class CircularPiston:
             gain += coefficient
         if size > _SERIES_REACH:
             gain = np.where(quarter > _SERIES_REACH, _large_piston_gain(quarter), gain)
-        result: FloatArray = np.where(cos_theta >= GRAZING, gain, 0.0)
-        return result
+        return np.where(cos_theta >= GRAZING, gain, 0.0)
 
 
 def _large_piston_gain(quarter: FloatArray) -> FloatArray:

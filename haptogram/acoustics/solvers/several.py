@@ -317,11 +317,9 @@ def _reachable_foci_levels(matrix: ComplexArray, wanted: FloatArray) -> float:
 def _solver_phasor(values: ComplexArray) -> ComplexArray:
     """Return complex *values* with magnitude 1; zero stays zero."""
     level = np.abs(values)
-    phasors: ComplexArray = values / np.where(level > 0.0, level, 1.0)
-    return phasors
+    return values / np.where(level > 0.0, level, 1.0)
 
 
 def _clip_solved_drive(drive: ComplexArray) -> ComplexArray:
     """Return *drive* with magnitudes of at most 1."""
-    clipped: ComplexArray = drive / np.maximum(np.abs(drive), 1.0)
-    return clipped
+    return drive / np.maximum(np.abs(drive), 1.0)

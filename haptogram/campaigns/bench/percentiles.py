@@ -67,8 +67,7 @@ def percentiles_with_missed_ticks(
     each = 1 + np.floor(np.maximum(lateness_us, 0.0) / period_us).astype(np.int64)
     ends = np.cumsum(each)
     place = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - each, each)
-    late: NDArray[np.float64] = np.repeat(lateness_us, each) - place * period_us
-    return late
+    return np.repeat(lateness_us, each) - place * period_us
 
 
 def _percentile_levels(values: NDArray[np.float64]) -> dict[str, float]:

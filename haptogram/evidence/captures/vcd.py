@@ -191,8 +191,7 @@ class _VcdBody:
             raise ConfigurationError(f"{self.path}: time goes back at #{late}")
         if len(values):
             self.now = int(values[-1])
-        times: _Numbers = known[np.cumsum(is_stamp)] - self.first
-        return times
+        return known[np.cumsum(is_stamp)] - self.first
 
     def _decimals(self, data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
         """Return the whole numbers whose digits lie between *starts* and *ends*."""

@@ -88,8 +88,7 @@ class WatchedBoard:
 
     def ours_m(self, client_m: FloatArray) -> FloatArray:
         """Return (..., 3) points in the client's axes in those of the model."""
-        points: FloatArray = client_m @ self._axes.T
-        return points
+        return client_m @ self._axes.T
 
     def clients_m(self, ours_m: FloatArray) -> FloatArray:
         """Return (..., 3) points of the model in the client's axes."""

@@ -116,8 +116,7 @@ def sample_picture_mean(
 
     def rms(points: FloatArray) -> FloatArray:
         square = mean_square_pressure(engine, weights, points, frame_s, resonator)
-        root: FloatArray = np.sqrt(square)
-        return root
+        return np.sqrt(square)
 
     values = sample_picture_points(engine.model, plane, rms, progress)
     return PictureField(plane, values, engine.model)

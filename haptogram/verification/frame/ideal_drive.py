@@ -161,8 +161,7 @@ class IdealFrameDrive:
 
     def _levels_of(self, weights: ComplexArray) -> FloatArray:
         """Return the level of *weights* at each target."""
-        levels: FloatArray = np.abs([target.arrivals @ weights for target in self.targets])
-        return levels
+        return np.abs([target.arrivals @ weights for target in self.targets])
 
     def phase_error_rad(self, latched: Drive, active: Bools) -> float:
         """S1: half the range of the phase errors over the active elements, common phase out."""
@@ -216,8 +215,7 @@ class IdealFrameDrive:
 def meaningful_frame_elements(intended: Intended, latched: Drive) -> Bools:
     """Return (N,) the elements that sound and whose phase means something."""
     least = _LEAST_AMPLITUDE_CODE if intended.board_computed and len(intended.foci) > 1 else 1
-    sounding: Bools = (intended.drive.amplitude_codes >= least) & (latched.amplitude_codes > 0)
-    return sounding
+    return (intended.drive.amplitude_codes >= least) & (latched.amplitude_codes > 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,6 @@ from .ideal_drive import (
     meaningful_frame_elements,
 )
 from .peaks import LOST, WITHIN_LOBE_RAD
-from .status import frame_status_of
 from .target import Bools, FrameTarget
 from .tolerated import ToleratedHost, frame_scatter_rad, scale_of_tolerance
 from .verdict import FrameStatus, FrameVerdict
@@ -122,7 +121,7 @@ class SeveralFociFrame:
             else:
                 found = self._judge_with_tolerance(ideal, fault)
                 faults = faults or ((fault,) if fault else ())
-        status = frame_status_of(found.verdicts, faults, focused=False)
+        status = criteria.frame_status_of(found.verdicts, faults, focused=False)
         unseen = [*found.unseen, *_solver_failure(levels, self.intended)]
         notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
         if status is FrameStatus.ON_TARGET and unseen:
@@ -300,8 +299,7 @@ def _relative_errors(fit: FociFit, limit_rad: float, slack_rad: tuple[float, flo
     """
     scatter_rad, aberration_rad = slack_rad
     most = fit.limits_rad * (1.0 + scatter_rad / limit_rad) + fit.wave_limits * aberration_rad
-    sizes: FloatArray = np.abs(fit.errors_rad) / most
-    return sizes
+    return np.abs(fit.errors_rad) / most
 
 
 def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:

@@ -18,7 +18,6 @@ from haptogram.settings.frozen import dataclass
 from ..faults import faulty_elements_text
 from ..tolerance import Uncertainty
 from . import criteria
-from .status import frame_status_of
 from .target import Bools, FrameTarget
 from .tolerated import ToleratedHost
 from .verdict import FrameStatus, FrameVerdict
@@ -62,7 +61,7 @@ def judge_silent_frame(
         faults = ("sound was radiated where silence was intended",) if heard else ()
     return dataclasses.replace(
         seen,
-        status=frame_status_of(verdicts, faults, focused=False),
+        status=criteria.frame_status_of(verdicts, faults, focused=False),
         criteria=verdicts,
         faults=faults,
         note="silence was intended",
@@ -140,7 +139,9 @@ class SingleFocusFrame:
                 notes.append(_frame_without_focus(found))
             elif not faults:
                 faults = (verdict_not_radiated(found),)
-        status = frame_status_of(verdicts, faults, focused=isinstance(found, acoustics.SingleFocus))
+        status = criteria.frame_status_of(
+            verdicts, faults, focused=isinstance(found, acoustics.SingleFocus)
+        )
         if status is FrameStatus.ON_TARGET and unseen:
             status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
         return dataclasses.replace(

@@ -148,8 +148,7 @@ class ToleratedHost:
         levels, errors = self.levels, self.phases_rad - np.angle(self._drive)
         common = np.angle((levels * np.exp(1j * errors))[used].sum())
         errors = wrapped_phases(errors - common)
-        centred: FloatArray = errors - np.average(errors[used], weights=levels[used])
-        return centred
+        return errors - np.average(errors[used], weights=levels[used])
 
     @property
     def error_rad(self) -> float:
@@ -191,8 +190,7 @@ class ToleratedHost:
             way = _SLOPE * np.eye(4)[place]
             less, more = (self.drive(self.scale * (self.share + sign * way)) for sign in (-1, 1))
             slopes[:, place] = np.angle(less * more.conj()) / (2.0 * _SLOPE)
-        centred: FloatArray = slopes - np.average(slopes[used], axis=0, weights=self.levels[used])
-        return centred
+        return slopes - np.average(slopes[used], axis=0, weights=self.levels[used])
 
     def fitted(self) -> ToleratedHost:
         """Return the host of the least squares; elements that stick out by far do not count.

@@ -32,7 +32,7 @@ from .elements.faults import (
 from .elements.levels import LevelsInTime, levels_of_pins_in_time
 from .elements.offsets import ElementOffsets
 from .held.drives import held_pin_drives
-from .held.frame_times import frames_at_held_drives
+from .held.matching import frames_at_held_drives
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase
 from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives

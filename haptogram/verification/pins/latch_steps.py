@@ -49,8 +49,7 @@ class PinSteps:
     @property
     def middle(self) -> FloatArray:
         """(F, E) the middle between the last old and the first new pulse."""
-        middle: FloatArray = (self.after + self.before) / 2.0
-        return middle
+        return (self.after + self.before) / 2.0
 
 
 def pin_steps(

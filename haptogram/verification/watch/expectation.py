@@ -27,7 +27,6 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey
 
 from ..frame import criteria
-from ..frame.status import frame_status_of
 from ..frame.target import FrameTarget, check_frame_tolerance
 from ..frame.tolerated import ToleratedHost
 from ..frame.verdict import WRONG, FrameStatus, FrameVerdict, Vector
@@ -137,16 +136,17 @@ class Expectation:
         else:
             verdicts["S2"] = False
             faults = (f"{pattern.kind} where one focus was expected",)
-        status, notes = frame_status_of(verdicts, faults, focused=isinstance(pattern, OneFocus)), []
+        is_focus, note = isinstance(pattern, OneFocus), ""
+        status = criteria.frame_status_of(verdicts, faults, focused=is_focus)
         if status is FrameStatus.ON_TARGET and not target.observable.all():
             status = FrameStatus.NOT_VERIFIED
-            notes = ["the elements that sound cannot tell where the focus is"]
+            note = "the elements that sound cannot tell where the focus is"
         return dataclasses.replace(
             seen,
             status=status,
             criteria=dict(sorted(verdicts.items())),
             faults=faults,
-            note="; ".join(notes),
+            note=note,
             **target.shown_miss(Uncertainty()) | measures,
         )
 

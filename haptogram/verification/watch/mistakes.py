@@ -186,8 +186,7 @@ class MistakeFit:
         deviation = np.where(self._sounding, np.abs(residual), np.nan)
         middle = np.nanmedian(deviation, axis=1) if len(deviation) else np.zeros(0)
         limit = np.maximum(self._steps, 3.0 * middle)
-        used: BoolArray = self._sounding & (np.abs(residual) <= limit[:, None] + 1e-6)
-        return used
+        return self._sounding & (np.abs(residual) <= limit[:, None] + 1e-6)
 
     def _settled(
         self, share: float, shift: FloatArray, free: tuple[bool, bool]
@@ -219,8 +218,7 @@ class MistakeFit:
         gaps = self._places[frame] + found.shift_m - self._positions
         distances = np.linalg.norm(gaps, axis=1)
         rays = gaps / np.maximum(distances, 1e-9)[:, None]
-        slopes: FloatArray = self._k * np.column_stack([distances, (1.0 + found.share) * rays])
-        return slopes
+        return self._k * np.column_stack([distances, (1.0 + found.share) * rays])
 
 
 # --- Mistakes of a client ------------------------------------------------------------------------

@@ -150,8 +150,7 @@ class PatternClassifier:
             raise ConfigurationError(
                 f"weights have shape {drive.shape}, must be ({self._model.array.count},)"
             )
-        radiated = self._radiated_by(np.where(np.isfinite(drive), drive, 0.0))
-        return radiated
+        return self._radiated_by(np.where(np.isfinite(drive), drive, 0.0))
 
     def _placed(
         self,

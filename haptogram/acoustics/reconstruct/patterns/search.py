@@ -214,8 +214,7 @@ def _pattern_cells_between(model: AcousticModel, cells: FloatArray, side: BoolAr
     lowest = np.full(len(cells), np.inf)
     for normal, plane in zip(normals, planes, strict=True):
         lowest = np.minimum(lowest, cells @ normal - plane)
-    inside: BoolArray = (lowest > _CLEARANCE_M) & points_in_front(model, cells)
-    return inside
+    return (lowest > _CLEARANCE_M) & points_in_front(model, cells)
 
 
 def _pattern_phasor(offset: FloatArray) -> NDArray[np.complex64]:
