@@ -85,7 +85,8 @@ def _settled_mean_square(
 ) -> FloatArray:
     """Return the time average (M,) of |p|^2 while a resonator follows the fields (F, M)."""
     if resonator is None or resonator.time_constant_s == 0.0:
-        return 0.5 * np.mean(np.abs(settled) ** 2, axis=0)
+        plain: FloatArray = 0.5 * np.mean(np.abs(settled) ** 2, axis=0)
+        return plain
     left = resonator.decay(frame_s)
     share = resonator.time_constant_s / frame_s
     state = periodic_resonator_start(settled, left)

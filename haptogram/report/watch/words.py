@@ -16,7 +16,8 @@ _MM: Final = 1e3
 def watched_client_places_mm(pattern: Pattern, board: WatchedBoard) -> list[list[float]]:
     """Return the places of a pattern in mm, in the axes of the client; empty for one without."""
     if isinstance(pattern, SeveralFoci):
-        return (board.clients_m(np.array(pattern.positions_m)) * _MM).tolist()
+        places: list[list[float]] = (board.clients_m(np.array(pattern.positions_m)) * _MM).tolist()
+        return places
     if isinstance(pattern, Placed):
         return [(board.clients_m(np.array(pattern.position_m)) * _MM).tolist()]
     return []
