@@ -128,7 +128,8 @@ def _row_direction(
     """Return the vector between the first two elements along x; zero for a single element."""
     nx, ny = grid_shape
     if nx > 1:
-        return positions[ny] - positions[0]
+        along: FloatArray = positions[ny] - positions[0]
+        return along
     return np.cross(positions[min(1, ny - 1)] - positions[0], face)
 
 
