@@ -177,7 +177,7 @@ class DialogueGenerator:
         ]
 
     def _apart(self, actions: list[DialogueAction]) -> list[DialogueAction]:
-        """Set random delays between frames within a carrier period."""
+        """Delay some actions by up to 25 µs, where bytes take no time on the line."""
         found: list[DialogueAction] = []
         for action in actions if self._exact else ():
             is_first = not found or found[-1].slot != action.slot

@@ -103,5 +103,5 @@ def _ramp_text(ramp: Sequence[RampReading]) -> str:
 
 
 def _judged_ramp_left(t_ms: float, ramp_ms: int) -> float:
-    """Return the share of the amplitude that a straight ramp leaves."""
+    """Return the share of the amplitude (1 to 0) that a straight ramp leaves after *t_ms*."""
     return min(1.0, max(0.0, 1 - t_ms / ramp_ms))

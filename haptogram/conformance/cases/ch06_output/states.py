@@ -319,7 +319,7 @@ def recover_from_hardware_fault(board: BoardClient) -> None:
 
 
 def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
-    """Raise a hardware fault in each state; yield its name and the receive mark of ARM."""
+    """Raise a hardware fault in each state; yield its name, and the receive mark before ARM."""
     for name, bring in output_states(board):
         since = board.arm()
         bring(board)

@@ -224,7 +224,7 @@ def many_sequences_are_stored(board: BoardClient) -> None:
 
 
 def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
-    """Return the detail of NOT_FOUND, the number of stored sequences; None if this one is there."""
+    """Play *sequence*; return the detail of NOT_FOUND (how many are stored), None if it plays."""
     start_us = board.clock.ahead_us(_AHEAD_US)
     play = playback.play_request(board, sequence, loops=1, unattended_ms=9_999)
     answer = board.link.ask(play, time_us=start_us)
@@ -386,7 +386,7 @@ def many_playback_frames_are_counted(board: BoardClient) -> None:
 
 
 def _check_playback_in_the_ring(board: BoardClient) -> None:
-    """FAILED unless ring records are numbered beyond 16 bits, with the late frame."""
+    """FAILED unless the ring numbers latches beyond 16 bits, and flags a late frame as LATE."""
     last = board.link.stream_next
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()

@@ -30,7 +30,7 @@ _Beyond: TypeAlias = tuple[str, m.Message, m.ErrorCode, int | None, dict[str, An
 
 
 def _values_beyond(least: int, most: int, bits: int) -> list[int]:
-    """Return out-of-range values that differ from a limit in a bit or the sign, and 0.
+    """Return 0 and values outside the limits, by a power of two or by one bit of *bits*.
 
     Examples
     --------

@@ -83,7 +83,7 @@ class RandomUploads(RandomStream):
         return [self.frame(step) for step in steps]
 
     def _kinds(self) -> list[m.UploadKind]:
-        """Return the kinds of upload that the board takes, repeated by their weight."""
+        """Return the kinds of upload that the board takes; PHASES three times, to be likelier."""
         has_room = has_room_in_dialogue(self._identity)
         weights = {
             m.UploadKind.PHASES: 3 * bool(self._can & m.Feature.SEQUENCE_PHASES and has_room),

@@ -205,7 +205,7 @@ class SceneInputs:
         return found
 
     def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> DialogueAction:
-        """Return a stream frame at a time, each given field set to one of its choices."""
+        """Return a stream frame due *at*, each field of *choices* set to one of its values."""
         return self.frame(at, **{name: self._pick(values) for name, values in choices.items()})
 
     # --- requests --------------------------------------------------------------------------------
@@ -325,6 +325,9 @@ def _alone(make: Callable[[], DialogueAction]) -> list[DialogueAction]:
 
 
 def _row_names(row: str) -> list[list[str]]:
-    """Split the description of a scene into the action names of each slot."""
+    """Split a row of a scene, as "a + b
+
+    c", into the action names of each slot.
+    """
     slots = (slot.split("+") for slot in row.split("|"))
     return [[name.strip() for name in names if name.strip()] for names in slots]
