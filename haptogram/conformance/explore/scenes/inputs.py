@@ -325,9 +325,6 @@ def _alone(make: Callable[[], DialogueAction]) -> list[DialogueAction]:
 
 
 def _row_names(row: str) -> list[list[str]]:
-    """Split a row of a scene, as "a + b
-
-    c", into the action names of each slot.
-    """
+    """Return the action names of each slot of a row: '|' parts slots, '+' parts actions."""
     slots = (slot.split("+") for slot in row.split("|"))
     return [[name.strip() for name in names if name.strip()] for names in slots]
