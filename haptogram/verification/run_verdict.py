@@ -249,7 +249,7 @@ def _has_timing_error(frame: FrameVerdict) -> bool:
 
 
 def _run_verdict_error_line(result: dict[str, Any]) -> str:
-    """Return the line of position errors, and of the smallest miss that would show."""
+    """Return the line of position errors, and of the smallest miss that would be noticed."""
     lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
     along = "along the beam: not observable"
     if axial["max"] is not None:
@@ -302,7 +302,7 @@ def _run_verdict_foci_line(result: dict[str, Any]) -> str:
 
 
 def _wrong_in_run_verdict(frame: FrameVerdict) -> tuple[str, ...]:
-    """Return status, timing errors and faults of a frame, to group equal frames."""
+    """Return status, timing errors and faults of a frame: frames with equal ones share a line."""
     times = {"late": frame.late, "early": frame.early, "latched more than once": frame.latches > 1}
     note = frame.note if frame.status is FrameStatus.NOT_VERIFIED else ""
     words = [str(frame.status), *(word for word, is_so in times.items() if is_so)]

@@ -144,7 +144,7 @@ def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
 
 
 def _is_another_focus_held(frame: FrameVerdict) -> bool:
-    """Return True if only the CRC of a different drive was observed."""
+    """Return True if a wrong drive is known by its CRC alone, which no criterion judges."""
     return frame.status is FrameStatus.CORRUPT and not frame.criteria
 
 
@@ -158,13 +158,13 @@ def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _H
 
 
 def _stretch_after_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the time in which a wrong drive was radiated; its effect is unknown if unseen."""
+    """Return the time in which a wrong drive was radiated; its errors are None if unseen."""
     pressures_pa = frame.target_pressure_rms_pa, frame.intended_pressure_rms_pa
     return _HeldStretch(begin_us, end_us, frame.error_mm, *pressures_pa)
 
 
 def _unbroken_stretches(stretches: list[_HeldStretch]) -> Iterator[list[_HeldStretch]]:
-    """Yield the runs of stretches that follow each other without a break."""
+    """Yield lists of stretches in which each begins where the one before ends."""
     joined: list[_HeldStretch] = []
     for stretch in stretches:
         if joined and stretch.begin_us > joined[-1].end_us:

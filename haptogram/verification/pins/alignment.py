@@ -43,7 +43,7 @@ def align_pins_to_run(record: PinRecord, run: PinRunDrives) -> tuple[float, floa
 
 
 def _line_through(due: FloatArray, begins: FloatArray, rate: float) -> tuple[int, float, float]:
-    """Return the number of frames on the best line at about this *rate*, its offset and rate."""
+    """Fit begins = rate x due + offset near *rate*; return the frames on it, offset, rate."""
     away = begins - rate * due
     ordered = np.sort(away)
     counts = np.searchsorted(ordered, ordered + _NEAR_PERIODS, side="right") - np.arange(len(away))

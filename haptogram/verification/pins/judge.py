@@ -106,7 +106,7 @@ def verify_captured_pins(
 
 
 def _count_distinct_drives(weights: ComplexArray, apart: float) -> int:
-    """Return the number of distinct *weights* (K,), counted up to a sufficient number."""
+    """Return how many *weights* (K,) differ by more than *apart*; no more than suffice."""
     found = 0
     while len(weights) and found < _FEWEST_AGREEING + 2:
         found += 1
@@ -159,7 +159,7 @@ class _PinJudge:
 
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
-        """Return the frames that the pins show late."""
+        """Return the indices of the frames that the pins show later than due."""
         shown = self.shown
         return np.flatnonzero((shown.late > LATE_PERIODS) & shown.seen)
 
@@ -208,7 +208,7 @@ class _PinJudge:
             self.events.append(f"{frame}: latched {late_us:.0f} µs after most others")
 
     def _end(self) -> EndOfSound:
-        """Judge how the output falls silent at the end."""
+        """Judge if the pins fall silent together after the run; note findings or why not."""
         found = end_of_sound_on_pins(self.record, self.run, self.shown)
         for text in found.findings:
             self._find("mute", text)
@@ -328,7 +328,7 @@ class _PinJudge:
         return float(wider.all_right()[judged].mean())
 
     def _pins_that_fit(self, judged: Bools) -> Bools | None:
-        """Return a mask (E,) of pins that show this run; None if too few."""
+        """Return a mask (E,) of pins right in nearly all judged frames; None if too few are."""
         fitting: Bools = self.shown.right[judged].mean(axis=0) >= _NEARLY_ALL
         fewest = max(_FEWEST_FITTING, _FITTING_SHARE * len(fitting))
         return fitting if fitting.sum() >= fewest else None
@@ -516,7 +516,7 @@ class _PinJudge:
     # --- the end ---------------------------------------------------------------------------------
 
     def _find(self, check: str, text: str) -> None:
-        """Add a finding to a check."""
+        """Add a finding to the check *check*: the verdict then is FAIL."""
         self.findings.setdefault(check, []).append(text)
 
     def _conclude(
@@ -526,7 +526,7 @@ class _PinJudge:
         end: EndOfSound,
         levels: LevelsInTime | None,
     ) -> PinVerdict:
-        """Return the verdict on the captured pins."""
+        """Return the verdict: FAIL with findings, else INCONCLUSIVE with gaps, else PASS."""
         if self.record.cut:
             self.missing.append(f"the capture was cut off: {self.record.cut}")
         wrong = [line for lines in self.findings.values() for line in lines]

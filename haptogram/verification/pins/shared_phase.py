@@ -93,7 +93,7 @@ def _share_pin_element(
 def _pin_phase_difference_rad(
     a: FloatArray | None, b: FloatArray | None, seen_a: Sequence[int], seen_b: Sequence[int]
 ) -> float:
-    """Return the largest difference between common phases; infinite if not comparable."""
+    """Return the largest difference of two captures' common phases; inf if one is not known."""
     if a is None or b is None:
         return math.inf
     turns = np.concatenate([a[seen_a], b[seen_b]])

@@ -263,7 +263,7 @@ def _pins_without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray)
 
 
 def _pin_lateness(steps: PinSteps, lost: Bools) -> FloatArray:
-    """Return by how many periods each frame was latched after it was due."""
+    """Return (F,) by how many periods each frame was late at the pins; 0.0 if not known."""
     late = np.where(steps.is_inside, steps.middle, np.nan)
     late[lost] = np.nan
     known = np.isfinite(late).any(axis=1)

@@ -183,7 +183,7 @@ def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> s
 
 
 def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None) -> EndOfSound:
-    """Judge whether all pins fall silent within one carrier period."""
+    """Add a finding if the first and last pin to stop are over a period apart."""
     us = 1e6 / record.carrier_hz
     # A pin is off from its last pulse on, or as late as when it would have begun the next one.
     first, last = min(found.rises.values()) + 1.0, max(found.stops.values())
@@ -201,7 +201,7 @@ def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None)
 
 
 def _why_pins_not_muted(record: PinRecord, shown: FramesShownByPins) -> str:
-    """Return why the end of the output cannot be judged."""
+    """Return the text that the output sounds to the capture's end, and no MUTE is to be seen."""
     behind_ms = max(0.0, record.end - float(shown.ends[-1])) * 1e3 / record.carrier_hz
     what = "no MUTE is on the captured line"
     if record.to_board is None:

@@ -132,7 +132,7 @@ class DefectFinder:
         return frozenset(int(n) for n in np.flatnonzero(silent))
 
     def _is_near(self, pattern: Placed) -> bool:
-        """Return True if the pattern's position is known to within its distance: no plane wave."""
+        """Return False if the position is too uncertain to tell a focus from a plane wave."""
         distance_m = float(np.linalg.norm(np.array(pattern.position_m) - self._centre_m))
         return bool(np.linalg.norm(pattern.bound_m) < distance_m + self._distance_m.max())
 
@@ -204,7 +204,7 @@ class _WatchedPolarity:
 
 
 def _half_turned_outliers(pattern: Placed, limit_rad: float) -> list[bool]:
-    """Return which outliers are half a turn off, within twice the limit."""
+    """Return, for each outlier, whether it is within 2 *limit_rad* of half a turn off."""
     off: FloatArray = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
     return [bool(value <= 2.0 * limit_rad) for value in off]
 

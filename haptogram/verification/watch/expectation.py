@@ -106,7 +106,7 @@ class Expectation:
         return self._judge_one(seen, latch, pattern)
 
     def _judge_one(self, seen: FrameVerdict, latch: SeenLatch, pattern: Pattern) -> FrameVerdict:
-        """Judge a latch that was expected to have one focus."""
+        """Judge a latch where one focus is expected; S2 is left out where phases prove none."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         amplitudes = np.abs(weights)
         if amplitudes.max(initial=0.0) < _SOUNDING:
@@ -145,7 +145,7 @@ class Expectation:
         )
 
     def _shows_focus(self, target: FrameTarget, steps: int) -> bool:
-        """Return True if the drive that a target asks for has a focus as its pattern."""
+        """Return True if the elements' phases, in *steps*, suffice to prove a focus at *target*."""
         step_rad = 2.0 * math.pi / steps
         phases_rad = np.round(target.phases_rad / step_rad) * step_rad
         ideal = np.zeros(len(target.active), dtype=np.complex128)
@@ -162,7 +162,7 @@ class Expectation:
     def _judge_several(
         self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern
     ) -> FrameVerdict:
-        """Judge several foci by the position error of each (S2)."""
+        """Judge by position alone (S2): WRONG_DRIVE unless as many foci are found as expected."""
         if not isinstance(pattern, SeveralFoci) or len(pattern.positions_m) != len(foci):
             fault = f"{pattern.kind} where {len(foci)} foci were expected"
             return dataclasses.replace(

@@ -144,13 +144,13 @@ class FrameDefects:
 
     @property
     def _may_be_of_another_array(self) -> bool:
-        """Return True if the frames may have been made for another array."""
+        """Return True if torn frames, all of another size, suggest that another array was meant."""
         is_torn = Defect.BYTES_LOST in self._of_client.latches
         sizes = About.OTHER_SIZE in self._about and not self._has_whole
         return is_torn and sizes and About.OTHER_ARRAY not in self._about
 
     def _so_far(self) -> _FoundDefects:
-        """Return the defects found for all clients up to now."""
+        """Return the defects of the wire until now, without those that a wrong array explains."""
         found, of_client = _FoundDefects(), self._of_client
         found.extend(self._judged)
         if About.OTHER_WIRE in self._about or self._is_own is False:

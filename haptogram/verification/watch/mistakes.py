@@ -117,7 +117,7 @@ class ClientMistakes:
         return None
 
     def _is_beyond(self, best: float, rival: float) -> bool:
-        """Return True if a rival explanation is far worse."""
+        """Return True if the score *rival* is so far worse than *best* that it is ruled out."""
         unlikely = math.sqrt(UNKNOWNS * len(self._targets) * max(0.0, rival**2 - best**2))
         is_clear = best <= _IS_NOISE and unlikely >= _BETTER
         return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)

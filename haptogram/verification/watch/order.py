@@ -82,7 +82,10 @@ class ExpectedOrder:
         return found
 
     def _offsets(self, pattern: Pattern) -> Iterator[int]:
-        """Yield the offsets at which a latch may match the expected order."""
+        """Yield by how many places the expected order must advance to match a latch.
+
+        They are 1 and more, or -1 where a torn latch may have been counted.
+        """
         count = len(self._expectation.frames)
         back = [-1] if self._after_torn else []
         for ahead in (*back, *range(1, _MOST_MISSING + 1)):
@@ -93,7 +96,7 @@ class ExpectedOrder:
                 yield ahead
 
     def _skip(self, ahead: int, number: int) -> None:
-        """Advance in the expected order; count skipped frames as missing."""
+        """Advance in the expected order by *ahead*, which latch *number* shows to be missing."""
         self._next += ahead
         if ahead > 0:
             self._missing += ahead

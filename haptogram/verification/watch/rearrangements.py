@@ -135,7 +135,7 @@ class _CoordinateTurns:
             yield text, matrix
 
     def _around(self, matrix: FloatArray, centre_m: FloatArray) -> Callable[[Places], Places]:
-        """Return the move that *matrix*, in the client's axes, makes around a point."""
+        """Return a function that turns places by *matrix*, in the client's axes, around a point."""
         axes = self._axes.T @ self._array.axes
         turn = axes.T @ matrix @ axes
         return lambda places: centre_m + (places - centre_m) @ turn.T

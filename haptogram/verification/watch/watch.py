@@ -153,7 +153,7 @@ class Watch:
         return pattern, took_ms
 
     def _expected_m(self) -> FloatArray | None:
-        """Return the one focus of the frame that is expected next."""
+        """Return the one focus of the frame expected next; None without an order or if several."""
         foci = None if self._order is None else self._order.next_foci
         return foci[0] if foci is not None and len(foci) == 1 else None
 
@@ -176,7 +176,7 @@ class Watch:
         return verdict
 
     def _aim(self, latch: SeenLatch, pattern: Pattern, target_m: FloatArray) -> Aim:
-        """Return the found and intended focus of a latch."""
+        """Return the intended focus with the latched phases, and the focus they have (or None)."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         radiated = self._model.radiated(weights)
         phases = np.where(np.abs(radiated) > _SOUNDING, np.angle(radiated), np.nan)
@@ -192,7 +192,7 @@ class Watch:
         return ClientMistakes(self._model, made, axes, [*self._aims.values()])
 
     def _hints(self, mistakes: ClientMistakes | None) -> Iterator[str]:
-        """Yield possible but unproven explanations of wrong foci."""
+        """Yield explanations of wrong foci that are likely but not proven."""
         yield from (f"not verified: {note}" for note in self._notes)
         count = self._model.array.count
         if count < _LEAST_ELEMENTS and self._expectation is None and Unnamed.kind in self._kinds:

@@ -65,7 +65,7 @@ def frames_at_held_drives(
 
 
 def _pair_in_order(seen: ComplexArray, meant: ComplexArray) -> _Ints:
-    """Pair measured and expected frames in order, aligned at the end."""
+    """Return index pairs of sounding drives and frames, from the last of both backwards."""
     sounding = np.flatnonzero(seen.any(axis=1))
     frames = np.flatnonzero(meant.any(axis=1))
     count = min(len(sounding), len(frames))

@@ -67,7 +67,7 @@ def _drive_correlations(seen: ComplexArray, meant: ComplexArray) -> Iterator[Flo
 
 
 def _pairs_in_order(match: FloatArray) -> tuple[float, _Ints]:
-    """Return the agreement of drives and frames, and the matched pairs (K, 2)."""
+    """Return the sum of agreement and the (K, 2) pairs of the best match that keeps the order."""
     gain = np.maximum(match - _LEAST_MATCH, 0.0)
     rows = [np.zeros(match.shape[1] + 1)]
     for row in gain:
