@@ -227,7 +227,7 @@ class Calibration:
 def _calibration_body(
     path: str | Path, rows: Sequence[tuple[int, list[str]]]
 ) -> list[tuple[int, list[str]]]:
-    """Return the lines below the header, or raise."""
+    """Return the lines below the header; raise if that is wrong, or if there are none."""
     if not rows:
         raise ConfigurationError(f"{path}: the file is empty, must begin with {','.join(HEADER)}")
     (number, header), *body = rows
@@ -242,7 +242,7 @@ def _calibration_body(
 
 
 def _calibration_row(where: str, cells: list[str]) -> tuple[int, list[float]]:
-    """Return element, and gain, phase (rad) and place (mm)."""
+    """Return element, and gain, phase (rad) and place (mm); raise, naming *where* and limit."""
     if len(cells) != len(HEADER):
         raise ConfigurationError(f"{where}: {len(cells)} values, must be {len(HEADER)}")
     element, *others = cells
@@ -260,6 +260,7 @@ def _calibration_row(where: str, cells: list[str]) -> tuple[int, list[float]]:
 
 
 def _calibration_number(name: str, cell: str) -> float:
+    """Return a cell as float; raise ConfigurationError if it is no number."""
     try:
         return float(cell)
     except ValueError as error:

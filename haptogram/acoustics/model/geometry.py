@@ -327,7 +327,7 @@ def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
 
 
 def _element_fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the plane in front of the elements, for each direction that elements face."""
+    """Return (K, 4) for each direction that elements face the plane in front of them."""
     planes = np.column_stack([normals, _ROUNDING_M - (normals * positions).sum(axis=1)])
     rear_first = planes[np.argsort(-planes[:, 3], kind="stable")]
     _, first = np.unique(np.round(rear_first[:, :3], 9) + 0.0, axis=0, return_index=True)
@@ -373,6 +373,7 @@ def _read_position_rows(path: Path) -> list[list[float]]:
 
 
 def _read_position_row(where: str, cells: list[str], width: int) -> list[float]:
+    """Return the *width* numbers of a row; raise, naming *where*, if it has others."""
     if len(cells) != width:
         raise ConfigurationError(f"{where}: {len(cells)} values, must be {width}")
     try:

@@ -188,7 +188,7 @@ class FocusTracker:
         self._cells = np.ascontiguousarray(cells.T)
 
     def _widening_fit(self, codes: NDArray[np.uint8], start: Point) -> Fix:
-        """Fit a focus to successively more elements."""
+        """Fit a focus to successively more elements; stop where the residual is hopeless."""
         for count in self._counts:
             fix = self._fit(codes, start, count)
             if fix.residual_rms_rad > HOPELESS_RAD:
