@@ -191,7 +191,7 @@ class Reconstructor:
         return found
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
-        """Return the foci of the leading drives that a fit warm-started at the last focus finds."""
+        """Return foci of the first drives, each found from the one before, until that fails."""
         warm = self._warm
         if warm is None or self._last_focus is None:
             return []
