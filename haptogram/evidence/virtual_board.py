@@ -199,7 +199,7 @@ class VirtualBoard(ClosedByWith):
             undo.pop_all()
 
     def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram:
-        """Start the board in this program, and take over its URL."""
+        """Start the board in this program, and use its URL."""
         board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
         self.url = board.url
         return board

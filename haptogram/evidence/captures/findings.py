@@ -34,7 +34,7 @@ def findings_of_capture(found: HeldDrives) -> list[str]:
 
 
 def _pulses_left_out_text(every: int, record: PinRecord) -> str:
-    """Return that pins have fewer pulses than the carrier has periods."""
+    """Return the finding that pins pulse in one of *every* carrier periods only."""
     hz = 1.0 / record.period_s
     return f"{hz / every:.0f} Hz: a pulse in every {every} periods of the carrier of {hz:.0f} Hz"
 

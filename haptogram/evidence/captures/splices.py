@@ -43,7 +43,7 @@ def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> 
 
 
 def _first_jump_in_capture(rises: _Floats, sample: float) -> float | None:
-    """Return the tick of the last pulse before the first permanent jump of phase."""
+    """Return the tick of the pulse after which the phase jumps for good; None if never."""
     steps = np.diff(rises)
     if len(steps) < 2 * _AROUND:
         return None

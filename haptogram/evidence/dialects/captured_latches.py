@@ -44,12 +44,12 @@ def records_of_held_drives(held: HeldDrives, board: Mapping[str, Any]) -> list[d
 
 
 def _client_remark_record(text: str) -> dict[str, Any]:
-    """Return the record of a remark about the client."""
+    """Return the record of a remark about the client, as the board makes it."""
     return {"kind": "event", "event": "remark", "about": About.CLIENT, "text": text}
 
 
 def _limits_of_capture(held: HeldDrives, count: int) -> list[str]:
-    """Return notes on captured elements and on faulty pins."""
+    """Return notes: how many elements were captured, defects of pins, those of the capture."""
     record = held.record
     found = [f"pins of {captured_elements_text(len(held.elements), count)} were captured"]
     found += [

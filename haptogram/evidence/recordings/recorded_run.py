@@ -100,7 +100,7 @@ def recorded_run(recording: Recording) -> RecordedRun:
 
 
 def _why_recording_incomplete(recording: Recording, found: int, count: int | None) -> str:
-    """Return why frames may be missing from the recording."""
+    """Return why frames may be missing from the recording; "" if it is complete."""
     if count is None:
         return f"{recording.path}: the recording does not say how many frames were intended"
     if found != count:

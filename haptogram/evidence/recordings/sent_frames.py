@@ -65,7 +65,7 @@ def model_of_recorded_answers(recording: Recording) -> AcousticModel | None:
 def _reported_array(
     identity: messages.HelloReply, elements: dict[int, messages.Element]
 ) -> TransducerArray | None:
-    """Return the array whose hash the board reported, from its grid or its elements."""
+    """Return the array, by grid or elements, that has the reported hash; None if none has."""
     found = []
     if identity.grid_nx and identity.grid_ny:
         pitch_m = identity.pitch_um / 1e6

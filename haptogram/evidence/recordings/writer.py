@@ -205,7 +205,7 @@ class RecordingWriter(ClosedByWith):
             self.log(t_ns, _recorded_event_text(record))
 
     def _draw_array(self, fields: Mapping[str, Any]) -> None:
-        """Write array and axes at the beginning of the line, where a viewer begins."""
+        """Write array and axes with the time at which the line begins, where a viewer starts."""
         begin_ns = self._clock.start_ns
         self.document(channels.FRAME, begin_ns, axes_of_recording())
         pitch_m = fields.get("pitch_m") or _PITCH_M
@@ -232,7 +232,7 @@ class RecordingWriter(ClosedByWith):
     # --- the file ------------------------------------------------------------------------------
 
     def _take(self, topic: str, t_ns: int, data: bytes, published_ns: int) -> None:
-        """Queue an entry; encode in batches."""
+        """Queue an entry, and write the queue once it is a batch; nothing after a failure."""
         if self.failure:
             return
         self.last_ns = max(self.last_ns, t_ns)
@@ -254,7 +254,7 @@ class RecordingWriter(ClosedByWith):
 
     @contextlib.contextmanager
     def _attempt(self) -> Any:
-        """Turn an OSError while writing into the end of the recording."""
+        """Guard a write: an OSError in it ends the recording and is kept as the reason."""
         with self._whole_entries:
             try:
                 yield
@@ -306,7 +306,7 @@ def _opened_recording_file(path: Path) -> BinaryIO:
 
 
 def _encoded_recording_bytes(data: bytes) -> bytes:
-    """Return a JSON object with the bytes in base64."""
+    """Return JSON {"data": ...} with the bytes in base64."""
     return b'{"data":"' + base64.b64encode(data) + b'"}'
 
 
