@@ -138,7 +138,7 @@ class SocketSink:
 
 
 def _send_backdoor_records(client: int, unsent: bytearray) -> bool:
-    """Send buffered records to a client; return False if it has disconnected."""
+    """Send what a client takes without waiting; return False if it has disconnected."""
     try:
         while unsent:
             del unsent[: os.write(client, unsent)]

@@ -147,7 +147,7 @@ def _trace_readout_of(latch: Latch) -> m.TraceRecord:
 
 
 def _tail_room(reply: type[m.Message]) -> int:
-    """Return the bytes that one frame leaves for the tail of *reply*."""
+    """Return how many bytes of variable length one frame of the type *reply* can carry."""
     return MAX_BODY_BYTES - HEADER_BYTES - reply.LAYOUT.size
 
 

@@ -242,7 +242,10 @@ class Board:
         return self._queue.last_apply_us
 
     def _refuse(self, frame: StreamFrame) -> Drop | None:
-        """Return why a stream frame is dropped: state, order, room or time; None if accepted."""
+        """Return why a stream frame is dropped (state, order, room, time); None: it is accepted.
+
+        The margin of a frame with a time is counted either way.
+        """
         if self.output.state is not OutputState.ARMED or self._playback is not None:
             return Drop.STATE
         if frame.t_apply_us is None:
@@ -397,7 +400,7 @@ class Board:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["period_us"].offset)
 
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
-        """Refuse a PLAY with a wrong unattended time or start."""
+        """Refuse a PLAY unless its unattended time is in limits, its start in lead and horizon."""
         limits = self.settings
         if not 1 <= unattended_ms <= limits.max_unattended_ms:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["unattended_ms"].offset)

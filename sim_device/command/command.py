@@ -74,7 +74,7 @@ def _start_board_log(options: argparse.Namespace) -> None:
 
 
 def _log_start_step(options: argparse.Namespace, step: str) -> None:
-    """Log a start-up step for the waiting parent process."""
+    """Log a start-up step for the program that started this one and waits (--until-eof)."""
     if options.until_eof:
         _LOG.info("starting: %s", step)
 
@@ -163,7 +163,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
 
 
 def _board_error(ends: Sequence[HaptogramError]) -> HaptogramError:
-    """Return one error that names all failures; an output error hides no lost port."""
+    """Return one error with the texts of all; a ConfigurationError only if all are."""
     is_refusal = all(isinstance(error, ConfigurationError) for error in ends)
     return (ConfigurationError if is_refusal else HaptogramError)("; ".join(map(str, ends)))
 

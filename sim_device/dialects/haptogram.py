@@ -239,7 +239,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         return answers.ANSWERS[type(message)](self.board, message)
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:
-        """Return the full device time near now that a wire time of 32 bits means."""
+        """Return the device time nearest to now with these lowest 32 bits; None stays None."""
         return None if t_wire_us is None else m.unwrap(t_wire_us, self.board.output.now_us, 32)
 
     @property
@@ -298,7 +298,7 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._trace_dropped += not sent
 
     def _trace_message(self, latch: Latch) -> m.Message | None:
-        """Return the trace event of a latch in the configured mode; None if none is due."""
+        """Return the trace event of a latch; None if the mode has none or the divider skips it."""
         config, key = self.board.output.config, latch.key
         if config.trace_mode is m.TraceMode.DRIVE:
             self._traced += 1

@@ -126,7 +126,7 @@ class VirtualSoakBoard:
         return self._dialect.take_latches()
 
     def _note(self, event: BoardEvent) -> None:
-        """Record the board's verdict on a frame."""
+        """Keep what became of a frame: its index if streamed, why it was dropped, or REQUEST."""
         if isinstance(event, StreamReceived):
             self._verdicts.append(event.index)
         else:
@@ -230,7 +230,7 @@ class VirtualSoakModel(VirtualSoakBoard):
             self._due.append(DueLatch(*due))
 
     def _update_limits(self) -> None:
-        """Set which frames can be kept from now on, and until when."""
+        """Take session, next index, room and first time from the board, for frames to be kept."""
         self._note_latches()
         board = self._dialect.board
         self._session, self._next_index = self.session, self._dialect.next_stream_index

@@ -119,7 +119,7 @@ class TcpPort(BoardPort):
             _LOG.info("client gone")
 
     def _lost(self, error: OSError) -> bytes:
-        """Treat a lost client as one that has left; raise for other errors."""
+        """Drop a client whose connection is lost and return no bytes; raise for other errors."""
         if error.errno not in _GONE:
             return super()._lost(error)
         self._drop_client()
