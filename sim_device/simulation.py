@@ -359,7 +359,7 @@ class Simulation:
                 recorder.latch(latch)
 
     def _send(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
-        """Put bytes on a line, through the fault injector if there is one."""
+        """Put bytes on a line, through the fault injector, if any, which may change them."""
         if self._injector is None:
             self._put(line, direction, data, t_ns, credit_ns)
             return

@@ -261,14 +261,14 @@ class Board:
         return Drop.LATE if -margin_us > self.output.config.late_window_us else None
 
     def _ready_us(self, content: Content) -> int:
-        """Return the earliest latch time of a frame that arrives now (HG-5.8)."""
+        """Return the earliest latch time of a frame that arrives now, POINTS computed (HG-5.8)."""
         begins_us, settings = max(self.output.now_us, self._computed_us), self.settings
         if isinstance(content, Drive):
             return begins_us + settings.latch_lead_us
         return begins_us + len(content) * settings.point_time_us + settings.latch_lead_us
 
     def _entry(self, frame: StreamFrame) -> QueueEntry:
-        """Return the queue entry of a frame: its registers, and when it is due."""
+        """Return a frame as queue entry; its latch is due at its time or, without one, at once."""
         drive, bits = self._focuser.registers(frame.content)
         ready_us = self._ready_us(frame.content)
         t_apply_us = ready_us if frame.t_apply_us is None else frame.t_apply_us

@@ -175,7 +175,7 @@ class VirtualSoakModel(VirtualSoakBoard):
         return self.receive(sent.wire, t_ns, up_free_ns)[-1]
 
     def _keep_if_in_time(self, sent: SentFrame, drive: m.Phases | m.Drives, t_ns: int) -> bool:
-        """Keep a frame and return True if it is the next one, in time, and the queue has room."""
+        """Keep a frame for later and return True if it is next, in time, and the queue has room."""
         if sent.index != self._next_index or sent.session != self._session:
             return False
         now_us = self.device_us(t_ns)
