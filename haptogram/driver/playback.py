@@ -240,7 +240,7 @@ class DriverPlayback:
         return score.t0_us, end
 
     def _start(self, timing: PlaybackTiming) -> int:
-        """Start playback and return when: unwrapped device time."""
+        """Send PLAY, due a lead from now; return its start in unwrapped device time."""
         now_us = self._pinger.clock.to_device_us(self._link.now_ns())
         t0_us = next_boundary_on_device_clock_us(now_us + timing.lead_us, self._identity.carrier_hz)
         play = messages.Play(_SEQUENCE_ID, timing.period_us, timing.loops, timing.unattended_ms)

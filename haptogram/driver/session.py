@@ -108,7 +108,7 @@ class SessionControl:
         return min(self.known.hold_ms, self.known.host_timeout_ms) * 1_000_000 // _REFRESHES
 
     def _fresh_status(self) -> messages.StatusReply:
-        """Return the status; ask again if the host was delayed before it read the reply."""
+        """Return the status; ask again, some times, if the answer was read too late to be true."""
         for _ in range(_REFRESHES):
             asked_ns = self._link.now_ns()
             status = self._link.request(messages.GetStatus(), messages.StatusReply)
@@ -318,7 +318,7 @@ class DriverSession:
             self._take_event(event)
 
     def _take_event(self, event: EventReceived) -> None:
-        """Keep the newest STATUS, a traced latch as an observation, and other events."""
+        """Keep an event: STATUS as the newest one, a trace as observation, others in a list."""
         if isinstance(event.message, Status):
             self.last_status = event.message
             return

@@ -73,7 +73,7 @@ class FeltSignal:
 
     @property
     def _varying_pa(self) -> FloatArray:
-        """Return the amplitudes without the mean and without rounding noise."""
+        """Return the amplitudes (Pa) of the spectral lines, 0 for the mean and rounding noise."""
         heard = self.amplitude_pa > _ROUNDING * self.amplitude_pa[0]
         heard[0] = False
         return np.where(heard, self.amplitude_pa, 0.0)

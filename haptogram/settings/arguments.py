@@ -41,6 +41,7 @@ def check_positive(name: str, value: Any) -> float:
 
 
 def _argument_as_float(value: numbers.Real) -> float:
+    """Return a number as float; infinity if it is too large for one."""
     try:
         return float(value)
     except OverflowError:  # a whole number beyond every float

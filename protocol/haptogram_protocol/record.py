@@ -311,7 +311,7 @@ def _wire_fields(made: Any) -> tuple[dict[str, WireField], WireTail | None]:
 
 
 def _record_getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]]:
-    """Return a function that gets all attributes *names* of a record."""
+    """Return a function that returns all attributes *names* of a record as a tuple."""
     if len(names) > 1:
         return operator.attrgetter(*names)
     if not names:

@@ -101,7 +101,7 @@ def _first_row_columns(point: SweepPoint) -> Row:
 
 
 def _row_figures(command: str, columns: Row) -> tuple[float | None, ...]:
-    """Return the figures of :data:`MEASURES`."""
+    """Return the figures of :data:`MEASURES`; None where a command has none."""
     if command == "verify":
         miss_mm = max((columns[name] for name in _MISSES if name in columns), default=None)
         return miss_mm, columns["frames.sent"] - columns["frames.on_target"]

@@ -61,7 +61,7 @@ _PICTURE: Final = ("plane", "quantity", "decibels", "half_width_mm", "step_mm", 
 
 
 def _is_ear_beside_focus(arguments: argparse.Namespace) -> bool:
-    """Return True for --ear-mm beside a single focus: without --object and --drive."""
+    """Return True if --ear-mm is given with a single focus: neither --object nor --drive."""
     return arguments.ear_mm is not None and not arguments.object and not arguments.drive
 
 

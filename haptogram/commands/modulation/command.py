@@ -141,7 +141,7 @@ def run_modulation(arguments: argparse.Namespace) -> int:
 
 
 def _modulation_config(arguments: argparse.Namespace) -> VerifyConfig:
-    """Return the settings of a run that would display it."""
+    """Return the settings of a run that shows this modulation, with defaults for its kind."""
     runs_along = arguments.kind in ("stm", HOLD)
     defaults = {
         "object": "circle" if runs_along else "point",

@@ -95,7 +95,7 @@ class ModulationResult:
 
 
 def _modulation_frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None:
-    """Return the frequency that the frames really have: whole periods in the pass."""
+    """Return the frequency that the frames have, whole periods in the pass; None if unmodulated."""
     if config.modulation is None:
         return None
     return round(frames.duration_s * config.modulation_hz) / frames.duration_s

@@ -81,7 +81,7 @@ class _Found:
 
 
 def _recognised_source(source: Source) -> tuple[str, str]:
-    """Return the wire format detected from the first bytes, and any ambiguity."""
+    """Return the wire that the first bytes look like, ours if unsure, and a doubt (or "")."""
     from haptogram_protocol.dialects.looks_like import HAPTOGRAM, looks_like_dialect
     from haptogram_protocol.dialects.table import DIALECTS
 

@@ -94,7 +94,7 @@ def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
 
 
 def _detected_format(begin: bytes) -> str:
-    """Return the file format, recording, hex or raw, by the first bytes."""
+    """Return "recording", "hex" or "raw", as a file of bytes begins."""
     if begin.startswith(MAGIC):
         return "recording"
     found = _BYTES.match(begin)
@@ -104,6 +104,7 @@ def _detected_format(begin: bytes) -> str:
 
 
 def _opened_byte_source(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
+    """Open a file of bytes, or standard input."""
     if path == _STDIN:
         if sys.stdin is None:
             raise ConfigurationError("-: standard input is closed; name a file")
@@ -113,11 +114,13 @@ def _opened_byte_source(path: Path) -> contextlib.AbstractContextManager[IO[byte
 
 
 def _read_byte_source(file: IO[bytes], path: Path, size: int) -> bytes:
+    """Return up to *size* bytes of *file*; an error names *path*."""
     with reading_file(path):
         return file.read(size)
 
 
 def _source_blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:
+    """Yield the bytes of *file* in blocks."""
     while block := _read_byte_source(file, path, _CHUNK):
         yield block
 

@@ -246,7 +246,7 @@ def _draw_plane_image(axes: Axes, plane: PicturePlane, values: NDArray[Any]) -> 
 
 
 def _draw_elements(axes: Axes, places: FloatArray) -> None:
-    """Draw the elements below or above an upright plane, where the picture has room for them."""
+    """Draw the elements on an upright plane, widening the picture; none if they are far off."""
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
     room = _WIDER * (high - low)

@@ -68,6 +68,7 @@ def write_job_summary(path: Path, document: Document, provenance: Provenance) ->
 
 
 def _summary_markdown_lines(document: Document, provenance: Provenance) -> Iterator[str]:
+    """Yield the Markdown lines of a document: heading, findings, texts, tables, provenance."""
     yield f"## {escape_job_markdown(f'haptogram {document.command}: {document.heading}')}"
     yield ""
     found = [(f.level.value, f.name, f.text) for f in document.findings]
@@ -132,4 +133,5 @@ def github_job_command(level: Level, title: str, message: str) -> str:
 
 
 def _escape_github_job_data(text: str) -> str:
+    """Return *text* with % and line ends escaped, as workflow commands of GitHub demand."""
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")

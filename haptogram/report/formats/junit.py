@@ -89,6 +89,7 @@ def _add_junit_case(suite: ElementTree.Element, name: str, check: Check) -> None
 
 
 def _junit_time(seconds: float | None) -> dict[str, str]:
+    """Return the attribute "time" in seconds; {} if they are not known."""
     return {} if seconds is None else {"time": f"{seconds:.3f}"}
 
 

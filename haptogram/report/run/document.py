@@ -89,7 +89,7 @@ def run_document(
 
 
 def _run_findings(checks: Sequence[document.Check]) -> Iterator[document.Finding]:
-    """Yield the checks that did not pass, decisive ones first."""
+    """Yield a finding for each check that did not pass, those that decide the verdict first."""
     for check in sorted(checks, key=lambda check: not check.decisive):
         if (level := _LEVELS.get(check.outcome)) is not None:
             found = "; ".join([check.message, *check.details[:1]])

@@ -166,7 +166,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _run_tolerance_sentence_end(result: Mapping[str, Any]) -> str:
-    """Return the end of a sentence that names the tolerance, if there is one."""
+    """Return " and a tolerance of ..." to end a sentence; '' without one."""
     stated = verification.tolerance_text(verification.Tolerance(**result["tolerance"]))
     return "" if stated == "none" else f" and a tolerance of {stated}"
 

@@ -103,7 +103,7 @@ class VerifyConfig(Settings):
             )
 
     def _check_port(self, port: str) -> None:
-        """Refuse options of the board that is started here."""
+        """Refuse options that act only on a virtual board started here, as *port* is another."""
         if self.link.virtual_time:
             raise SettingError(
                 "virtual_time",

@@ -62,7 +62,7 @@ class OperationAnnotator:
             yield Annotated(self._advance(size), size, "", text, fault)
 
     def _take(self, found: list[Operation] | list[Reply]) -> Iterator[Annotated]:
-        """Yield the annotation of each decoded operation or reply."""
+        """Yield the annotation of each operation or reply; the first has the bytes and errors."""
         behind = min(len(found) - 1, self._size - 1)
         sizes = [self._size - behind] + [1] * behind + [0] * (len(found) - 1 - behind)
         fault = self._new_errors_text()
@@ -83,7 +83,7 @@ class OperationAnnotator:
         return begin
 
     def _new_errors_text(self) -> str:
-        """Return the errors counted since the last piece as text."""
+        """Return as text the errors counted since the last call, '' if there are none."""
         counters = self._end.counters
         if counters == self._counted:
             return ""

@@ -78,7 +78,7 @@ def pack_autd3_operation(operation: Operation) -> bytes:
 
 
 def _payload_slice(payload: bytes, start: int, size: int) -> bytes:
-    """Return a slice of a payload; raise IndexError if it is too short."""
+    """Return *size* bytes from *start* on; raise IndexError if there are fewer."""
     if start + size > len(payload):
         raise IndexError("the operation does not end within its frame")
     return payload[start : start + size]
@@ -87,7 +87,10 @@ def _payload_slice(payload: bytes, start: int, size: int) -> bytes:
 def _autd3_head(
     payload: bytes, at: int, first: struct.Struct, later: struct.Struct
 ) -> tuple[tuple[int, ...], bool, int]:
-    """Return the head of a part, whether the part is the first, and where its data begin."""
+    """Return the head of a part, True if it is the first one, and where its data begin.
+
+    The head of the first part (*first*) is longer than that of others (*later*).
+    """
     is_first = bool(payload[at + 1] & _BEGIN)
     layout = first if is_first else later
     return layout.unpack_from(payload, at), is_first, at + layout.size
