@@ -112,16 +112,19 @@ def _logged_board_counts(notice: events.Counted) -> str:
 
 
 def _logged_board_state(change: events.StateChange) -> str:
+    """Return a state and its reason as text."""
     why = "" if change.reason is MuteReason.NONE else f": {_logged_board_reason(change)}"
     return change.state.name.lower() + why
 
 
 def _logged_board_playback(ended: events.PlaybackEnd) -> str:
+    """Return as text which sequence ended, after how many frames and loops."""
     played = f"{ended.frames} frames, {ended.loops} whole loops"
     return f"playback of sequence {ended.sequence} ended: {played}"
 
 
 def _logged_board_reason(notice: events.StateChange | events.RampBegan) -> str:
+    """Return the reason of a mute or ramp in words."""
     return notice.reason.name.lower().replace("_", " ")
 
 

@@ -200,6 +200,7 @@ def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
 
 
 def _is_sequence(value: object) -> bool:
+    """Return True for a list or tuple; text and bytes are none."""
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 

@@ -327,6 +327,7 @@ class DialectDriver(ClosedByWith):
         return DialectReport(total, lateness_us, late, tuple(refused))
 
     def _builder(self) -> dialect_frames.DialectFrameBuilder:
+        """Return the maker of frames for the boards' layout and phases."""
         return dialect_frames.DialectFrameBuilder(self.model, self._display, self._channels)
 
     def _show(self, frame: dialect_frames.DialectFrame) -> Intended:

@@ -247,6 +247,7 @@ def _times_of_frames(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[Fra
 
 
 def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
+    """Return the key of the stream frame that a record of a drop names."""
     return FrameKey.of_stream(record["session"], record["index"])
 
 

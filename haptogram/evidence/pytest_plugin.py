@@ -84,6 +84,7 @@ _FAILED = pytest.StashKey[bool]()
 
 
 def _has_test_failed(item: Any) -> bool:
+    """Return True if the test itself has failed, without the verdict on its board."""
     return bool(item.stash.get(_FAILED, False))
 
 

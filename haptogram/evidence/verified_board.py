@@ -246,5 +246,6 @@ def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[s
 
 
 def _indices_text(indices: Sequence[int]) -> str:
+    """Return the first indices as text, and how many more there are."""
     more = f" and {len(indices) - _SHOWN} more" if len(indices) > _SHOWN else ""
     return f"index {', '.join(map(str, indices[:_SHOWN]))}{more}"

@@ -270,10 +270,12 @@ def check_distinct_files(
 
 
 def _is_same_file(path: Path, other: Path) -> bool:
+    """Return True if both paths are the same file, also by a link."""
     return path.is_file() and other.is_file() and path.samefile(other)
 
 
 def _write_stream_or_pipe(stream: TextIO, content: bytes) -> None:
+    """Write bytes to a text stream, behind what was printed before."""
     stream.flush()
     stream.buffer.write(content)
     stream.buffer.flush()

@@ -297,6 +297,7 @@ def _check_shape_resolution(resolution_m: float, extent_m: float) -> None:
 
 
 def _check_shape_point(name: str, point: Point3) -> None:
+    """Refuse a point that is not three numbers in metres, or is too far away."""
     try:
         values = np.asarray(point)
     except ValueError:  # rows of different lengths

@@ -123,6 +123,7 @@ class LossJudge:
 
 
 def _loss_ms(time_us: int) -> str:
+    """Return a time in µs as text in ms."""
     return f"{time_us / 1e3:.1f} ms"
 
 

@@ -316,6 +316,7 @@ _FAILURES: Final = {
 
 
 def _run_verdict_counts(frames: list[FrameVerdict], unexpected: list[FrameKey]) -> dict[str, int]:
+    """Return how many frames were sent, latched, verified, late, and of each status."""
     by_status = Counter(frame.status for frame in frames)
     return {
         "sent": len(frames),

@@ -356,6 +356,7 @@ def _run_verdict_spread(values: np.ndarray) -> dict[str, float | None]:
 
 
 def _min_or_none(values: np.ndarray) -> float | None:
+    """Return the least value; None if there are none."""
     return float(values.min()) if len(values) else None
 
 

@@ -184,4 +184,5 @@ def backdoor_drive_text(latch: events.Latch, reconstruction: Reconstruction | No
 
 
 def _backdoor_base64(data: bytes) -> str:
+    """Return bytes as base64 text."""
     return base64.b64encode(data).decode()

@@ -66,6 +66,7 @@ def main(
 
 
 def _start_board_log(options: argparse.Namespace) -> None:
+    """Log to standard error, warnings alone if --quiet."""
     logging.basicConfig(
         level=logging.WARNING if options.quiet else logging.INFO,
         format="%(asctime)s %(message)s",

@@ -252,20 +252,24 @@ class VirtualHaptogramDialect(VirtualDialect):
     # --- requests ------------------------------------------------------------------------------
 
     def _mute(self, _: m.Mute, request: connection.RequestReceived) -> m.Message:
+        """Mute the board; a MUTE of another session counts as not requested by the host."""
         self.board.mute(requested=request.renews_lease)  # another session's surprises the host
         return m.MuteReply(self.board.output.state)
 
     def _ping(self, ping: m.Ping, request: connection.RequestReceived) -> m.Message:
+        """Return PONG with the times at which PING came and PONG leaves."""
         t_rx_us, t_tx_us = (t & 0xFFFFFFFF for t in (request.t_rx_us, self._first_byte_us))
         return m.Pong(echo=ping.echo, t_rx_us=t_rx_us, t_tx_us=t_tx_us)
 
     def _set_config(self, message: m.SetConfig, _: connection.RequestReceived) -> m.Message:
+        """Set the configuration; trace divider and STATUS period start anew."""
         self.board.configure(message.config)
         self._traced = 0
         self._schedule_status()
         return m.SetConfigReply(self.board.config_crc, self.board.output.config)
 
     def _play(self, play: m.Play, request: connection.RequestReceived) -> m.Message:
+        """Start a playback at the request's time, or at once if it is IMMEDIATE."""
         self.board.play(
             play.sequence,
             start_us=None if request.immediate else self._unwrap(request.t_wire_us),

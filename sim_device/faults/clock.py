@@ -77,4 +77,5 @@ def _clock_fault_rates(fault: Fault) -> Iterator[ClockChange]:
 
 
 def _listed_faults(faults: Iterable[Fault]) -> str:
+    """Return faults as text, joined by "and"."""
     return " and ".join(map(str, faults))

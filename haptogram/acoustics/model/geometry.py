@@ -307,10 +307,12 @@ def _array_with_axes(array: _Array, axes: FloatArray) -> _Array:
 
 
 def _normals_facing_up(count: int) -> FloatArray:
+    """Return (count, 3) normals along +z."""
     return np.tile(np.array([0.0, 0.0, 1.0]), (count, 1))
 
 
 def _check_element_count(count: int) -> None:
+    """Refuse a number of elements below 1 or above the largest array."""
     if not 1 <= count <= MAX_TRANSDUCERS:
         raise ConfigurationError(f"array of {count} transducers, must be 1 to {MAX_TRANSDUCERS}")
 

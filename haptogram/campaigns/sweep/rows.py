@@ -164,6 +164,7 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
 
 
 def _csv_bytes(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
+    """Return rows as a CSV file in UTF-8; a missing value is an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -172,6 +173,7 @@ def _csv_bytes(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
 
 
 def _parquet_bytes(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
+    """Return rows as a Parquet file; a missing value is null."""
     import pyarrow
     from pyarrow import parquet
 

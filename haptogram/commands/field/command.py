@@ -109,6 +109,7 @@ def set_up_field(parser: Parser) -> None:
 
 
 def _add_field_source(parser: Parser) -> None:
+    """Add the options of the source: a focus, an object or a file of drives, with details."""
     group = parser.add_argument_group("source of the field")
     source = group.add_mutually_exclusive_group()
     add_position_option(source, "--focus-mm", help="one focus [0,0,150, or that of the preset]")
@@ -122,6 +123,7 @@ def _add_field_source(parser: Parser) -> None:
 
 
 def _add_field_picture(parser: Parser) -> None:
+    """Add the options of the picture, and of the place and the ear to look at."""
     group = parser.add_argument_group("picture", FILE_HELP)
     rows = options_of(FieldConfig)
     add_command_options(group, [rows[name] for name in _PICTURE])

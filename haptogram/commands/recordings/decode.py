@@ -127,6 +127,7 @@ def _decoded_source(source: Source, name: str, *, from_board: bool) -> Iterator[
 
 
 def _print_decoded_text(found: _Found, *, verbose: bool) -> bool:
+    """Print a piece: place, size and text, if *verbose* its fields; False if output is broken."""
     piece = found.piece
     head = f"{piece.offset:>8} {piece.size:>5}  "
     if found.sender:
@@ -139,6 +140,7 @@ def _print_decoded_text(found: _Found, *, verbose: bool) -> bool:
 
 
 def _print_decoded_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is always in full
+    """Print a piece as a line of JSON with all fields; return False if output is broken."""
     from haptogram_protocol.annotation.frames import annotated_fields_of
 
     piece = found.piece

@@ -535,4 +535,5 @@ class BoardClient:
 
 
 def _counts_text(counted: Mapping[str, int]) -> str:
+    """Return counters with their numbers as text."""
     return ", ".join(f"{name} {number}" for name, number in counted.items())

@@ -360,6 +360,7 @@ def _is_within(got: int, due: int, tolerance_us: int) -> bool:
 
 
 def _message_text(message: m.Message) -> str:
+    """Return the type of a message as text; of ERROR the code, of some events the fields."""
     text = message.TYPE.name
     if isinstance(message, m.Error):
         code = message.code

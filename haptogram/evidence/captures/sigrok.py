@@ -79,6 +79,7 @@ def _read_whole_sigrok(path: Path, archive: zipfile.ZipFile) -> Capture:
 
 
 def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
+    """Return files, sampling rate and channels that a sigrok session has; refuse an odd one."""
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     try:
         parser.read_string(data.decode("utf-8", "replace"))

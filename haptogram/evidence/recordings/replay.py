@@ -229,6 +229,7 @@ def _collect_facts(entries: Iterator[RecordingEntry]) -> LineFacts:
 
 
 def _is_recorded_immediate(header: messages.Header) -> bool:
+    """Return True for a stream frame to be latched at once."""
     return header.type in messages.STREAM_RANGE and bool(header.flags & messages.Flag.IMMEDIATE)
 
 

@@ -242,6 +242,7 @@ class RecordingWriter(ClosedByWith):
                 self._encode()
 
     def _flush_when_due(self, t_ns: int) -> None:
+        """Flush the file if the last time is long ago by the clock of the entries."""
         if not 0 <= t_ns - self._flushed_ns < _FLUSH_NS:
             self._flushed_ns = t_ns
             self.flush()
@@ -298,6 +299,7 @@ class _RecordingOutput:
 
 
 def _opened_recording_file(path: Path) -> BinaryIO:
+    """Open a file, or standard output, to write a recording; make its folder."""
     with writing_file(path):
         if path == STANDARD_OUTPUT:
             return open(1, "wb", closefd=False)
@@ -317,6 +319,7 @@ def _recorded_event_text(record: Mapping[str, Any]) -> str:
 
 
 def _encoded_recording_fields(fields: Mapping[str, Any]) -> bytes:
+    """Return fields as compact JSON; values that JSON lacks become text."""
     return json.dumps(fields, separators=(",", ":"), allow_nan=False, default=str).encode()
 
 

@@ -120,6 +120,7 @@ def _common_reasons(suite: SuiteResult) -> dict[str, list[str]]:
 
 
 def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
+    """Yield the lines of the summary: board, port, cases, and reasons of those not judged."""
     device = suite.device
     if device:
         yield (

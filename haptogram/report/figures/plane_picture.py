@@ -278,5 +278,6 @@ def _marked_plane_picture(plane: PicturePlane, targets_m: ArrayLike) -> list[lis
 
 
 def _plane_picture_title(title: str, plane: PicturePlane) -> str:
+    """Return *title* with the coordinate of the plane in mm."""
     axis = plane.normal_axis
     return style.figure_title(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")

@@ -84,6 +84,7 @@ def _summary_markdown_lines(document: Document, provenance: Provenance) -> Itera
 
 
 def _markdown_listing(items: Sequence[str]) -> Iterator[str]:
+    """Yield the items as a Markdown list, then an empty line; nothing without items."""
     if items:
         yield from (f"- {escape_job_markdown(item)}" for item in items)
         yield ""
@@ -92,6 +93,7 @@ def _markdown_listing(items: Sequence[str]) -> Iterator[str]:
 def _summary_markdown_table(
     title: str, head: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Iterator[str]:
+    """Yield a Markdown table of the first rows below its title; nothing without rows."""
     if not rows:
         return
     if title:

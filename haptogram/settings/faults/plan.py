@@ -261,8 +261,10 @@ def _fault_from_table(table: dict[str, Any]) -> Fault:
 
 
 def _fault_value_text(value: float | str) -> str:
+    """Return a parameter's value as text; a text as it is."""
     return value if isinstance(value, str) else kinds.fault_number_text(value)
 
 
 def _fault_value_toml(value: float | str) -> str:
+    """Return a parameter's value in TOML: a text in quotes."""
     return f'"{value}"' if isinstance(value, str) else kinds.fault_number_text(value)

@@ -165,6 +165,7 @@ class _PinJudge:
 
     @property
     def _period_us(self) -> float:
+        """Return the carrier period of the capture in µs."""
         return 1e6 / self.record.carrier_hz
 
     # --- frames ----------------------------------------------------------------------------------

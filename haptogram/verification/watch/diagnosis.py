@@ -168,15 +168,18 @@ class DefectFinder:
     # --- texts -----------------------------------------------------------------------------------
 
     def _stray_text(self) -> str:
+        """Return the number of stray channels, the first and the last as text."""
         numbers = sorted(self._stray)
         return f"{len(numbers)}, from channel {numbers[0]} to {numbers[-1]}"
 
     def _silent_text(self) -> str:
+        """Return the silent elements that were seen most often as text."""
         (silent, _), *_ = self._silent.most_common(1)
         names = ", ".join(map(str, sorted(silent)[:8])) + (", ..." if len(silent) > 8 else "")
         return f"{_watched_elements_text(len(silent))} {names} beside a pattern of all the others"
 
     def _amplitude_text(self) -> str:
+        """Return the text that amplitudes were written over the phases."""
         return f"FB and {self._channels} amplitudes came after the phases and replaced them"
 
 

@@ -255,6 +255,7 @@ def every_drive_path_is_limited(board: BoardClient) -> None:
 
 
 def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
+    """Return the acoustic model by which the board has to compute POINTS."""
     from ...judge.array_model import judged_model_of_board
 
     return judged_model_of_board(board)

@@ -330,6 +330,7 @@ def every_defect_replaces_no_frame(board: BoardClient) -> None:
 
 
 def _play_and_stop(board: BoardClient) -> None:
+    """Play the stored sequence without end, and send STOP at once."""
     playback.play_now(board, _SEQUENCE, loops=0)
     board.stop()
 

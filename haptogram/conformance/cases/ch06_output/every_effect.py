@@ -107,6 +107,7 @@ def _configure_again(board: BoardClient) -> None:
 
 
 def _stop(board: BoardClient) -> None:
+    """Send STOP."""
     board.stop()
 
 

@@ -49,6 +49,7 @@ _Origin: TypeAlias = tuple[Callable[[], object], StateAndReason]
 
 
 def _output_state(board: BoardClient) -> StateAndReason:
+    """Return the output state and its reason, by STATUS."""
     status = board.status()
     return status.state, status.reason
 

@@ -241,6 +241,7 @@ def _played_forms(board: BoardClient) -> list[uploads.UploadForm]:
 
 
 def _random_frame(board: BoardClient, form: uploads.UploadForm) -> bytes:
+    """Return a random frame of a sequence: points, or a code for each transducer."""
     if form.points:
         return random_points_to_send(board).serialize()
     return board.random.randbytes(form.frame_bytes)
