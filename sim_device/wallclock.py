@@ -243,7 +243,7 @@ class Heartbeat:
                 self._worker.skip_fields()
 
     def _port_due_ns(self) -> int | None:
-        """Return when the port is due, on the slowed-down clock of the board."""
+        """Return when the port is due by the board's slowed-down clock; None: it is not."""
         due_ns = self._port.due_ns
         return None if due_ns is None else round((due_ns - self._start_ns) / self._slow_down)
 

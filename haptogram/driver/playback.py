@@ -250,7 +250,7 @@ class DriverPlayback:
     def _follow(
         self, score: _PlaybackScore, progress: Progress | None
     ) -> messages.PlaybackEnded | None:
-        """Wait for the end of playback, and keep the lease meanwhile."""
+        """Wait for the end of playback, keeping the lease; return its report, None if none came."""
         total, end_us = score.total, score.due_us(score.total)
         last_ns = self._pinger.clock.to_host_ns(end_us) + self._link.timeout_ns
         while (end := self._ended()) is None and (now_ns := self._link.now_ns()) < last_ns:
@@ -265,7 +265,7 @@ class DriverPlayback:
         return end
 
     def _ended(self) -> messages.PlaybackEnded | None:
-        """Return the board's report of the end, among its events since the start."""
+        """Return PLAYBACK_ENDED if it has come since the start; else None."""
         news = (event.message for event in self._events.since(self._news))
         return next((m for m in news if isinstance(m, messages.PlaybackEnded)), None)
 

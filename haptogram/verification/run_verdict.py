@@ -141,7 +141,7 @@ class RunVerdict(Judged):
         return max(found, key=lambda one: one.total, default=None)
 
     def _uncertainty_dict(self) -> dict[str, float] | None:
-        """Return the parts of the position uncertainty and their total."""
+        """Return the parts of the position uncertainty and their total; None if not known."""
         found = self.place_uncertainty
         return None if found is None else {**found._asdict(), "total": found.total}
 
@@ -310,7 +310,7 @@ def _wrong_in_run_verdict(frame: FrameVerdict) -> tuple[str, ...]:
 
 
 def _run_verdict_group_line(what: tuple[str, ...], frames: list[FrameVerdict]) -> str:
-    """Return the common fault of frames, and its worst consequence."""
+    """Return the line on a fault that *frames* share, with its worst consequence."""
     numbers = ", ".join(str(frame.number) for frame in frames[:_NAMED_FRAMES])
     more = ", ..." if len(frames) > _NAMED_FRAMES else ""
     worst = "; ".join(frame_verdict_measures(worst_frame_of(frames)))

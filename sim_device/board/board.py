@@ -150,7 +150,7 @@ class Board:
             raise ValueError(f"board is at {self.output.now_us} µs, cannot go back to {t_us} µs")
 
     def _next_due(self) -> Due | None:
-        """Return the next due action; latches precede timers at equal times."""
+        """Return what is due next, a latch before a timer of the same time; None if nothing is."""
         due = self.output.next_timer()
         if self._playback is not None:
             due_us = self.output.boundary_us(self._playback.due_us)

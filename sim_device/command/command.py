@@ -189,7 +189,7 @@ def _start_line_tap(
 def _start_pin_capture(
     options: argparse.Namespace, settings: BoardSettings
 ) -> BackdoorPinCapture | None:
-    """Return the recorder of the drive pins, if a capture is wanted."""
+    """Return the recorder of the drive pins; None without --capture."""
     config = board_options.pin_capture_config_of(options)
     if config is None:
         return None

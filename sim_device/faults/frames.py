@@ -114,7 +114,7 @@ FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
 
 
 def _clock_report_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
-    """Return a frame of the board with shifted times."""
+    """Return a board's frame, its times shifted by "us" and up to "jitter_us"; None if by 0."""
     header, message = messages.parse_body(body)
     by_us = round(values["us"] + values["jitter_us"] * source.uniform(-1, 1))
     return _rebuilt_faulty_report(header, _told_later(message, by_us), by_us) if by_us else None

@@ -328,7 +328,7 @@ class Reconstructor:
 
     @cached_property
     def _tracker(self) -> FocusTracker | None:
-        """The compiled search: needs numba, and four elements for four unknowns."""
+        """The compiled search; None without numba, or with fewer than four elements."""
         if load_kernels() is None or self._heard_count < _MIN_TRACKED:
             return None
         return FocusTracker(self._model)

@@ -177,7 +177,7 @@ def _describe_felt_spectrum(felt: ModulationResult) -> Iterator[str]:
 
 
 def _felt_line_name(frequency_hz: float, felt: ModulationResult) -> str:
-    """Return the origin of a spectral line: the modulation, its overtones, or the frame rate."""
+    """Return what makes a spectral line: modulation, frame rate, its images; '' if none does."""
     if felt.frequency_hz is None:
         return ""
     order = frequency_hz / felt.frequency_hz

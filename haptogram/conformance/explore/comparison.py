@@ -310,7 +310,7 @@ class DialogueComparison:
 
 
 def _message_key(message: m.Message) -> m.LatchKey | None:
-    """Return the latch key that a message refers to, if any."""
+    """Return the key of the latch that a message is about; None if it is about none."""
     if isinstance(message, m.Trace):
         return m.LatchKey(0, 0, message.index)
     if isinstance(message, m.TracePlayback | m.TraceDrive | m.DriveReply):
@@ -319,7 +319,7 @@ def _message_key(message: m.Message) -> m.LatchKey | None:
 
 
 def _frame_kind(frame: FrameInDialogue) -> tuple[type[m.Message], m.LatchKey | None]:
-    """Return the type of a frame's message, and its latch key."""
+    """Return the type of a frame's message, and the key of its latch (None: of none)."""
     return type(frame.message), _message_key(frame.message)
 
 

@@ -168,7 +168,7 @@ def judge_line_rule(pieces: Iterable[ReceivedByClient], clause: str) -> None:
 
 
 def _unnamed_in_frame(piece: ReceivedByClient) -> str:
-    """Return in words which type, value, code or bit of a frame no table names."""
+    """Return which type, value, code or bit of a frame is in no table, '' if all are."""
     if piece.reason in ("unknown_type", "bad_value"):
         return piece.fault
     message = piece.message

@@ -213,7 +213,7 @@ class DrivesOfPinDialogue:
 
     @cached_property
     def _array(self) -> TransducerArray | None:
-        """Return the transducer array that the board describes, by grid or by elements."""
+        """Return the array that the board describes, by grid or elements; None if by neither."""
         identity = self.identity
         assert identity is not None  # model() has seen to it
         if identity.grid_nx and identity.grid_ny:

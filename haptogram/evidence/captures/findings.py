@@ -40,7 +40,7 @@ def _pulses_left_out_text(every: int, record: PinRecord) -> str:
 
 
 def _torn_capture_text(found: HeldDrives, latch: PinLatch) -> str:
-    """Return a text on the channels that latched later than the first."""
+    """Return the text that channels latched later than the first of a latch: which, how late."""
     pins = [found.record.pins[element] for element in found.elements]
     late = [pins[place].channel for place in latch.places[latch.late]]
     shown = ", ".join(late[:4]) + (", ..." if len(late) > 4 else "")

@@ -118,7 +118,7 @@ def run_tested_rows(result: Mapping[str, Any], model: AcousticModel) -> Iterator
 
 
 def _run_object_text(asked: Mapping[str, Any]) -> str:
-    """Return shape, size, place and modulation of an object."""
+    """Return shape, size, place and modulation of the object that a run displayed."""
     name, center = asked["object"], ", ".join(f"{value:g}" for value in asked["center_mm"])
     size = f" of {asked['radius_mm']:g} mm" if name in _SIZED and "radius_mm" in asked else ""
     text = f"{name}{size} at {center} mm"

@@ -179,7 +179,7 @@ def _total_stretch_ms(stretches: Sequence[_HeldStretch]) -> float:
 
 
 def _mean_over_stretches(stretches: list[_HeldStretch], values: list[float]) -> float | None:
-    """Return the average of *values* over the time of *stretches*."""
+    """Return the average of *values*, weighted by length; None without *stretches*."""
     if not stretches:
         return None
     lengths = [stretch.length_us for stretch in stretches]

@@ -207,7 +207,7 @@ def verify_captures(
 def _pins_too_rarely_seen(
     pins: Sequence[PinVerdict], passes: Sequence[Sequence[int]], min_verified: float
 ) -> str:
-    """Return the elements judged in too few frames, as text.
+    """Return the elements judged in fewer frames than *min_verified* asks, as text or "".
 
     A frame counts for an element if any pass of its drive is judged in a capture of the element.
     """

@@ -162,9 +162,9 @@ def _pins_sound_again(record: PinRecord, found: PinStops, again: dict[int, float
 
 
 def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> str:
-    """Return the pins that still pulse one period after a MUTE, as text.
+    """Return the pins that pulse later than a period after MUTE, as text or ''.
 
-    From *armed* on they may.
+    From the next ARM on (*armed*) they may.
     """
     limit = mute + 1.0 + _MUTE_SAMPLES / record.samples
     last: dict[int, float] = {}

@@ -139,7 +139,7 @@ class Autd3Unit(LatchingUnit):
         return messages.Accepted()
 
     def _refuse_number(self, asked: int) -> messages.Autd3Refused | None:
-        """Return a refusal if the client has opened another number of devices."""
+        """Return a refusal unless a client has opened as many devices as there are; else None."""
         if asked == len(self._devices):
             return None
         self.counters["devices_differ"] += 1

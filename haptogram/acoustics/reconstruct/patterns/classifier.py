@@ -230,7 +230,7 @@ class PatternClassifier:
         return best[False]
 
     def _fit_from_last(self, phases: PatternPhases) -> Explanation | None:
-        """Return a fit warm-started at the last pattern, if it explains all elements."""
+        """Return a fit that starts at the last pattern; None unless it explains all elements."""
         last = self._last
         if last is None:
             return None

@@ -117,7 +117,7 @@ def _fitted_foci_pattern(
     places: FloatArray,
     step_rad: float,
 ) -> SeveralFoci | None:
-    """Return the foci next to *places* if they explain the phases."""
+    """Return the foci next to *places* if they explain the phases within a step; else None."""
     if not points_with_field(model, places).all():
         return None
     limit_rad = _ROUNDING * step_rad + _SLACK_RAD

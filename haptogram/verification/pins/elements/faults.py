@@ -157,7 +157,7 @@ def faults_of_pins(drives: PinDrives, places: Sequence[int], judged: Bools) -> d
 
 
 def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault | None:
-    """Return the fault of a pin that its own drives show: dead, silent, late or constant."""
+    """Return the fault that a pin's own drives show (dead, silent, late, constant); else None."""
     run = drives.run
     meant = run.weights[:, place]
     seen = drives.weights[frames, place]

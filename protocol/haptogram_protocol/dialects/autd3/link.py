@@ -188,7 +188,7 @@ class Autd3BoardEnd:
         return messages.Open(poses), end - at
 
     def _read_frames(self, received: bytes, at: int) -> tuple[Operation | None, int]:
-        """Parse one frame for each device."""
+        """Return one frame for each device and their size; None, with that size, if incomplete."""
         devices = self._devices or []
         size = 1 + len(devices) * DEVICE_FRAME_BYTES
         if len(received) < at + size:
