@@ -311,7 +311,7 @@ class DriverSession:
         return unwrap(event.header.time_us, self.clock.to_device_us(event.t_rx_us * 1000), 32)
 
     def _take(self, event: EventReceived | ReplyReceived | FrameDropped) -> None:
-        """Process a message that no request awaits."""
+        """Take what no request awaits: a PONG for the clock, an event; drops are ignored."""
         if isinstance(event, ReplyReceived):
             self.pinger.take(event)
         elif isinstance(event, EventReceived):

@@ -245,7 +245,7 @@ class Streamer:
         latest_us: int | None = None,
         sent_us: int | None = None,
     ) -> Intended:
-        """Record the intended drive of a sent frame, and return it."""
+        """Keep a sent frame as intended, with its times, and return it."""
         key, number = FrameKey.of_stream(self._identity.nonce, index), self._intended.total
         intended = frame.intended(number, key, due_us, t_latest_us=latest_us, t_sent_us=sent_us)
         self._intended.append(intended)

@@ -137,7 +137,7 @@ def _classes(elements: Sequence[int], names: Sequence[str]) -> _Classes:
 
 
 def _lag_text(lag_rad: float, limit_rad: float, steps: int, base: str) -> str:
-    """Return a phase lag in words: inverted, in steps, or in degrees."""
+    """Return a phase lag in words: inverted, in steps, or in degrees after *base*."""
     degrees = math.degrees(lag_rad)
     count = round(lag_rad * steps / math.tau)
     step_rad = math.tau / steps

@@ -88,7 +88,7 @@ def mixed_up_drives(
 
 
 def _drive_fault_orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
-    """Yield the drive in other orders of the elements."""
+    """Yield wrong orders of the elements by name, each with the phases it would show."""
     if model.array.grid_shape is None:
         yield "order of the elements reversed", wanted[::-1]
     else:

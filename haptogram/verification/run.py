@@ -269,7 +269,7 @@ def _conclude_run_verdict(
     not_kept: int,
     losses: BoardLosses | None,
 ) -> RunVerdict:
-    """Return the verdict of a run from its frames, losses and cut."""
+    """Return the verdict of a run: FAIL if frames are wrong, INCONCLUSIVE if too few are known."""
     not_sent = 0 if cut is None else cut.not_sent
     counts = _run_verdict_counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
     effect = RunConsequences.of(frames, quiet_us)

@@ -361,7 +361,7 @@ def _min_or_none(values: np.ndarray) -> float | None:
 
 
 def _frame_in_run_verdict(frame: FrameVerdict) -> dict[str, Any]:
-    """Return the known fields of one frame."""
+    """Return the fields of one frame for JSON, without those that are empty."""
     fields = dataclasses.asdict(frame) | {"status": str(frame.status)}
     fields["evidence"] = None if frame.evidence is None else str(frame.evidence)
     fields["lateness_us"] = frame.lateness_us

@@ -115,7 +115,7 @@ class BackdoorPinCapture:
             self._queue_change(notice.t_us, None)
 
     def _record_radiated_change(self, notice: events.RadiatedAnew) -> None:
-        """Record the radiated drive after a change of settings."""
+        """Queue the drive that changed settings radiate, for the next carrier period."""
         if self._ramp is not None:
             self._follow_ramp(notice.t_us)
             begin_us, end_us, *_ = self._ramp

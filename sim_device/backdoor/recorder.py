@@ -227,7 +227,7 @@ class InlineReconstructionWorker:
         return text
 
     def _defer_reconstruction(self, latch: events.Latch) -> None:
-        """Write the record of a latch; reconstruct its field later, in batches."""
+        """Write a latch's record without its field, which follows later, in batches."""
         record = records.backdoor_brief_record(latch)
         self._write(record)
         self._owed.append((latch, record))

@@ -300,7 +300,7 @@ _Array = TypeVar("_Array", bound=TransducerArray)
 
 
 def _array_with_axes(array: _Array, axes: FloatArray) -> _Array:
-    """Replace the derived own axes of a new *array* by *axes*; return the array."""
+    """Set the own axes of a new *array*, in place of those derived; return the array."""
     read_only_array(axes)
     object.__setattr__(array, "axes", axes)
     return array

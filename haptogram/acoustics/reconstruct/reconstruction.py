@@ -260,10 +260,10 @@ class Reconstructor:
     def _best_of_rivals(
         self, here: PhaseFit, radiated: _ReconstructedDrive
     ) -> tuple[PhaseFit, list[FloatArray]]:
-        """Return the best fit of a focus, and the places of the equally good alternatives.
+        """Return the best fit of a focus, and other places that fit equally well.
 
-        Rounding to a step leaves its twelfth in the mean square, with a deviation of
-        sqrt(1 / 180 / N): three of them above count as equal, and what fits worse is no rounding.
+        Rounding to a step leaves a twelfth of its square in the mean square, with a deviation of
+        sqrt(1 / 180 / N); fits within three deviations above count as equal.
         """
         active, step_rad = radiated.active, radiated.step_rad
         others = self._acquisition_for(active).fits(

@@ -185,7 +185,7 @@ def _weighted_gerchberg_saxton(
 def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
-    """Return the drive from a compiled solver for parallel pistons; None if not applicable."""
+    """Return the drive from compiled code; None if elements are no parallel pistons."""
     pistons = _pistons_to_solve(model)
     if pistons is None:
         return None
@@ -202,7 +202,7 @@ def _solved_for_pistons(
 
 @lru_cache(maxsize=8)
 def _pistons_to_solve(model: AcousticModel) -> ParallelPistons | None:
-    """Return the cached kernel data of parallel pistons; None if not applicable."""
+    """Return the kernels' data of the array; None if elements are no parallel pistons."""
     is_served = model.calibration is None and ParallelPistons.why_not(model) is None
     return ParallelPistons.of(model) if is_served else None
 

@@ -191,7 +191,7 @@ def _conform_depth(arguments: argparse.Namespace) -> Depth:
 
 
 def _conform_seed(arguments: argparse.Namespace) -> int:
-    """Return the seed; random at a port, to avoid a nonce that is still open."""
+    """Return --seed, else 0 for the virtual board, random at a port: no nonce comes twice."""
     if arguments.seed is not None:
         return int(arguments.seed)
     return 0 if asks_to_conform_virtual_board(arguments) else int.from_bytes(os.urandom(4))

@@ -160,7 +160,7 @@ class DialogueGenerator:
         return self._inputs.named(name)
 
     def _damaged(self, action: DialogueAction) -> DialogueAction:
-        """Return the action with random damage to its bytes."""
+        """Return the action with a random kind of damage, unless it has one."""
         (damage,) = self._random.choices(_DAMAGES, _DAMAGE_WEIGHTS)
         return action._replace(damage=action.damage or damage)
 

@@ -186,7 +186,7 @@ class Lockstep:
         *,
         timed: bool,
     ) -> Played:
-        """Play the slots of a dialogue up to the first difference."""
+        """Play the slots of a dialogue on board and model, up to the first difference."""
         self._memory = DialogueMemory()
         self._session = host.session
         self._near_us = self._least_near_us
@@ -260,7 +260,7 @@ class Lockstep:
         return next_us is None or next_us >= slot_us + _IDLE_US
 
     def _settled_us(self) -> int:
-        """Return the time after which an immediate frame has latched."""
+        """Return how many µs after a slot's start a frame without a time has latched."""
         board = self._board
         ready_us = board.clock.ready_us(_SETTLED_US, board.identity.max_points)
         return min(ready_us, SLOT_US - _END_US)

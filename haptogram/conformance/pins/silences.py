@@ -184,7 +184,7 @@ def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
 
 
 def _silence_clauses_after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
-    """Yield the silences between an ARM and the next frame."""
+    """Yield the silence due from an ARM after a MUTE until the next frame or PLAY."""
     off = [mute.arrival for mute in dialogue.requests(m.MessageType.MUTE)]
     before = 0.0
     for arm in dialogue.arms:

@@ -171,7 +171,7 @@ class ClockEstimate:
         return abs(sample.offset_ns - best.offset_ns) > allowed_ns
 
     def _restart(self, sample: ClockSample) -> None:
-        """Restart the estimate after a jump of the device clock."""
+        """Forget all samples after a jump of the device clock; count it and note its size."""
         self.jumps += 1
         self.jump_us = (sample.offset_ns - self._offset_ns(sample.host_ns)) // 1000
         self._samples.clear()

@@ -121,7 +121,7 @@ class RecordingWriter(ClosedByWith):
             self._begin(command, configuration or {})
 
     def _begin(self, command: str, configuration: Mapping[str, Any]) -> None:
-        """Write header, channels and the description of the run."""
+        """Write the header, the channels, and the command with its configuration."""
         self._ids = begin_recording(self._writer, f"haptogram {haptogram.__version__}")
         versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
         run = {"command": command, "configuration": configuration, "versions": versions}

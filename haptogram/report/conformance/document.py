@@ -64,7 +64,7 @@ def suite_document(suite: SuiteResult) -> Document:
 
 
 def _suite_page_content(suite: SuiteResult) -> dict[str, Any]:
-    """Return the content that only the page of a suite shows."""
+    """Return what a suite's HTML page shows and its other forms do not: all cases, settings."""
     cases_of: dict[str, list[CaseResult]] = {number: [] for number in load_clauses()}
     for result in suite.results:
         cases_of[result.clause].append(result)

@@ -54,7 +54,7 @@ def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[s
         ):
             yield f"{result.case}  {case_finding(result)}"
     yield from () if verbose else _conformance_unclean_lines(failures[_CAUSES:])
-    yield from _conformance_summary_line(suite)
+    yield from _conformance_summary_lines(suite)
     yield from _conformance_failure_lines(failures, alike)
     unseen = suite.unseen_without_reset
     more = f"; --reset-cmd would add {', '.join(unseen)}" if unseen else ""
@@ -119,7 +119,7 @@ def _common_reasons(suite: SuiteResult) -> dict[str, list[str]]:
     return {reason: cases for reason, cases in reasons.items() if len(cases) > _NAMED}
 
 
-def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
+def _conformance_summary_lines(suite: SuiteResult) -> Iterator[str]:
     """Yield the lines of the summary: board, port, cases, and reasons of those not judged."""
     device = suite.device
     if device:

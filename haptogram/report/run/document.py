@@ -156,7 +156,7 @@ def _run_page_content(
     model: AcousticModel,
     seen: Mapping[int, Observation],
 ) -> dict[str, Any]:
-    """Return the view, tables and texts that a page alone shows."""
+    """Return what a run's HTML page shows and its other forms do not: view, frames, settings."""
     circumstances = {
         "Configuration": {**result["configuration"], "seed": result["seed"]},
         "Board": result["board"],

@@ -69,7 +69,7 @@ class LiveViewerScene:
                 self._take(record)
 
     def _take(self, record: Mapping[str, Any]) -> None:
-        """Process a record of the board by its kind."""
+        """Take a record of the board: show a latch, note an event or the end; ignore others."""
         if record["kind"] == "latch":
             self._latch(observation_of_record(record))
         elif record["kind"] == "pulses":

@@ -130,7 +130,7 @@ def _held_stretches(
 
 
 def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
-    """Yield for each frame the time until which it should be radiated."""
+    """Yield when each frame is due to end: at the next one, after a period, or when muted."""
     neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
     for before_us, begin_us, next_us in neighbours:
         period_us = None if before_us is None else begin_us - before_us
@@ -149,7 +149,7 @@ def _is_another_focus_held(frame: FrameVerdict) -> bool:
 
 
 def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the interval in which the previous drive was still radiated."""
+    """Return the interval in which the old drive was still radiated; errors None if unknown."""
     held = frame.consequence
     if held is None:
         return _HeldStretch(begin_us, end_us, None, None, None)

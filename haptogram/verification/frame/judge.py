@@ -95,7 +95,7 @@ class FrameJudge:
     def _make_target(
         self, position_m: tuple[float, float, float], amplitude_codes: bytes, limit_rad: float
     ) -> FrameTarget:
-        """Return the target at a position; refuse a tolerance that it cannot have."""
+        """Return the target at a position; refuse a tolerance too large to be judged there."""
         codes = np.frombuffer(amplitude_codes, np.uint8)
         amplitudes, place = codes / FULL_AMPLITUDE, np.array(position_m)
         target = FrameTarget(self._model, place, amplitudes, limit_rad, self.tolerance)

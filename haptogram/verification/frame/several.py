@@ -151,7 +151,7 @@ class SeveralFociFrame:
 
     @cached_property
     def _weights(self) -> ComplexArray:
-        """Return the weights of the latched drive."""
+        """Return the complex weights of the latched drive."""
         return self.latched.weights()
 
     @cached_property

@@ -171,7 +171,10 @@ class _PinJudge:
     # --- frames ----------------------------------------------------------------------------------
 
     def _check_torn(self) -> int:
-        """Find latches that reach some pins late; return their number."""
+        """Add a finding for each latch that reaches some pins late; return their number.
+
+        Where missing samples may be the cause, or nothing can be torn, that is noted instead.
+        """
         steps, usable = self.shown.steps, self.shown.latched
         torn = np.flatnonzero(self.shown.torn)
         us = self._period_us
@@ -201,7 +204,7 @@ class _PinJudge:
         return len(torn)
 
     def _note_events(self) -> None:
-        """Note lost and late frames as events of the verdict."""
+        """Note lost and late frames as events, which alone do not fail the verdict."""
         for frame in np.flatnonzero(self.shown.lost):
             self.events.append(f"{frame}: not latched; the pins kept the drive they had")
         for frame in self._late_frames:
@@ -220,7 +223,7 @@ class _PinJudge:
     # --- pins ------------------------------------------------------------------------------------
 
     def _check_fit(self, judged: Bools) -> bool:
-        """Return True if the pins show this run, with elements in any order."""
+        """Return True if the pins show this run; else note what is missing, or a common mistake."""
         drives, right = self.shown.drives, self.shown.right
         if self._has_divided_carrier():
             return False
@@ -335,7 +338,7 @@ class _PinJudge:
         return fitting if fitting.sum() >= fewest else None
 
     def _likely_mistakes(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-        """Yield common mistakes of all pins, each with the phases it would cause."""
+        """Yield mistakes that all pins may share (sign, order of chains), with their phases."""
         phases = self.run.phases
         yield "every captured pin has the opposite sign of the phase", np.negative(phases)
         numbers = np.arange(phases.shape[1])
@@ -474,7 +477,7 @@ class _PinJudge:
         return np.where(sounding.any(axis=1), shown.drives.turns_rad, np.nan)
 
     def _check_turns(self, judged: Bools) -> None:
-        """Find frames in which the phases of all pins are shifted against the carrier clock.
+        """Add a finding for each frame in which all pins share a wrong phase.
 
         A phase common to the whole array moves no focus, but pins outside the capture may lack it.
         """

@@ -81,7 +81,7 @@ def _share_pin_element(
     seen_b: Sequence[int],
     amplitudes: np.ndarray,
 ) -> bool:
-    """Return True if one sounding element is right in all shared frames of both captures."""
+    """Return True if a sounding element is in both captures, right in all shared frames."""
     return any(
         amplitudes[element] / 255.0 > max(a.limits.amplitude, b.limits.amplitude)
         and a.right[seen_a, a.elements.index(element)].all()

@@ -92,7 +92,7 @@ class DefectFinder:
     # --- one latch -------------------------------------------------------------------------------
 
     def _shown(self, latch: SeenLatch, pattern: Pattern) -> Iterator[Defect]:
-        """Yield the drive defects that a latch shows, for example stray channels."""
+        """Yield the defects of a drive: stray channels, amplitudes as phases, silent elements."""
         if latch.stray:
             self._stray.update(latch.stray)
             yield Defect.STRAY_CHANNELS

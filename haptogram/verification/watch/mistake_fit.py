@@ -181,7 +181,7 @@ class MistakeFit:
     def _settled(
         self, share: float, shift: FloatArray, free: tuple[bool, bool]
     ) -> MistakeParameters:
-        """Return the parameters after some Gauss-Newton steps."""
+        """Return speed error and shift after some Gauss-Newton steps; *free*: which may change."""
         columns = [*([0] if free[0] else []), *([1, 2, 3] if free[1] else [])]
         for _ in range(_ROUNDS):
             found = MistakeParameters(share, shift)

@@ -239,7 +239,7 @@ class Autd3Device:
         return memory.show(segment, begun.transition_mode, begun.transition_value, now_ns)
 
     def _swap(self, operation: operations.SwapSegment, now_ns: int) -> operations.ErrorCode:
-        """Switch to another segment of drives or modulation."""
+        """Show another segment of drives or modulation; return the error that refuses it."""
         segment, mode = operation.segment, operation.transition_mode
         if operation.tag is operations.Tag.GAIN_SWAP:
             mode = operations.TransitionMode.IMMEDIATE

@@ -173,7 +173,7 @@ class NumbaEngine:
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
         """Return the pressure of one or many drives at usable points, by compiled loops.
 
-        *careful*: so few elements are active that their rounding errors do not average out.
+        *careful*: few elements are active, so their rounding errors do not average out.
         """
         result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
         if drives.ndim == 1:

@@ -144,7 +144,7 @@ class PatternClassifier:
         return bool(np.ptp(self._local[:, 2]) < _PLANE_M)
 
     def _radiated(self, weights: ArrayLike) -> ComplexArray:
-        """Return the radiated weights; refuse a wrong number of elements."""
+        """Return what *weights* radiate by the model's calibration; refuse a wrong number."""
         drive = np.asarray(weights, dtype=np.complex128)
         if drive.shape != (self._model.array.count,):
             raise ConfigurationError(

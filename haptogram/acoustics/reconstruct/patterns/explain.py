@@ -215,7 +215,7 @@ def _pattern_by_more_elements(
 def _pattern_residuals(
     phases: PatternPhases, point: PatternPointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residual of every element, and the phase of the pattern relative to a focus."""
+    """Return each element's phase error, and the phase that the vortex adds to a focus."""
     distance = np.linalg.norm(point.position_m - phases.positions_m, axis=1)
     added = (
         charge * pattern_azimuths(phases.positions_m, point.axis_m)

@@ -102,7 +102,7 @@ def _climb_to_pattern_focus(
 def _unexplained_by_pattern(
     model: AcousticModel, phasors: ComplexArray, active: BoolArray, places: FloatArray
 ) -> ComplexArray:
-    """Return the phasors minus the least-squares waves of all foci."""
+    """Return what the best sum of waves from foci at *places* leaves of the phasors."""
     waves = np.exp(1j * focus_phases(model, places))[:, active].T
     weights = np.linalg.lstsq(waves, phasors[active], rcond=1e-6)[0]
     rest = np.zeros_like(phasors)

@@ -182,7 +182,7 @@ def refuses_other_majors(board: BoardClient) -> None:
 
 
 def _judge_majors(board: BoardClient, majors: Sequence[int]) -> None:
-    """FAILED unless HELLO of each of *majors* is refused, and an ARMED board stays so."""
+    """FAILED unless HELLO with each major version is refused, and the board stays ARMED."""
     board.arm()
     with board.counting(requests=len(majors)):
         for major in majors:

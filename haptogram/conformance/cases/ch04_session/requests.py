@@ -174,7 +174,7 @@ def judge_stale_requests(
                 check_answer_session(answer, 0, message.TYPE.name)
 
 
-def _largest_remembered_request(board: BoardClient) -> Iterator[m.Message]:
+def _largest_remembered_requests(board: BoardClient) -> Iterator[m.Message]:
     """Yield the requests with the longest replies: geometry, drives and trace ring, whole."""
     yield m.GetGeometry(0, 0xFFFF)
     yield from (m.ReadDrive(kind, 0, 0xFFFF) for kind in drive_kinds(board))
@@ -227,7 +227,7 @@ def every_reply_is_remembered(board: BoardClient) -> None:
         playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
         _fill_ring(board)
     board.arm()
-    for message in [*refused_requests_to_send(board), *_largest_remembered_request(board)]:
+    for message in [*refused_requests_to_send(board), *_largest_remembered_requests(board)]:
         with board.counting(repeated=2, requests=1, frames=3):
             first = board.link.ask_at_once(message)
             for _ in range(2):

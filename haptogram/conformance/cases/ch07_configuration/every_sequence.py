@@ -147,7 +147,10 @@ def no_upload_replaces_the_sequence_that_plays(board: BoardClient) -> None:
 
 
 def _judge_commit_of_playing_sequence(store: SequenceStore, end: m.Message, *, waits: bool) -> None:
-    """Complete an upload, play the sequence that it is to replace, and commit it before *end*."""
+    """FAILED unless an upload over the sequence that plays is committed only after *end*.
+
+    If *waits*, the playback is scheduled and has not begun.
+    """
     board, sequence = store.board, _IDS[0]
     name = f"a playback that {'waits' if waits else 'plays'}, until {end.TYPE.name}"
     store.put(sequence, 1)

@@ -316,7 +316,7 @@ def configuration_changes_a_running_lease(board: BoardClient) -> None:
 def _lease_with_configuration(
     board: BoardClient, timer: TimerKind, changes: Mapping[str, Any]
 ) -> None:
-    """Change the configuration while a timer runs; judge when it expires."""
+    """Change the configuration while a timer runs; FAILED unless it mutes when it is now due."""
     length_ms = board.clock.timer_ms(_LENGTH_MS, len(board.bytes_of_frames(1)))
     before = {"host_timeout_ms": length_ms, "hold_ms": 5000, "ramp_ms": 0}
     after = before | dict(changes)

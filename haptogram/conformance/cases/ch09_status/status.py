@@ -201,7 +201,7 @@ class _LastLatch:
 
 
 def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch:
-    """Latch on a path; *stored* is the last frame of the sequence."""
+    """Latch on a path; return key and registers of the last latch (*stored*, if it plays)."""
     registers = board.random_registers()
     path.latch(board, board.phases(registers))
     if path.plays:

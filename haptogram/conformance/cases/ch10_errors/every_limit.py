@@ -94,7 +94,7 @@ def _commits_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _begin_upload_with_limits(board: BoardClient) -> int:
-    """Begin an upload of a sequence, and return its bytes."""
+    """Begin an upload of a sequence, and return its size in bytes."""
     form = uploads.upload_forms(board, _SEQUENCE)[0]
     size = min(_SIZE_FRAMES, form.most_frames(board)) * form.frame_bytes
     uploads.announce_upload(board, form.request(size))

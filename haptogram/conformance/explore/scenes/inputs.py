@@ -287,7 +287,7 @@ class SceneInputs:
         )
 
     def _damaged(self, damage: int) -> DialogueAction:
-        """Return a frame with the given damage."""
+        """Return a stream frame or a PING with the given kind of damage."""
         action = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
         return action._replace(name=f"damage {damage}", damage=damage)
 

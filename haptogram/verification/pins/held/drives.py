@@ -181,7 +181,7 @@ def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, Floa
 def _latch_of_changes(
     after: FloatArray, before: FloatArray, owners: _Ints, limit: float
 ) -> PinLatch:
-    """Return the latch that a group of pin changes makes, with its late pins."""
+    """Return one latch of a group of pin changes: begin, end, pins, and those late by *limit*."""
     places, firsts, counts = np.unique(owners, return_index=True, return_counts=True)
     begin = float(before[firsts].min())
     late = after[firsts] - begin > limit
