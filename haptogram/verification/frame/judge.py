@@ -269,7 +269,7 @@ class FrameJudge:
         return self._reconstructors[steps]
 
     def _reconstruct(self, frame: SingleFocusFrame) -> Reconstruction | None:
-        """Return the field of a latched drive; after many failed searches use a quick one."""
+        """Return the field of a latched drive; None if only a quick search is due, and fails."""
         # How well the phases fit a focus depends on the wire's steps, not on the registers.
         known = self._reconstructor(frame.intended.steps)
         weights, slack_rad = frame.latched.weights(), frame.target.tolerated_rad
