@@ -91,9 +91,9 @@ def _peak_sums_kernel(
 
 @jit_checked
 def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, float, float, bool]:
-    """Return gradient and Hessian (00, 01, 11) of ln
+    """Return gradient and Hessian (00, 01, 11) of ln |p|^2, and True if it is at a peak.
 
-    p|^2 from *sums*; True at a peak. | Without *both* of the first axis alone.
+    Without *both* those of the first axis alone.
     """
     p = complex(sums[0], sums[1])
     first, second = complex(sums[2], sums[3]) / p, complex(sums[4], sums[5]) / p
