@@ -73,8 +73,6 @@ def model_of_identity(
 def _check_model(model: AcousticModel, identity: HelloReply) -> list[str]:
     """Return a note if board and model have transducers at other places; [] if not.
 
-    Raises ConfigurationError if their number or the carrier frequency differ.
-
     Raises
     ------
     ConfigurationError

@@ -224,7 +224,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         self._link.reply(request, reply, self._first_byte_us)  # before any event of the session
 
     def _answer(self, request: connection.RequestReceived) -> None:
-        """Reply to a request, or refuse it."""
+        """Carry out a request and send the reply, or the ERROR that the board refuses it with."""
         try:
             reply = self._reply_to(request.message, request)
         except RefusalError as refusal:

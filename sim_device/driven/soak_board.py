@@ -230,7 +230,7 @@ class VirtualSoakModel(VirtualSoakBoard):
             self._due.append(DueLatch(*due))
 
     def _update_limits(self) -> None:
-        """Take session, next index, room and first time from the board, for frames to be kept."""
+        """Note which frames the board surely accepts next: session, index, earliest time, room."""
         self._note_latches()
         board = self._dialect.board
         self._session, self._next_index = self.session, self._dialect.next_stream_index

@@ -176,7 +176,7 @@ class DialogueComparison:
         )
 
     def _order(self) -> str:
-        """Return a text on an event that left before the response it belongs behind, or ''."""
+        """Return a text on an event that left before the response to its request, or ''."""
         paired = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
         for event, ours, theirs in paired:
             if ours < theirs and isinstance(event.message, m.StateChanged | m.PlaybackEnded):

@@ -279,7 +279,7 @@ class DialogueModels:
 
 
 def _headers_in_dialogue(wire: bytes) -> list[m.Header]:
-    """Return the headers of the frames that *wire* ends."""
+    """Return the header of each undamaged frame in *wire*."""
     return [m.Header.of_body(body) for body in bodies_of_wire(wire)]
 
 

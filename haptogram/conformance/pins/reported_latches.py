@@ -212,7 +212,7 @@ def _lost_event_times(dialogue: PinDialogue) -> list[float]:
 
 
 def _unlatched_change_intervals(dialogue: PinDialogue) -> list[tuple[float, float]]:
-    """Return the intervals in which the output may change without a latch."""
+    """Return when the output may change without a latch: requests, faults, resets, lost bytes."""
     found = [frame.arrival for frame in dialogue.requests(*_OF_OUTPUT)]
     found += dialogue.unread_to_board  # it may have been one of them
     asked: list[tuple[float, float]] = []

@@ -145,7 +145,7 @@ def pins_that_sound_again(record: PinRecord, found: PinStops) -> dict[int, float
 
 
 def _pins_sound_again(record: PinRecord, found: PinStops, again: dict[int, float]) -> EndOfSound:
-    """Judge pins that sound again after the end: no command makes only some of them sound."""
+    """Report a finding if only some pins sound again after the end; if all do, it is not judged."""
     first = min(again.values())
     behind_ms = (first - max(found.stops.values())) * 1e3 / record.carrier_hz
     if set(found.stops) <= set(again):

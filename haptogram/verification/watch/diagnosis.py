@@ -213,7 +213,7 @@ def _half_turned_outliers(pattern: Placed, limit_rad: float) -> list[bool]:
 
 
 def _watched_elements_text(count: int) -> str:
-    """Return "element", or the number of elements, to precede their names."""
+    """Return "element" for one, "N elements" for several: the numbers follow."""
     return "element" if count == 1 else f"{count} elements,"
 
 

@@ -76,7 +76,7 @@ class OperationAnnotator:
             fault = ""
 
     def _advance(self, size: int) -> int:
-        """Move the begin of the current piece by *size* bytes; return the old begin."""
+        """Return where the present piece begins; the next one begins *size* bytes later."""
         begin = self._begin
         self._begin += size
         self._size -= size

@@ -212,7 +212,7 @@ def _judge_input_to_output_state(
 
 
 def _sessions_of_mutes() -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Yield names of MUTE, or of two of them in a row, and how the session of each differs."""
+    """Yield one MUTE, or two in a row, by name: for each what is XORed with the open session."""
     for name, foreign in (
         ("MUTE", 0),
         ("MUTE of another session", _FOREIGN),

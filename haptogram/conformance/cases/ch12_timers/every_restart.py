@@ -310,7 +310,7 @@ Frames = dict[str, list[bytes]]
 
 
 def _bodies_that_renew_no_lease(board: BoardClient) -> Iterator[tuple[m.Message, bytes]]:
-    """Yield a message of every type of a host, and its body with a fresh number."""
+    """Yield each type of message that a host sends, with a body that has the next number."""
     for kind in stream_kinds(board):
         message, seq = kind.make(), board.link.stream_next
         yield message, board.link.body(message.TYPE, message.serialize(), seq=seq, flags=0x10)

@@ -137,7 +137,7 @@ class SceneInputs:
     # --- steps to a state ------------------------------------------------------------------------
 
     def _steps(self) -> _Makers:
-        """Return the single actions of scenes, by name."""
+        """Return the makers of actions that a scene can name, by name."""
         makers = self.makers
         return {
             "a frame due now": partial(self.frame, 0.0),
@@ -166,7 +166,7 @@ class SceneInputs:
         }
 
     def _rows(self) -> dict[str, Callable[[], list[DialogueAction]]]:
-        """Return the action sequences of scenes, by name."""
+        """Return the makers of several actions that a scene can name, by name."""
         makers, configs = self.makers, self.makers.configs
         return {
             "nothing": list,

@@ -242,9 +242,10 @@ def _free_wave_kernel(
     places: Any, pairs: Any, s: Any, amplitude: Any, phase: Any, careful: Any, flat: Any,
     constants: Any, gain: Any, loss: Any, offset: Any, scratch: Any, t: Any, m: Any,
 ) -> Any:  # fmt: skip
-    """Fill phase *t* and magnitude *m* of the element with position and normal *s*.
+    """Set phase *t* and magnitude *m*, at each point, of the wave of an element at *s*.
 
-    *careful* and *flat* are constants where it is inlined; *flat* finds the heights in *offset*.
+    *s* is position and normal. *careful* and *flat* are constants where it is inlined; *flat* finds
+    the heights in *offset*.
     """
     square, low, height, ahead, none = offset[0], offset[1], offset[2], offset[3], offset[4]
     if flat:
