@@ -394,7 +394,7 @@ def _display_run(
 
 
 def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
-    """Return the latches without those that a playback made of no intended frame."""
+    """Return the latches; of those of a playback only the ones of intended frames."""
     wanted = {intended.key for intended in found.intended}
     return only_kept_records(
         found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted

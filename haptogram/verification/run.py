@@ -215,7 +215,7 @@ def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
 def _without_earlier(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
-    """Yield the observations, without those of stream frames before the first intended one."""
+    """Yield what is of intended frames, or of later stream frames: earlier ones are not kept."""
     wanted = {frame.key for frame in intended}
     streamed = [key.index for key in wanted if key.sequence == STREAM]
     first = min(streamed, default=None)

@@ -127,7 +127,7 @@ class LineRules:
             yield _DAMAGED.get(piece.reason, "HG-2.2/1"), text
 
     def _broken_by_session(self, piece: ReceivedByClient, header: m.Header) -> Broken:
-        """Yield HG-3.7/1 unless the session is open; an event may be of the one before."""
+        """Yield HG-3.7/1, broken if a frame is not of the open session (an event: or the last)."""
         due = self._sessions if piece.is_event else self._sessions[:1]
         error = piece.message
         if isinstance(error, m.Error) and error.code == m.ErrorCode.STALE_SESSION:

@@ -146,7 +146,7 @@ class ShiftRegisters:
         latches: NDArray[np.int64],
         before: NDArray[np.int64],
     ) -> tuple[Capture, NDArray[np.int64], NDArray[np.int64]]:
-        """Return the capture up to the first latch after another number of shifts than usual.
+        """Return the capture up to the last latch before an unusual number of shifts.
 
         Raises if the usual number is not the length of each chain.
         """

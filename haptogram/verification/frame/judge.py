@@ -282,7 +282,7 @@ class FrameJudge:
 
 
 def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
-    """Return True if the board found no focus, but its errors are within the target's limit.
+    """Return True if a field without a focus disproves nothing: no outliers, or small errors.
 
     The board does not know the tolerance, nor the phase resolution of an uploaded frame.
     """

@@ -183,7 +183,7 @@ def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> s
 
 
 def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None) -> EndOfSound:
-    """Add a finding if the first and last pin to stop are over a period apart."""
+    """Return how far apart the first and last pin stop, with a finding if over a period."""
     us = 1e6 / record.carrier_hz
     # A pin is off from its last pulse on, or as late as when it would have begun the next one.
     first, last = min(found.rises.values()) + 1.0, max(found.stops.values())

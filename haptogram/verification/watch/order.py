@@ -96,7 +96,7 @@ class ExpectedOrder:
                 yield ahead
 
     def _skip(self, ahead: int, number: int) -> None:
-        """Advance in the expected order by *ahead*, which latch *number* shows to be missing."""
+        """Advance the expected order by *ahead*; count the frames missing before latch *number*."""
         self._next += ahead
         if ahead > 0:
             self._missing += ahead

@@ -195,7 +195,7 @@ def _element_maps(
 
 
 def _board_phase_offsets(boards: NDArray[np.intp]) -> Iterator[Rearrangement]:
-    """Yield for each board of a chain but the first that it lags by half a turn."""
+    """Yield mistakes in each of which one board of a chain, not the first, lags half a turn."""
     same = boards.ravel()
     for number, board in enumerate(boards[1:], 2) if len(boards) <= _MAX_BOARDS else ():
         text = f"half a turn between the boards: board {number} against the others"

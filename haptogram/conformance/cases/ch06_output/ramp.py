@@ -321,7 +321,7 @@ def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
 
 
 def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: int) -> None:
-    """FAILED unless a ceiling that was set during a ramp limits the output after the ramp."""
+    """FAILED unless a ceiling set in a ramp limits the output, also once the ramp is undone."""
     long = {"hold_ms": 5000, "host_timeout_ms": 10_000, "ramp_ms": _LONG_MS}
     short = {
         "hold": {"hold_ms": _SHORT_MS},

@@ -137,7 +137,7 @@ class RandomConfigs(DialogueMaker):
         )
 
     def _lengths(self, slots: tuple[int, ...], part: float) -> list[int]:
-        """Return timer lengths in ms that end after each number of slots, and a long one."""
+        """Return timer lengths (ms) that end after each number of slots, if any may; a long one."""
         never = [self._random.choice(_NEVER_MS)]
         if not self.with_timers:
             return never
