@@ -202,7 +202,7 @@ class RequestClient:
         self._forget_unanswered()
 
     def _pause(self) -> tuple[int, int]:
-        """Send a PING without session; return its number and the mark before it."""
+        """Send a PING without session; return its number and where its answer may begin."""
         self.pauses += 1
         seq, since = (self.seq - _PAUSE_BEHIND) & 0xFFFF, self.mark()
         ping = m.Ping(self.random.getrandbits(_ECHO_BITS))

@@ -226,9 +226,10 @@ class PinDialogue:
 
     @cached_property
     def _marks(self) -> list[tuple[float, float, list[tuple[float, int]]]]:
-        """Return begin, end and (arrival, device time) of its PINGs for each run between resets.
+        """Return for each run between resets its begin, end and PINGs (arrival, device time).
 
-        Where the board's line alone was captured, they are the begin of each PONG and its time.
+        Where the board's line alone was captured, it has the begin of each PONG and its time
+        instead.
         """
         bounds = [0.0, *self.resets, self.record.end]
         pings: dict[tuple[int, int, int], float] = {}
