@@ -100,7 +100,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
 
 
 def _make_soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
-    """Return a new soak, or the one of the checkpoint file."""
+    """Return a new soak, or that of the file --resume, with the same settings."""
     from haptogram.campaigns.soak.campaign import SoakCampaign
 
     setup = settings_of(arguments, SoakSetup)
@@ -110,6 +110,7 @@ def _make_soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
 
 
 def _resume_hint(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
+    """Return what an interrupted soak has kept, and how to go on with it."""
     if not campaign.done:
         minutes = campaign.setup.segment_s / 60
         return (

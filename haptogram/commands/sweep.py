@@ -112,6 +112,7 @@ def _open_sweep_workers(arguments: argparse.Namespace) -> OpenWorkers:
 
 
 def _sweep_resume_hint(campaign: SweepCampaign) -> str:
+    """Return how many points an interrupted sweep has run, and how to go on with it."""
     done = f"haptogram sweep: interrupted after {len(campaign.rows)} of {len(campaign.plan)} points"
     if campaign.journal is None:
         return f"{done}; with --rows FILE a sweep can be gone on with"
@@ -119,7 +120,7 @@ def _sweep_resume_hint(campaign: SweepCampaign) -> str:
 
 
 def _sweep_exit_status(campaign: SweepCampaign) -> int:
-    """Return the exit status: fail before interrupted, error, inconclusive, pass."""
+    """Return the worst exit status: fail, then interrupted, error, inconclusive; else pass."""
     verdicts = {row["verdict"] for row in campaign.rows.values()}
     if "fail" in verdicts:
         return FAIL

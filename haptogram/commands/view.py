@@ -136,7 +136,7 @@ def _serve_view(
     outputs: CommandOutputs,
     live: tuple[LiveViewerScene, BackdoorReader] | None = None,
 ) -> int:
-    """Serve the page, and new records of a live board, until the user or starter ends it."""
+    """Serve a page, live with new records, until Ctrl-C or the starting program ends it."""
     from haptogram.report.formats.html import render_document_page
     from haptogram.report.viewer.server import ViewServer
 
@@ -162,7 +162,7 @@ def _serve_view(
 def _follow_view(
     server: ViewServer, scene: LiveViewerScene, stream: BackdoorReader, *, is_started: bool
 ) -> None:
-    """Pass new records to the view server; do nothing once the board has ended."""
+    """Pass new records to the view's server; once the board has ended, do nothing."""
     if scene.ended:
         return
     records = stream.read()
@@ -173,7 +173,7 @@ def _follow_view(
 
 
 def _is_starter_there() -> bool:
-    """Return True unless standard input, of the program that started the view, has ended."""
+    """Return False if standard input has ended: the program that started the view is gone."""
     if sys.stdin is None:
         return False
     while select.select([sys.stdin], [], [], 0.0)[0]:

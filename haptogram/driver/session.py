@@ -234,7 +234,7 @@ class SessionControl:
         return min(self.known.hold_ms, self.known.host_timeout_ms) * 1_000_000 // _REFRESHES
 
     def _fresh_status(self) -> messages.StatusReply:
-        """Return the status; ask again if the host was delayed before it read the reply."""
+        """Return the status; ask again, some times, if the answer was read too late to be true."""
         for _ in range(_REFRESHES):
             asked_ns = self._link.now_ns()
             status = self._link.request(messages.GetStatus(), messages.StatusReply)
@@ -437,14 +437,14 @@ class DriverSession:
         return unwrap(event.header.time_us, self.clock.to_device_us(event.t_rx_us * 1000), 32)
 
     def _take(self, event: EventReceived | ReplyReceived | FrameDropped) -> None:
-        """Process a message that no request awaits."""
+        """Take what no request awaits: a PONG for the clock, an event; drops are ignored."""
         if isinstance(event, ReplyReceived):
             self.pinger.take(event)
         elif isinstance(event, EventReceived):
             self._take_event(event)
 
     def _take_event(self, event: EventReceived) -> None:
-        """Keep the newest STATUS, a traced latch as an observation, and other events."""
+        """Keep an event: STATUS as the newest one, a trace as observation, others in a list."""
         if isinstance(event.message, Status):
             self.last_status = event.message
             return

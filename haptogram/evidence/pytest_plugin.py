@@ -57,7 +57,7 @@ def verified_board(request: pytest.FixtureRequest) -> Iterator[VerifiedBoard]:
 
 
 def _sleep_on_board(board: VerifiedBoard) -> Callable[[float], None]:
-    """Return a :func:`time.sleep` that advances the board's time in the main thread only."""
+    """Return a :func:`time.sleep` that advances the board's time; in other threads it sleeps."""
     asleep = time.sleep
 
     def sleep(seconds: float) -> None:

@@ -145,9 +145,9 @@ class Modulation:
         )
 
     def _seamless(self, count: int, rate_hz: float) -> tuple[int, float]:
-        """Return the repeats of *count* frames until the modulation is in step, and its frequency.
+        """Return how often *count* frames repeat until the modulation closes, and its frequency.
 
-        The frequency is the one asked for, but for the rounding.
+        The frequency is the one asked for, rounded so that whole periods fit.
         """
         frequency_hz = _check_modulation_frequency(self.frequency_hz, rate_hz)
         most = MAX_FRAMES // count
@@ -304,6 +304,7 @@ def _whole_modulated_frames(frames: float) -> int:
 
 
 def _modulation_phase_rad(frames: FocusFrames, frequency_hz: float) -> FloatArray:
+    """Return (F,) the modulation's phase at each frame, from 0 to 2 pi."""
     periods = _check_modulation_frequency(frequency_hz, frames.rate_hz) / frames.rate_hz
     turns = np.arange(frames.count) * periods
     phase: FloatArray = 2.0 * np.pi * np.mod(turns, 1.0)
@@ -372,7 +373,7 @@ class FeltSignal:
 
     @property
     def _varying_pa(self) -> FloatArray:
-        """Return the amplitudes without the mean and without rounding noise."""
+        """Return the amplitudes (Pa) of the spectral lines, 0 for the mean and rounding noise."""
         heard = self.amplitude_pa > _ROUNDING * self.amplitude_pa[0]
         heard[0] = False
         return np.where(heard, self.amplitude_pa, 0.0)

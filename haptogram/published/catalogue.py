@@ -40,6 +40,7 @@ def _force_mn(model: AcousticModel, focus_m: Point) -> float:
 
 
 def _pressure_rms_pa(model: AcousticModel, focus_m: Point) -> float:
+    """Return the RMS pressure at the focus, all elements in phase there at full amplitude."""
     value = acoustics.pressure(model, _weights(model, focus_m), [focus_m])[0]
     return math.sqrt(0.5) * abs(complex(value))
 
@@ -51,6 +52,7 @@ def _source_strength_pa_m(model: AcousticModel, focus_m: Point, force_n: float) 
 
 
 def _spot(model: AcousticModel, focus_m: Point) -> FocalSpot:
+    """Return the size of the spot at the focus, all elements in phase there."""
     return measure_spot(acoustics.NumpyEngine(model), _weights(model, focus_m), focus_m)
 
 
@@ -91,7 +93,7 @@ def _weakest_share(model: AcousticModel, points_m: ArrayLike) -> float:
 
 
 def _paper_width_mm(_: AcousticModel) -> float:
-    """Return equation (9) of the paper, as corrected."""
+    """Return the focal width by equation (9) of the paper, as its authors corrected it."""
     return 1e3 * 2.0 * _PAPER_WAVELENGTH_M * 0.1 / (math.sqrt(256) * 0.010)
 
 

@@ -243,7 +243,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def _in_short(action: argparse.Action) -> argparse.Action:
-    """Return a copy of *action* with the first clause of its help, and its default."""
+    """Return a copy of *action* whose help is the first clause and the default."""
     found = _CLAUSES.fullmatch(action.help or "")
     short = copy.copy(action)
     short.help = "".join(part or "" for part in found.groups()) if found else action.help

@@ -106,7 +106,10 @@ def _next_unnumbered_pair(
 
 
 def _has_drive(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> bool:
-    """Return True if the latched drive is that of *frame*, or off by less than a step of it."""
+    """Return True if a latch has the drive of *frame* up to a common lag.
+
+    Codes may be off by one; if *is_near*, by a step of the frame's phases.
+    """
     found, wanted = latch.drive, frame.drive
     sounding = wanted.amplitude_codes > 0
     if not np.array_equal(found.amplitude_codes > 0, sounding):
@@ -141,7 +144,7 @@ def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> O
 
 
 def _common_lag(found: Drive, wanted: Drive) -> int:
-    """Return the lag that most channels share: an effect of the pulse shape."""
+    """Return the most frequent lag of the channels that sound in both, as a phase code."""
     sounding = (found.amplitude_codes > 0) & (wanted.amplitude_codes > 0)
     if not sounding.any():
         return 0

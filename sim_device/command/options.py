@@ -88,7 +88,7 @@ def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) ->
 
 
 def _listed_faults_and_dialects() -> str:
-    """Return the faults with their parameters, and the dialects, whose codecs are loaded here."""
+    """Return the help text on faults with their parameters, and on dialects."""
     from haptogram_protocol.dialects.table import DIALECTS
 
     dialects = "\n".join(f"  {name:<23}{one.title}" for name, one in DIALECTS.items())
@@ -168,7 +168,7 @@ def check_board_outputs(options: argparse.Namespace) -> None:
 
 
 def _board_outputs_of(options: argparse.Namespace) -> dict[str, Path]:
-    """Return the files that the board makes, by option; a socket is none."""
+    """Return the files that the board writes, by option; sockets are left out."""
     given = {
         "--link": options.link,
         "--backdoor": options.backdoor,

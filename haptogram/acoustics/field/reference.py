@@ -175,7 +175,7 @@ def _field_gain(
 
 
 def _point_batch_size(model: AcousticModel) -> int:
-    """Return the number of points whose pairs with all elements fit in one chunk."""
+    """Return how many points are computed at once, so that memory stays bounded."""
     return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 

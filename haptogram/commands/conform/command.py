@@ -174,7 +174,7 @@ def _run_conform_cases(
 
 
 def _expected_to_conform(arguments: argparse.Namespace) -> dict[str, str]:
-    """Return the failures that the baseline expects, by case or clause."""
+    """Return the failures that --baseline expects, by case or clause; {} without it."""
     from haptogram.conformance.cases import all_cases
     from haptogram.conformance.pins.cases import PIN_CASES
     from haptogram.conformance.run.baseline import load_suite_baseline
@@ -185,6 +185,7 @@ def _expected_to_conform(arguments: argparse.Namespace) -> dict[str, str]:
 
 
 def _conform_depth(arguments: argparse.Namespace) -> Depth:
+    """Return how thorough the cases are, by the options."""
     from haptogram.conformance.case import Depth
 
     if arguments.quick:
@@ -193,7 +194,7 @@ def _conform_depth(arguments: argparse.Namespace) -> Depth:
 
 
 def _conform_seed(arguments: argparse.Namespace) -> int:
-    """Return the seed; random at a port, to avoid a nonce that is still open."""
+    """Return --seed, else 0 for the virtual board, random at a port: no nonce comes twice."""
     if arguments.seed is not None:
         return int(arguments.seed)
     return 0 if asks_to_conform_virtual_board(arguments) else int.from_bytes(os.urandom(4))
@@ -214,7 +215,7 @@ def _conform_access(
 
 
 def _conform_url(arguments: argparse.Namespace) -> str | None:
-    """Return the URL of a board in this program; None: the usual one."""
+    """Return the URL of the simulated board that the options describe, else --port (or None)."""
     if arguments.simulator is None:
         return None if arguments.port is None else str(arguments.port)
     from haptogram.settings.board_url import PortConfig, write_board_url
@@ -228,6 +229,7 @@ def _conform_url(arguments: argparse.Namespace) -> str | None:
 
 
 def _conform_access_to_port(arguments: argparse.Namespace) -> Access:
+    """Return the way to the board that --spawn starts or that --port names."""
     from haptogram.conformance.run.access import PortAccess
     from haptogram.conformance.run.spawning import DEFAULT_PORT_REGEX, SpawnAccess
 
@@ -254,6 +256,7 @@ def _conform_access_to_port(arguments: argparse.Namespace) -> Access:
 
 
 def _list_conform_cases(cases: tuple[Case, ...]) -> int:
+    """Print each case with its evidence and summary; return 0."""
     for case in cases:
         kind = "" if case.body else " (not observable)"
         print(f"{case.id:<20} {case.evidence.upper():<14} {case.summary}{kind}")
@@ -261,7 +264,7 @@ def _list_conform_cases(cases: tuple[Case, ...]) -> int:
 
 
 def _compare_conform_results(arguments: argparse.Namespace) -> int:
-    """Write the page that compares results of several devices."""
+    """Write the page that compares results of several devices; return the exit status."""
     from haptogram.report.conformance.document import suite_comparison_document
     from haptogram.report.conformance.result import read_suite_json
 

@@ -85,7 +85,7 @@ class _Found:
 
 
 def _recognised_source(source: Source) -> tuple[str, str]:
-    """Return the wire format detected from the first bytes, and any ambiguity."""
+    """Return the wire that the first bytes look like, ours if unsure, and a doubt (or "")."""
     from haptogram_protocol.dialects.looks_like import HAPTOGRAM, looks_like_dialect
     from haptogram_protocol.dialects.table import DIALECTS
 
@@ -131,6 +131,7 @@ def _decoded_source(source: Source, name: str, *, from_board: bool) -> Iterator[
 
 
 def _print_decoded_text(found: _Found, *, verbose: bool) -> bool:
+    """Print a piece: place, size and text, if *verbose* its fields; False if output is broken."""
     piece = found.piece
     head = f"{piece.offset:>8} {piece.size:>5}  "
     if found.sender:
@@ -143,6 +144,7 @@ def _print_decoded_text(found: _Found, *, verbose: bool) -> bool:
 
 
 def _print_decoded_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is always in full
+    """Print a piece as a line of JSON with all fields; return False if output is broken."""
     from haptogram_protocol.annotation.frames import annotated_fields_of
 
     piece = found.piece
@@ -241,7 +243,7 @@ def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
 
 
 def _detected_format(begin: bytes) -> str:
-    """Return the file format, recording, hex or raw, by the first bytes."""
+    """Return "recording", "hex" or "raw", as a file of bytes begins."""
     if begin.startswith(MAGIC):
         return "recording"
     found = _BYTES.match(begin)
@@ -251,6 +253,7 @@ def _detected_format(begin: bytes) -> str:
 
 
 def _opened_byte_source(path: Path) -> contextlib.AbstractContextManager[IO[bytes]]:
+    """Open a file of bytes, or standard input."""
     if path == _STDIN:
         if sys.stdin is None:
             raise ConfigurationError("-: standard input is closed; name a file")
@@ -260,11 +263,13 @@ def _opened_byte_source(path: Path) -> contextlib.AbstractContextManager[IO[byte
 
 
 def _read_byte_source(file: IO[bytes], path: Path, size: int) -> bytes:
+    """Return up to *size* bytes of *file*; an error names *path*."""
     with reading_file(path):
         return file.read(size)
 
 
 def _source_blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:
+    """Yield the bytes of *file* in blocks."""
     while block := _read_byte_source(file, path, _CHUNK):
         yield block
 

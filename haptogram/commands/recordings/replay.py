@@ -88,7 +88,7 @@ def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
 def _changed_replay_options(
     options: Mapping[str, Any], arguments: argparse.Namespace
 ) -> dict[str, Any]:
-    """Return the recorded board's options, overridden by those of the command line."""
+    """Return the recorded board's options, changed by --healthy, --mutant and --array."""
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
     elif ":" in (code := options.get("mutant") or "") and arguments.mutant is None:
@@ -143,6 +143,7 @@ def _replay_lines(result: ReplayResult, shown: int) -> list[str]:
 
 
 def _replay_as_dict(result: ReplayResult) -> dict[str, Any]:
+    """Return the outcome of a replay for JSON."""
     return {
         "exit_status": result.exit_status,
         "exact": result.is_exact,

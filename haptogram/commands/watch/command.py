@@ -119,7 +119,7 @@ def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
 
 
 def _check_watch_source(arguments: argparse.Namespace) -> None:
-    """Refuse contradictory sources; a client's words belong to --as-device."""
+    """Refuse contradictory or missing sources; give the words of --as-device to the client."""
     if arguments.as_device:
         arguments.client = [w for w in (arguments.source, *arguments.client) if w is not None]
         arguments.source = None
@@ -227,7 +227,7 @@ class _WatchRun:
         return self._count != self._arguments.latches or self._watch.frames.waits_for_wire
 
     def _take_event(self, record: Record) -> None:
-        """Process an event about the client."""
+        """Pass on what the board noticed of its client: its wire, its leaving, a remark."""
         from haptogram.records.remark import About
 
         event = record["event"]
@@ -287,7 +287,7 @@ def _assumed_layout(arguments: argparse.Namespace) -> str:
 
 
 def _shows_no_pattern(result: WatchResult) -> bool:
-    """Return True if any latch has no identified pattern."""
+    """Return True if the drive of at least one latch has no known pattern."""
     from haptogram.acoustics.reconstruct.patterns.found import Unnamed
 
     return bool(result.kinds.get(Unnamed.kind, 0))

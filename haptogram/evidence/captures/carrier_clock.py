@@ -77,7 +77,7 @@ def checked_capture_period(
 
 
 def _usual_captured_distance(distances: _Floats, sample: float) -> float:
-    """Return the mean distance between most edges, without latches and outliers."""
+    """Return the mean distance between edges, without those that are far from the usual one."""
     cells = np.rint(distances / (_SAMPLES * sample))
     values, counts = np.unique(cells, return_counts=True)
     away = np.abs(distances - np.median(distances[cells == values[counts.argmax()]]))
@@ -151,7 +151,7 @@ def _has_run_of(found: NDArray[np.bool_], length: int) -> bool:
 
 
 def _edge_block_means(rises: _Floats, period: float, sample: float) -> tuple[_Floats, _Floats]:
-    """Return tick and number of period of the reference, each the mean of a block of pulses."""
+    """Return ticks and period numbers of the carrier clock, averaged over blocks of pulses."""
     steps = np.rint(np.diff(rises) / period)
     whole = np.abs(np.diff(rises) - steps * period) < 0.1 * period
     counts = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 0.0))])
@@ -188,7 +188,7 @@ def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> 
 
 
 def _first_jump_in_capture(rises: _Floats, sample: float) -> float | None:
-    """Return the tick of the last pulse before the first permanent jump of phase."""
+    """Return the tick of the pulse after which the phase jumps for good; None if never."""
     steps = np.diff(rises)
     if len(steps) < 2 * _AROUND:
         return None

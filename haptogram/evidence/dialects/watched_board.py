@@ -76,7 +76,7 @@ class WatchedBoard:
         self.missing = 0
 
     def _channels_of_a_board(self, record: Mapping[str, Any]) -> int:
-        """Return the channels of one board: of the dialect, else of the record."""
+        """Return how many channels one board has: by the dialect, else by the record."""
         if self.dialect in DIALECTS:
             return DIALECTS[self.dialect].channels
         return int(record.get("channel_count", self.model.array.count))
@@ -143,8 +143,7 @@ class WatchedBoard:
     def _cause_of_pulses(self, seen: PulseObservation) -> str:
         """Return the cause of a change: an operation of the client, or its modulation.
 
-        A drive that was written while the output was modulated to 0 takes effect at its first
-        sound.
+        A drive written while modulation mutes the output counts as the cause of its first sound.
         """
         is_dark = not (np.abs(seen.weights) > 0.0).any()
         if seen.cause != MODULATED:
@@ -205,7 +204,7 @@ def records_of_held_drives(held: HeldDrives, board: Mapping[str, Any]) -> list[d
 
 
 def _limits_of_capture(held: HeldDrives, count: int) -> list[str]:
-    """Return notes on captured elements and on faulty pins."""
+    """Return notes: how many elements were captured, defects of pins, those of the capture."""
     record = held.record
     found = [f"pins of {captured_elements_text(len(held.elements), count)} were captured"]
     found += [

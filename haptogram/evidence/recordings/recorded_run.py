@@ -110,7 +110,7 @@ def recorded_run(recording: Recording) -> RecordedRun:
 
 
 def _why_recording_incomplete(recording: Recording, found: int, count: int | None) -> str:
-    """Return why frames may be missing from the recording."""
+    """Return why frames may be missing from the recording; "" if it is complete."""
     if count is None:
         return f"{recording.path}: the recording does not say how many frames were intended"
     if found != count:
@@ -213,7 +213,7 @@ def model_of_recorded_answers(recording: Recording) -> AcousticModel | None:
 def _reported_array(
     identity: messages.HelloReply, elements: dict[int, messages.Element]
 ) -> TransducerArray | None:
-    """Return the array whose hash the board reported, from its grid or its elements."""
+    """Return the array, by grid or elements, that has the reported hash; None if none has."""
     found = []
     if identity.grid_nx and identity.grid_ny:
         pitch_m = identity.pitch_um / 1e6

@@ -245,7 +245,7 @@ def _draw_plane_image(axes: Axes, plane: PicturePlane, values: NDArray[Any]) -> 
 
 
 def _draw_elements(axes: Axes, places: FloatArray) -> None:
-    """Draw the elements below or above an upright plane, where the picture has room for them."""
+    """Draw the elements on an upright plane, widening the picture; none if they are far off."""
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
     room = _WIDER * (high - low)
@@ -277,5 +277,6 @@ def _marked_plane_picture(plane: PicturePlane, targets_m: ArrayLike) -> list[lis
 
 
 def _plane_picture_title(title: str, plane: PicturePlane) -> str:
+    """Return *title* with the coordinate of the plane in mm."""
     axis = plane.normal_axis
     return style.figure_title(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")

@@ -132,7 +132,7 @@ def _held_stretches(
 
 
 def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
-    """Yield for each frame the time until which it should be radiated."""
+    """Yield when each frame is due to end: at the next one, after a period, or when muted."""
     neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
     for before_us, begin_us, next_us in neighbours:
         period_us = None if before_us is None else begin_us - before_us
@@ -146,7 +146,7 @@ def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
 
 
 def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the interval in which the previous drive was still radiated."""
+    """Return the interval in which the old drive was still radiated; errors None if unknown."""
     held = frame.consequence
     if held is None:
         return _HeldStretch(begin_us, end_us, None, None, None)
@@ -155,7 +155,7 @@ def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _H
 
 
 def _unbroken_stretches(stretches: list[_HeldStretch]) -> Iterator[list[_HeldStretch]]:
-    """Yield the runs of stretches that follow each other without a break."""
+    """Yield lists of stretches in which each begins where the one before ends."""
     joined: list[_HeldStretch] = []
     for stretch in stretches:
         if joined and stretch.begin_us > joined[-1].end_us:
@@ -170,7 +170,7 @@ def _total_stretch_ms(stretches: Sequence[_HeldStretch]) -> float:
 
 
 def _mean_over_stretches(stretches: list[_HeldStretch], values: list[float]) -> float | None:
-    """Return the average of *values* over the time of *stretches*."""
+    """Return the average of *values*, weighted by length; None without *stretches*."""
     if not stretches:
         return None
     lengths = [stretch.length_us for stretch in stretches]

@@ -144,14 +144,14 @@ class IdealFrameDrive:
         return self._tolerated_change(np.abs)
 
     def _tolerated_change(self, measure: Callable[[ComplexArray], FloatArray]) -> FloatArray:
-        """Return the largest change of a measure of the drive within the tolerance."""
+        """Return how far hosts within tolerance change *measure*, with a margin."""
         asked = measure(self.asked)
         changes = [np.abs(measure(drive) - asked) for drive in self.tolerated]
         tolerated: FloatArray = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
         return tolerated
 
     def _rounding_of_level(self, target: FrameTarget) -> float:
-        """Return by how much rounding of the codes can change the level at a target."""
+        """Return by how much rounding of phases and amplitudes can change a target's level."""
         parts = target.arrivals * self.weights
         total, error_rad = complex(parts.sum()), target.phase_limit_rad
         quadrature = np.abs((parts * (total.conjugate() / abs(total) if total else 1.0)).imag)

@@ -150,7 +150,7 @@ class SeveralFociFrame:
 
     @cached_property
     def _weights(self) -> ComplexArray:
-        """Return the weights of the latched drive."""
+        """Return the complex weights of the latched drive."""
         return self.latched.weights()
 
     @cached_property
@@ -268,7 +268,7 @@ class SeveralFociFrame:
         return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
 
     def _fit(self, ideal: IdealFrameDrive) -> FociFit | None:
-        """Return the fit of the foci to the phases, or None."""
+        """Return foci fitted to the latched phases of active elements; None if that fails."""
         superposed, foci = self.intended.solver == "naive", self.intended.foci
         known = [f.amplitude * np.exp(1j * f.phase_rad) for f in foci if f.amplitude > 0.0]
         return fit_foci(
@@ -293,9 +293,9 @@ class SeveralFociFrame:
 
 
 def _relative_errors(fit: FociFit, limit_rad: float, slack_rad: tuple[float, float]) -> FloatArray:
-    """Return (N,) phase errors of active elements, relative to rounding and tolerance.
+    """Return (N,) phase errors of active elements, relative to what rounding and tolerance allow.
 
-    The slack is that of an element, which all its waves share, and that of each wave.
+    *slack_rad* is what an element may add for all its waves, and what each wave may add.
     """
     scatter_rad, aberration_rad = slack_rad
     most = fit.limits_rad * (1.0 + scatter_rad / limit_rad) + fit.wave_limits * aberration_rad
@@ -332,7 +332,7 @@ def _farthest_miss_mm(targets: Sequence[FrameTarget], found: _Findings) -> dict[
 
 
 def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
-    """Yield a finding that names the foci without a pressure peak of their own."""
+    """Yield one finding if foci have no pressure peak of their own: a miss would not show."""
     lost = [str(number) for number, peak in enumerate(ideal.peaks, 1) if peak is None]
     if lost:
         yield (

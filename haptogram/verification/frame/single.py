@@ -204,7 +204,7 @@ class SingleFocusFrame:
         ) and self._is_of_this_drive(found)
 
     def _other_faults(self, verdicts: dict[str, bool], faults: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the fault of elements that no tolerated host explains, if none is named yet."""
+        """Return the fault of elements that no tolerated host explains; () if *faults* has one."""
         if faults or verdicts["S1"] or self.target.tolerance.is_strict or not self._active.any():
             return ()
         model = self.target.model
@@ -246,7 +246,7 @@ class SingleFocusFrame:
 
 
 def _ambiguity_note(target: FrameTarget, found: acoustics.Reconstruction) -> str:
-    """Return a note with the other point, or none, that a search without the target finds."""
+    """Return a note on a search without the target: *found* is no focus, or another point."""
     if not isinstance(found, acoustics.SingleFocus):
         return (
             "the phases suit the target, but a search that is not told the target finds no focus: "
@@ -294,7 +294,7 @@ def _focus_miss(
 
 
 def _peak_miss(target: FrameTarget, latched: ComplexArray) -> dict[str, Any]:
-    """Return the distance of the pressure peak from its place, if it was found all around."""
+    """Return the pressure peak's distance from its place; {} if it was not found all around."""
     offsets = [
         offset_m @ peak.direction.axes
         for peak in target.peaks

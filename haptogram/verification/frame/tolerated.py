@@ -273,9 +273,9 @@ class ToleratedHost:
         return self._elements_text(model, errors, np.flatnonzero(off))
 
     def _is_proven(self, off: Bools) -> bool:
-        """Return True if tolerated hosts explain all elements except *off*, and none of *off*.
+        """Return True if a tolerated host explains every element but *off*, and none of these.
 
-        Small changes of the air can turn an element far where a solver made the drive.
+        A small change of the air can turn an element of a solver's drive far.
         """
         rest = self.active & ~off
         host = dataclasses.replace(self, active=rest).searched()
@@ -329,7 +329,7 @@ def scale_of_tolerance(tolerance: Tolerance, model: AcousticModel) -> FloatArray
 
 
 def _tolerated_shares(share: FloatArray) -> FloatArray:
-    """Return (4,) fractions of a tolerance, clipped to it."""
+    """Return (4,) shares of position and air tolerance, each cut to at most 1 in size."""
     length = max(1.0, float(np.linalg.norm(share[:3])))
     return np.append(share[:3] / length, np.clip(share[3], -1.0, 1.0))
 

@@ -137,7 +137,7 @@ def _write_pin_steps(
     faint: float,
     found: tuple[FloatArray, FloatArray, Bools],
 ) -> None:
-    """Write the steps of one pin into its columns of *found*."""
+    """Write when one pin steps from *old* to *wanted* in each frame, and if that is certain."""
     after, first, inside = found
     begins, ends = np.searchsorted(centres, lows), np.searchsorted(centres, highs)
     frames = np.flatnonzero(told & (ends > begins))

@@ -262,7 +262,7 @@ def _pins_without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray)
 
 
 def _pin_lateness(steps: PinSteps, lost: Bools) -> FloatArray:
-    """Return by how many periods each frame was latched after it was due."""
+    """Return (F,) by how many periods each frame was late at the pins; 0.0 if not known."""
     late = np.where(steps.is_inside, steps.middle, np.nan)
     late[lost] = np.nan
     known = np.isfinite(late).any(axis=1)
@@ -302,7 +302,7 @@ def align_pins_to_run(record: PinRecord, run: PinRunDrives) -> tuple[float, floa
 
 
 def _line_through(due: FloatArray, begins: FloatArray, rate: float) -> tuple[int, float, float]:
-    """Return the number of frames on the best line at about this *rate*, its offset and rate."""
+    """Fit begins = rate x due + offset near *rate*; return the frames on it, offset, rate."""
     away = begins - rate * due
     ordered = np.sort(away)
     counts = np.searchsorted(ordered, ordered + _NEAR_PERIODS, side="right") - np.arange(len(away))

@@ -102,7 +102,7 @@ class DefectFinder:
     # --- one latch -------------------------------------------------------------------------------
 
     def _shown(self, latch: SeenLatch, pattern: Pattern) -> Iterator[Defect]:
-        """Yield the drive defects that a latch shows, for example stray channels."""
+        """Yield the defects of a drive: stray channels, amplitudes as phases, silent elements."""
         if latch.stray:
             self._stray.update(latch.stray)
             yield Defect.STRAY_CHANNELS
@@ -142,7 +142,7 @@ class DefectFinder:
         return frozenset(int(n) for n in np.flatnonzero(silent))
 
     def _is_near(self, pattern: Placed) -> bool:
-        """Return True if the pattern's position is known to within its distance: no plane wave."""
+        """Return False if the position is too uncertain to tell a focus from a plane wave."""
         distance_m = float(np.linalg.norm(np.array(pattern.position_m) - self._centre_m))
         return bool(np.linalg.norm(pattern.bound_m) < distance_m + self._distance_m.max())
 
@@ -201,7 +201,7 @@ class _WatchedPolarity:
 
 
 def _watched_elements_text(count: int) -> str:
-    """Return "element", or the number of elements, to precede their names."""
+    """Return "element" for one, "N elements" for several: the numbers follow."""
     return "element" if count == 1 else f"{count} elements,"
 
 
@@ -339,13 +339,13 @@ class FrameDefects:
 
     @property
     def _may_be_of_another_array(self) -> bool:
-        """Return True if the frames may have been made for another array."""
+        """Return True if torn frames, all of another size, suggest that another array was meant."""
         is_torn = Defect.BYTES_LOST in self._of_client.latches
         sizes = About.OTHER_SIZE in self._about and not self._has_whole
         return is_torn and sizes and About.OTHER_ARRAY not in self._about
 
     def _so_far(self) -> _FoundDefects:
-        """Return the defects found for all clients up to now."""
+        """Return the defects of the wire until now, without those that a wrong array explains."""
         found, of_client = _FoundDefects(), self._of_client
         found.extend(self._judged)
         if About.OTHER_WIRE in self._about or self._is_own is False:

@@ -111,7 +111,7 @@ class Expectation:
         return self._judge_one(seen, latch, pattern)
 
     def _judge_one(self, seen: FrameVerdict, latch: SeenLatch, pattern: Pattern) -> FrameVerdict:
-        """Judge a latch that was expected to have one focus."""
+        """Judge a latch where one focus is expected; S2 is left out where phases prove none."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         amplitudes = np.abs(weights)
         if amplitudes.max(initial=0.0) < _SOUNDING:
@@ -151,7 +151,7 @@ class Expectation:
         )
 
     def _shows_focus(self, target: FrameTarget, steps: int) -> bool:
-        """Return True if the drive that a target asks for has a focus as its pattern."""
+        """Return True if the elements' phases, in *steps*, suffice to prove a focus at *target*."""
         step_rad = 2.0 * math.pi / steps
         phases_rad = np.round(target.phases_rad / step_rad) * step_rad
         ideal = np.zeros(len(target.active), dtype=np.complex128)
@@ -168,7 +168,7 @@ class Expectation:
     def _judge_several(
         self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern
     ) -> FrameVerdict:
-        """Judge several foci by the position error of each (S2)."""
+        """Judge by position alone (S2): WRONG_DRIVE unless as many foci are found as expected."""
         if not isinstance(pattern, SeveralFoci) or len(pattern.positions_m) != len(foci):
             fault = f"{pattern.kind} where {len(foci)} foci were expected"
             return dataclasses.replace(
@@ -250,7 +250,10 @@ class ExpectedOrder:
         return found
 
     def _offsets(self, pattern: Pattern) -> Iterator[int]:
-        """Yield the offsets at which a latch may match the expected order."""
+        """Yield by how many places the expected order must advance to match a latch.
+
+        They are 1 and more, or -1 where a torn latch may have been counted.
+        """
         count = len(self._expectation.frames)
         back = [-1] if self._after_torn else []
         for ahead in (*back, *range(1, _MOST_MISSING + 1)):
@@ -261,7 +264,7 @@ class ExpectedOrder:
                 yield ahead
 
     def _skip(self, ahead: int, number: int) -> None:
-        """Advance in the expected order; count skipped frames as missing."""
+        """Advance the expected order by *ahead*; count the frames missing before latch *number*."""
         self._next += ahead
         if ahead > 0:
             self._missing += ahead

@@ -137,7 +137,7 @@ class MistakeFit:
     def _unexplained_variance(
         self, frame: int, residual: FloatArray, used: BoolArray, found: MistakeParameters
     ) -> float:
-        """Return the normalised residual that position and sound speed cannot explain."""
+        """Return the part of a frame's residual that place and speed still explain, normalised."""
         slopes = self._slopes(frame, found)[used]
         slopes = slopes - slopes.mean(axis=0)
         size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-12)
@@ -157,13 +157,13 @@ class MistakeFit:
         return bool(sum(chances) <= _CERTAIN)
 
     def _distances(self, shift: FloatArray) -> FloatArray:
-        """Return the distances (frames, elements) for foci moved by *shift*."""
+        """Return (frames, elements) from each focus moved by *shift* to each element, in m."""
         gaps = (self._places + shift)[:, None, :] - self._positions
         distances: FloatArray = np.linalg.norm(gaps, axis=2)
         return distances
 
     def _agreement(self, share: float, shift: FloatArray) -> float:
-        """Return the median phase coherence of the frames, 0 to 1."""
+        """Return the median over frames of their phase coherence, 0 to 1."""
         few = slice(0, _PROBES)
         distances = self._distances(shift)[few]
         waves = np.exp(1j * (self._phases[few] + self._k * (1.0 + share) * distances))
@@ -172,7 +172,7 @@ class MistakeFit:
         return float(np.median(sums))
 
     def _residual(self, share: float, shift: FloatArray) -> FloatArray:
-        """Return the phase residuals for a relative sound speed error and a shift."""
+        """Return phase errors at foci moved by *shift* in air whose wavenumber is 1 + *share*."""
         arrival = self._phases + self._k * (1.0 + share) * self._distances(shift)
         common = np.angle((np.exp(1j * arrival) * self._sounding).sum(axis=1))
         residual: FloatArray = wrapped_phases(arrival - common[:, None])
@@ -182,7 +182,7 @@ class MistakeFit:
         return residual
 
     def _used(self, residual: FloatArray) -> BoolArray:
-        """Return a mask of the elements whose phases agree."""
+        """Return a mask of elements that sound and whose residual is not an outlier."""
         deviation = np.where(self._sounding, np.abs(residual), np.nan)
         middle = np.nanmedian(deviation, axis=1) if len(deviation) else np.zeros(0)
         limit = np.maximum(self._steps, 3.0 * middle)
@@ -191,7 +191,7 @@ class MistakeFit:
     def _settled(
         self, share: float, shift: FloatArray, free: tuple[bool, bool]
     ) -> MistakeParameters:
-        """Return the parameters after some Gauss-Newton steps."""
+        """Return speed error and shift after some Gauss-Newton steps; *free*: which may change."""
         columns = [*([0] if free[0] else []), *([1, 2, 3] if free[1] else [])]
         for _ in range(_ROUNDS):
             found = MistakeParameters(share, shift)
@@ -214,7 +214,7 @@ class MistakeFit:
         return MistakeParameters(share, shift)
 
     def _slopes(self, frame: int, found: MistakeParameters) -> FloatArray:
-        """Return (N, 4) the change of the phases with the share and with the place."""
+        """Return (N, 4) the change of each phase with *share* and with the three coordinates."""
         gaps = self._places[frame] + found.shift_m - self._positions
         distances = np.linalg.norm(gaps, axis=1)
         rays = gaps / np.maximum(distances, 1e-9)[:, None]
@@ -322,7 +322,7 @@ class ClientMistakes:
         return None
 
     def _is_beyond(self, best: float, rival: float) -> bool:
-        """Return True if a rival explanation is far worse."""
+        """Return True if the score *rival* is so far worse than *best* that it is ruled out."""
         unlikely = math.sqrt(UNKNOWNS * len(self._targets) * max(0.0, rival**2 - best**2))
         is_clear = best <= _IS_NOISE and unlikely >= _BETTER
         return is_clear or rival >= max(_MARGIN * best, _LEAST_RIVAL)

@@ -129,13 +129,13 @@ class CommonLosses:
         return found
 
     def _focus(self, weights: ComplexArray, near_m: Vector) -> tuple[FloatArray, float]:
-        """Return the place of the focus of *weights*, and its pressure."""
+        """Return the position of the focus of *weights* near *near_m*, and the pressure there."""
         sounding = np.abs(weights) > _SOUNDING
         place = fit_focus(self._model, np.angle(weights), near_m, active=sounding).position_m
         return place, arrival_at_point(self._model, weights, place)[0]
 
     def _phase_errors(self, weights: ComplexArray, near_m: Vector) -> tuple[BoolArray, FloatArray]:
-        """Return the active elements, and their phase errors beside a focus in any air."""
+        """Return a mask of sounding elements, and their errors to a focus at any speed of sound."""
         array, radiated = self._model.array, self._model.radiated(weights)
         active = np.abs(radiated) > _SOUNDING
         phases = PatternPhases(

@@ -136,7 +136,7 @@ class _CoordinateTurns:
             yield text, matrix
 
     def _around(self, matrix: FloatArray, centre_m: FloatArray) -> Callable[[Places], Places]:
-        """Return the move that *matrix*, in the client's axes, makes around a point."""
+        """Return a function that turns places by *matrix*, in the client's axes, around a point."""
         axes = self._axes.T @ self._array.axes
         turn = axes.T @ matrix @ axes
         return lambda places: centre_m + (places - centre_m) @ turn.T
@@ -191,7 +191,7 @@ def _element_maps(
 
 
 def _board_phase_offsets(boards: NDArray[np.intp]) -> Iterator[Rearrangement]:
-    """Yield a phase offset of half a turn for each board of a chain."""
+    """Yield mistakes in each of which one board of a chain, not the first, lags half a turn."""
     same = boards.ravel()
     for number, board in enumerate(boards[1:], 2) if len(boards) <= _MAX_BOARDS else ():
         text = f"half a turn between the boards: board {number} against the others"

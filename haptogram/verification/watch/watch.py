@@ -171,7 +171,7 @@ class Watch:
         return verdict
 
     def _aim(self, latch: SeenLatch, pattern: Pattern, target_m: FloatArray) -> Aim:
-        """Return the found and intended focus of a latch."""
+        """Return the intended focus with the latched phases, and the focus they have (or None)."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         radiated = self._model.radiated(weights)
         phases = np.where(np.abs(radiated) > _SOUNDING, np.angle(radiated), np.nan)
@@ -187,7 +187,7 @@ class Watch:
         return ClientMistakes(self._model, made, axes, [*self._aims.values()])
 
     def _hints(self, mistakes: ClientMistakes | None) -> Iterator[str]:
-        """Yield possible but unproven explanations of wrong foci."""
+        """Yield explanations of wrong foci that are likely but not proven."""
         yield from (f"not verified: {note}" for note in self._notes)
         count = self._model.array.count
         if count < _LEAST_ELEMENTS and self._expectation is None and Unnamed.kind in self._kinds:

@@ -115,7 +115,7 @@ def fit_foci(
 
 
 def _initial_foci_weights(waves: Complexes, drive: Complexes) -> Complexes:
-    """Return the (F,) weights whose sum of waves has the phases of *drive*, by projections."""
+    """Return (F,) weights of the foci whose summed waves have nearly the phases of *drive*."""
     inverse = np.linalg.pinv(waves.T, rcond=1e-9)
     phasors, level = np.exp(1j * np.angle(drive)), np.abs(drive)
     for _ in range(_PROJECTIONS):

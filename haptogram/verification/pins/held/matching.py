@@ -70,7 +70,7 @@ def _drive_correlations(seen: ComplexArray, meant: ComplexArray) -> Iterator[Flo
 
 
 def _pairs_in_order(match: FloatArray) -> tuple[float, _Ints]:
-    """Return the agreement of drives and frames, and the matched pairs (K, 2)."""
+    """Return the sum of agreement and the (K, 2) pairs of the best match that keeps the order."""
     gain = np.maximum(match - _LEAST_MATCH, 0.0)
     rows = [np.zeros(match.shape[1] + 1)]
     for row in gain:
@@ -139,7 +139,7 @@ def frames_at_held_drives(
 
 
 def _pair_in_order(seen: ComplexArray, meant: ComplexArray) -> _Ints:
-    """Pair measured and expected frames in order, aligned at the end."""
+    """Return index pairs of sounding drives and frames, from the last of both backwards."""
     sounding = np.flatnonzero(seen.any(axis=1))
     frames = np.flatnonzero(meant.any(axis=1))
     count = min(len(sounding), len(frames))
