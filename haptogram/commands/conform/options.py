@@ -169,7 +169,9 @@ def _add_conform_choice(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--list", action="store_true", help="list the cases and run none")
     add_command_options(group, options_of(ChoiceConfig).values(), explore="a few dialogues")
     depth = group.add_mutually_exclusive_group()
-    depth.add_argument("--quick", action="store_true", help="20 s, for every commit")
+    depth.add_argument(
+        "--quick", action="store_true", help="what needs no long wait, for every commit"
+    )
     depth.add_argument(
         "--full", action="store_true", help="minutes: the longest timers and largest numbers too"
     )

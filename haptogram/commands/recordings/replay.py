@@ -109,6 +109,7 @@ def _check_replay_array(options: Mapping[str, Any], array: str) -> None:
     """Refuse an array with another number of transducers than that of the recording."""
     from haptogram.acoustics import TransducerArray
 
+    BoardConfig.of(array=array)  # refuses a grid that none is
     before = TransducerArray.parse(str(options.get("array", DEFAULT_ARRAY))).count
     after = TransducerArray.parse(array).count
     if before != after:
