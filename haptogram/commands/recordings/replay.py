@@ -93,7 +93,7 @@ def _changed_replay_options(
     """Return the recorded board's options, overridden by those of the command line."""
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
-    elif ":" in (code := options.get("mutant") or "") and arguments.mutant is None:
+    elif ":" in (code := str(options.get("mutant") or "")) and arguments.mutant is None:
         raise ConfigurationError(
             f"the recorded board is the mutant {code}, which is code of its own: give --mutant "
             f"{code} to load and run it, or --healthy to leave it out"
