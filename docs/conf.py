@@ -50,7 +50,8 @@ def _link_files(app, doctree):
     """Make a link to a file of the checkout one to its page, or plain text if it has none."""
     for node in list(doctree.findall(pending_xref)):
         path, _, anchor = node["reftarget"].partition("#")
-        if node["reftype"] != "myst" or "/" not in path:
+        is_page = node["refdomain"] == "doc"  # of the documentation, be it in another folder
+        if node["reftype"] != "myst" or "/" not in path or is_page:
             continue
         page, text = _PAGES.get(Path(path).name), node.children[0]
         here = app.env.docname
