@@ -186,7 +186,16 @@ class CutPort:
         return self._write(data[:1])
 
 
+@pytest.fixture
+def ctrl_c():
+    """Python's own answer to Ctrl-C, which a job in the background does not have."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @every_dialect
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.9])
 def test_every_channel_is_off_after_an_interrupt_within_a_frame(name, share):
     with in_virtual_time(name) as (port, records):
@@ -202,6 +211,7 @@ def test_every_channel_is_off_after_an_interrupt_within_a_frame(name, share):
 
 
 @every_dialect
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.6])
 def test_every_channel_is_off_after_another_interrupt_while_the_driver_closes(name, share):
     with in_virtual_time(name) as (port, records):
