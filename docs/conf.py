@@ -24,8 +24,8 @@ myst_enable_extensions = [
 ]  # no mathematics: it would be drawn by a script from elsewhere
 myst_heading_anchors = 4
 highlight_language = "none"  # a block names its language; drawings and output have none
-#: Pages of the site that show files of the checkout, by the names of those files.
-_PAGES = {"SPEC.md": "spec", "firmware.md": "firmware"}
+#: Pages of the site that show files of the checkout, by the stems of those files.
+_PAGES = {"SPEC": "spec", "firmware": "firmware", "CHANGELOG": "changes"}
 autodoc_typehints = "none"  # the docstrings give types, shapes and units
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
@@ -50,9 +50,11 @@ def _link_files(app, doctree):
     """Make a link to a file of the checkout one to its page, or plain text if it has none."""
     for node in list(doctree.findall(pending_xref)):
         path, _, anchor = node["reftarget"].partition("#")
-        if node["reftype"] != "myst" or "/" not in path:
+        is_page = path in app.env.found_docs  # of the documentation, be it in another folder
+        if node["reftype"] != "myst" or "/" not in path or is_page:
             continue
-        page, text = _PAGES.get(Path(path).name), node.children[0]
+        page, text = _PAGES.get(Path(path).stem), node.children[0]
+        anchor = anchor or node.get("reftargetid") or ""
         here = app.env.docname
         node.replace_self(make_refnode(app.builder, here, page, anchor, text) if page else text)
 

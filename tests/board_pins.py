@@ -28,7 +28,7 @@ def frames_of(dialect, count, seed=1):
     places = np.random.default_rng(seed).uniform(-0.03, 0.03, (count, 3)) + np.array(
         [0.0, 0.0, 0.13]
     )
-    builder = DialectFrameBuilder(model, display, range(model.array.count))
+    builder = DialectFrameBuilder(model, display, tuple(range(model.array.count)))
     return builder.build([(Focus.at(place),) for place in places], "naive")
 
 

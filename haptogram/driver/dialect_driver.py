@@ -29,6 +29,7 @@ from haptogram.driver.timing import limits
 from haptogram.driver.timing.realtime import PeriodicLoop
 from haptogram.driver.timing.schedule import Schedule
 from haptogram.machine.closing import ClosedByWith
+from haptogram.machine.interrupts import without_interrupts
 from haptogram.machine.process import real_time_process
 from haptogram.records.frame import MAX_PHASE_RAD, Evidence, Focus, Intended, Observation
 from haptogram.records.kept import MOST_KEPT, KeptRecords, check_kept_records
@@ -165,7 +166,7 @@ class DialectDriver(ClosedByWith):
         )
         elements = None if calibration is None else Calibration.of(calibration)
         if channels is None:
-            self._channels: Sequence[int] = range(self.model.array.count)
+            self._channels = tuple(range(self.model.array.count))
         else:
             self._channels = dialect_frames.checked_display_channels(channels)
         self.boards = math.ceil((max(self._channels) + 1) / dialect.channels)
@@ -199,11 +200,18 @@ class DialectDriver(ClosedByWith):
     def close(self) -> None:
         """Switch every channel off and close the port.  Closing twice does no harm.
 
+        An interrupt meanwhile is heard when it is done: no timer of these boards mutes them.
+
         Raises
         ------
         LinkError
             The port is gone: the boards go on with what they were shown last.
         """
+        with without_interrupts():
+            self._close()
+
+    def _close(self) -> None:
+        """Switch every channel off and close the port, unless that is done."""
         if self._closed:
             return
         self._closed = True

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any, Final
 
@@ -76,6 +77,18 @@ class DelayedInterrupts:
         self._is_inside = False
         came, self._came = self._came, []
         _raise_delayed_interrupts(sorted(came, key=_ENDINGS.index))
+
+
+@contextlib.contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Let a step be whole: an interrupt within the context is heard at its end."""
+    interrupts = DelayedInterrupts()
+    interrupts.install()
+    try:
+        with interrupts:
+            yield
+    finally:
+        interrupts.remove()
 
 
 def _raise_delayed_interrupts(numbers: list[int]) -> None:

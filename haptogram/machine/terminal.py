@@ -49,10 +49,11 @@ def printable_on_terminal(text: str) -> str:
 
 
 def terminal_error_line(program: str, message: str, stream: TextIO) -> str:
-    """Return the line of an error on *stream*, the name of the program in red."""
+    """Return the one line of an error on *stream*, the name of the program in red."""
     name = f"{program}:"
     shown = _painted_on_terminal(name, _RED) if terminal_has_colour(stream) else name
-    return terminal_text_without_job_commands(f"{shown} {message}")
+    line = printable_on_terminal(re.sub(r"\s", " ", message))  # a name of a file may hold anything
+    return terminal_text_without_job_commands(f"{shown} {line}")
 
 
 def paint_verdicts_on_terminal(text: str, stream: TextIO) -> str:

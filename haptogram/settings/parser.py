@@ -221,6 +221,12 @@ class Parser(argparse.ArgumentParser):
         except ConfigurationError as error:
             raise argparse.ArgumentError(action, str(error).strip()) from None
 
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        """Refuse ``--option=--``, of which argparse would make a list, and no value."""
+        if action.option_strings and arg_strings == ["--"]:
+            raise argparse.ArgumentError(action, "expected one argument")
+        return super()._get_values(action, arg_strings)
+
     def _check_options(self, words: Sequence[str]) -> None:
         """Refuse unknown options before missing values are reported."""
         if self._subparsers is not None:  # those after a command are the command's

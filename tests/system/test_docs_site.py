@@ -44,6 +44,9 @@ def test_site_builds_without_a_warning(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     pages = {page.relative_to(tmp_path / "site") for page in (tmp_path / "site").glob("**/*.html")}
     assert {Path("index.html"), Path("start.html"), Path("python.html"), Path("spec.html")} <= pages
+    # Links to a page in another folder, and to a file of the checkout that is a page.
+    for page, link in (("start", "tutorials/firmware-in-ci.html"), ("glossary", "spec.html")):
+        assert f'href="{link}"><span' in (tmp_path / "site" / f"{page}.html").read_text()
     index = (tmp_path / "site" / "index.html").read_text()
     assert not re.search(r'(?:src|href)="https?://(?!github\.com|www\.sphinx-doc|pradyunsg)', index)
 

@@ -169,7 +169,7 @@ def _add_conform_choice(group: argparse._ArgumentGroup) -> None:
     add_flag(group, "--list", help="list the cases and run none")
     add_command_options(group, options_of(ChoiceConfig).values(), explore="a few dialogues")
     depth = group.add_mutually_exclusive_group()
-    add_flag(depth, "--quick", help="20 s, for every commit")
+    add_flag(depth, "--quick", help="what needs no long wait, for every commit")
     add_flag(depth, "--full", help="minutes: the longest timers and largest numbers too")
     add_flag(group, "--strict", help="a SHOULD that is not met: FAILED")
     add_flag(group, "--quiet", help="no progress")

@@ -23,7 +23,7 @@ def set_up_capture(parser: Parser) -> None:
     add_file_option(parser, "file", help="the capture")
     add_file_option(parser, "--map", required=True, help="TOML of its channels")
     add_file_option(parser, "--json", help="write every drive as JSON")
-    add_flag(parser, "--quiet", help="no table, findings only")
+    add_flag(parser, "--quiet", help="no tables, only the summary and the findings")
 
 
 def run_capture(arguments: argparse.Namespace) -> int:

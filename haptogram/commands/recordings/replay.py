@@ -91,7 +91,7 @@ def _changed_replay_options(
     """Return the recorded board's options, changed by --healthy, --mutant and --array."""
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
-    elif ":" in (code := options.get("mutant") or "") and arguments.mutant is None:
+    elif ":" in (code := str(options.get("mutant") or "")) and arguments.mutant is None:
         raise ConfigurationError(
             f"the recorded board is the mutant {code}, which is code of its own: give --mutant "
             f"{code} to load and run it, or --healthy to leave it out"
@@ -107,6 +107,7 @@ def _check_replay_array(options: Mapping[str, Any], array: str) -> None:
     """Refuse an array with another number of transducers than that of the recording."""
     from haptogram.acoustics import TransducerArray
 
+    BoardConfig.of(array=array)  # refuses a grid that none is
     before = TransducerArray.parse(str(options.get("array", DEFAULT_ARRAY))).count
     after = TransducerArray.parse(array).count
     if before != after:

@@ -9,7 +9,7 @@ import functools
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
@@ -20,7 +20,7 @@ from haptogram.settings.board_url import SCHEME, PortConfig, read_board_url, wri
 from haptogram.settings.command_line import given_options
 from haptogram.settings.frozen import dataclass
 from haptogram.settings.option import options_of
-from haptogram.settings.run.verify import VerifyConfig, load_verify_config
+from haptogram.settings.run.verify import VerifyConfig, verify_config_of
 
 if TYPE_CHECKING:
     from haptogram.evidence.boards import BoardUnderTest
@@ -63,17 +63,24 @@ class RunBoards:
         The settings, with the rates that these boards have where the user named none.
     dialect : DialectBoardsUnderTest or None
         The boards, if they speak another wire.
+    names_baud : bool
+        Whether the user named the rate of the line, be it that of the default.
     """
 
     config: VerifyConfig
     dialect: DialectBoardsUnderTest | None
+    names_baud: bool
     _made: ProgramBoards
 
     @classmethod
     def of(
-        cls, config: VerifyConfig, arguments: argparse.Namespace, made: ProgramBoards
+        cls,
+        config: VerifyConfig,
+        arguments: argparse.Namespace,
+        in_file: Mapping[str, Any],
+        made: ProgramBoards,
     ) -> RunBoards:
-        """Return the boards that the options and the file of *arguments* name, read as *config*.
+        """Return the boards that *arguments* and the table of its file name, read as *config*.
 
         Raises
         ------
@@ -81,22 +88,24 @@ class RunBoards:
             For an option that is refused, a dialect that is not known, and a rate that its line
             cannot carry.
         """
+        given = given_options(arguments, options_of(VerifyConfig))
+        names_baud = "baud" in in_file or "baud" in given
         if config.link.dialect is None:
-            return cls(config, None, made)
+            return cls(config, None, names_baud, made)
         from haptogram.driver.frames.dialect_frames import dialect_display_of
         from haptogram.driver.line.budget import check_dialect_rate
 
         boards = made.boards_of_dialect(config)
         dialect_display_of(boards.dialect, boards.count)  # refuses one that cannot be driven
-        given = given_options(arguments, options_of(VerifyConfig))
-        config = load_verify_config(arguments.config, given, _usual_dialect_rates(config, boards))
+        usual = _usual_dialect_rates(config, boards, names_baud=names_baud)
+        config = verify_config_of(arguments.config, in_file, given, usual)
         check_dialect_rate(
             boards.dialect,
             boards.count,
             baudrate=config.link.baud,
             rate_hz=config.pace.rate_hz,
         )
-        return cls(config, boards, made)
+        return cls(config, boards, names_baud, made)
 
     @functools.cached_property
     def virtual(self) -> BoardConfig:
@@ -141,7 +150,7 @@ class RunBoards:
         elif port is not None:
             yield PortBoardUnderTest(
                 port,
-                baudrate=baud_of_verified_port(port, config.link.baud),
+                baudrate=baud_of_verified_port(port, config.link.baud, is_named=self.names_baud),
                 rate_hz=config.pace.rate_hz,
                 board_computes=config.frame_kind == "points",
             )
@@ -161,9 +170,9 @@ class RunBoards:
                     raise LinkError(f"{error}; {fate}") from error
 
 
-def baud_of_verified_port(port: str, baud: int) -> int | None:
+def baud_of_verified_port(port: str, baud: int, *, is_named: bool) -> int | None:
     """Return the rate of the line, None for a port without one, unless the user names a rate."""
-    if baud != options_of(VerifyConfig)["baud"].default:
+    if is_named:
         return baud
     if port.startswith(SCHEME):
         return read_board_url(port).board.line.baud
@@ -171,14 +180,15 @@ def baud_of_verified_port(port: str, baud: int) -> int | None:
     return None if is_pty or port.startswith(_NETWORK) else baud
 
 
-def _usual_dialect_rates(config: VerifyConfig, boards: DialectBoardsUnderTest) -> dict[str, Any]:
+def _usual_dialect_rates(
+    config: VerifyConfig, boards: DialectBoardsUnderTest, *, names_baud: bool
+) -> dict[str, Any]:
     """Return the line's baud and the highest whole frame rate it carries, as settings."""
     from haptogram.driver.line.budget import highest_line_rate_hz
 
     if not boards.dialect.bauds:
         return {"rate_hz": _WITHOUT_A_LINE_HZ}
-    is_usual = config.link.baud == options_of(VerifyConfig)["baud"].default
-    baud = boards.dialect.bauds[0] if is_usual else config.link.baud
+    baud = config.link.baud if names_baud else boards.dialect.bauds[0]
     highest_hz = highest_line_rate_hz(boards.frame_bytes, baud)
     return {"baud": baud, "rate_hz": max(1.0, min(_MOST_HZ, float(math.floor(highest_hz))))}
 

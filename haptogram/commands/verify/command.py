@@ -17,7 +17,7 @@ from haptogram.settings.command_line import given_options
 from haptogram.settings.option import options_of
 from haptogram.settings.parser import Parser
 from haptogram.settings.run.files import OutputConfig
-from haptogram.settings.run.verify import VerifyConfig, load_verify_config, read_settings_table
+from haptogram.settings.run.verify import VerifyConfig, read_settings_table, verify_config_of
 from haptogram.settings.shape import SHAPES
 
 from ..acting_options import refuse_idle_options
@@ -56,8 +56,8 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     from haptogram.report.formats.html import check_html_page
 
     file, given = arguments.config, given_options(arguments, options_of(VerifyConfig))
-    config = load_verify_config(file, given)
     in_file = read_settings_table(file) if file else {}
+    config = verify_config_of(file, in_file, given)
     arguments.parser.settle_source(file, (key for key in in_file if key not in given))
     settings = argparse.Namespace(
         **config.values(),
@@ -75,7 +75,7 @@ def run_verify(arguments: argparse.Namespace, made: ProgramBoards) -> int:
     if (recorded := config.captures.from_recording) is not None:
         return verify_recorded_captures(config, recorded, outputs, quiet=arguments.quiet)
     read_channel_maps(config.captures)  # to refuse one before the run, which takes longer
-    boards = RunBoards.of(config, arguments, made)
+    boards = RunBoards.of(config, arguments, in_file, made)
     boards.virtual  # noqa: B018  it checks, before anything starts
     if config.shape.object not in SHAPES:
         check_file_has_content(Path(config.shape.object), "object")

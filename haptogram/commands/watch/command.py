@@ -66,6 +66,7 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
         "source",
         nargs="?",
         metavar="SOURCE",
+        type=name_option,
         help="back door of a board (unix:PATH, or the file that it appends to); with --dialect a "
         "file of bytes that a program wrote [a board is started at --link]",
     )

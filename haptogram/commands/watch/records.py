@@ -28,6 +28,8 @@ Replay: TypeAlias = Callable[[BoardConfig, bytes], list[Record]]
 
 _PERIOD_S: Final = 0.05
 _PATIENCE_S: Final = 5.0
+_LOOKED_AT: Final = 1 << 16  # bytes of a file that say what it holds
+_MOST_BYTES: Final = 1 << 26  # of a client; some minutes at the fastest line, 12 Mbaud
 
 
 def is_watched_latch(record: Record) -> bool:
@@ -167,9 +169,15 @@ def _watched_board_settings(arguments: argparse.Namespace) -> BoardConfig:
 
 
 def _read_watched_bytes(source: str) -> bytes:
-    """Return all bytes of the file *source*."""
-    with reading_file(source):
-        return Path(source).read_bytes()
+    """Return the bytes of a client; refuse more than a run of minutes has, as of /dev/zero."""
+    with reading_file(source), Path(source).open("rb") as file:
+        data = file.read(_MOST_BYTES + 1)
+    if len(data) > _MOST_BYTES:
+        raise ConfigurationError(
+            f"{source}: has more than {_MOST_BYTES} bytes, the most that are watched at a time; "
+            f"cut it: head -c {_MOST_BYTES}"
+        )
+    return data
 
 
 def _refuse_watched_client_bytes(source: str) -> None:
@@ -177,7 +185,11 @@ def _refuse_watched_client_bytes(source: str) -> None:
     from haptogram_protocol.dialects.looks_like import looks_like_dialect
 
     path = Path(source)
-    if not path.is_file() or not (data := path.read_bytes()) or data.lstrip().startswith(b"{"):
+    if not path.is_file():
+        return
+    with reading_file(source), path.open("rb") as file:
+        data = file.read(_LOOKED_AT)
+    if not data or data.lstrip().startswith(b"{"):
         return
     names = looks_like_dialect(data)
     like = f"its bytes look like {' or '.join(names)}" if names else "they may be those of a client"

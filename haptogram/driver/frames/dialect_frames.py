@@ -43,6 +43,8 @@ class DialectFrame:
         Focal points of the frame; none if the caller gave phases.
     codes : tuple of int or None
         Step of each channel; None: off.
+    channels : tuple of int
+        Channel that drives each element.
     drive : Drive
         Drive that these codes are, of each element.
     steps : int
@@ -53,6 +55,7 @@ class DialectFrame:
 
     foci: tuple[Focus, ...]
     codes: tuple[int | None, ...]
+    channels: tuple[int, ...]
     drive: Drive
     steps: int
     solver: Method = "naive"
@@ -80,7 +83,7 @@ class DialectFrameBuilder:
         Array and air that the host assumes.
     display : Display
         The boards.
-    channels : sequence of int
+    channels : tuple of int
         Channel that drives each element.
 
     Raises
@@ -89,7 +92,7 @@ class DialectFrameBuilder:
         If there is not a channel of its own for each element.
     """
 
-    def __init__(self, model: AcousticModel, display: Display, channels: Sequence[int]) -> None:
+    def __init__(self, model: AcousticModel, display: Display, channels: tuple[int, ...]) -> None:
         arguments.check_argument_kind("model", model, AcousticModel, "an AcousticModel")
         self._model, self._display = model, display
         self._channels = channels
@@ -117,11 +120,12 @@ class DialectFrameBuilder:
         """
         if not are_driver_frames(targets, DialectFrame):
             return self.build(as_frame_foci(cast("Targets", targets)), solver)
-        ours = len(self._channels), self._display.channels, self._display.steps
+        ours = self._channels, self._display.channels, self._display.steps
         for number, frame in enumerate(targets):
-            if (frame.drive.count, len(frame.codes), frame.steps) != ours:
+            if (frame.channels, len(frame.codes), frame.steps) != ours:
                 raise ConfigurationError(
-                    f"frame {number} was made for other boards; make it anew with frames()"
+                    f"frame {number} was made for other boards or channels; make it anew with "
+                    "frames()"
                 )
         return list(targets)
 
@@ -160,7 +164,7 @@ class DialectFrameBuilder:
         for channel, code in zip(self._channels, nearest.tolist(), strict=True):
             if channel not in self._display.unconnected:
                 codes[channel] = code
-        return DialectFrame(foci, tuple(codes), self.drive_of(codes), steps, solver)
+        return DialectFrame(foci, tuple(codes), self._channels, self.drive_of(codes), steps, solver)
 
     def drive_of(self, codes: Codes) -> Drive:
         """Return the drive of the elements that *codes* of all channels are."""

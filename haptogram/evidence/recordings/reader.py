@@ -6,7 +6,7 @@ import base64
 import contextlib
 import json
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, Final
 from haptogram.errors import ConfigurationError, reading_file, unreadable_file, writing_file
 from haptogram.machine.files import check_distinct_files
 from haptogram.records.latch import LatchRecord
+from haptogram.settings.arguments import shown_argument
 
 from . import channels
 from .writer import begin_recording, check_recordings
@@ -27,6 +28,16 @@ _BACK_DOOR: Final = (
     channels.OUTPUT,
     channels.FAULTS,
 )
+
+
+_JSON_TYPES: Final[Mapping[str, type | tuple[type, ...]]] = {
+    "array": list,
+    "boolean": bool,
+    "integer": int,
+    "number": (int, float),
+    "object": dict,
+    "string": str,
+}
 
 
 class _Fields(dict[str, Any]):
@@ -71,7 +82,7 @@ class RecordingEntry:
         try:
             return base64.b64decode(self.fields["data"], validate=True)
         except (TypeError, ValueError) as error:
-            raise self._damaged_error("holds no bytes") from error
+            raise self.damaged_error("holds no bytes") from error
 
     @property
     def latch(self) -> LatchRecord:
@@ -85,7 +96,7 @@ class RecordingEntry:
         try:
             return LatchRecord.from_record(self.fields)
         except (TypeError, ValueError) as error:
-            raise self._damaged_error("holds no latch") from error
+            raise self.damaged_error("holds no latch") from error
 
     @property
     def fields(self) -> dict[str, Any]:
@@ -94,22 +105,32 @@ class RecordingEntry:
         Raises
         ------
         ConfigurationError
-            If it is no object of JSON; and where a field is looked up that it lacks.
+            If it is no object of JSON, or a field has another type than in the schema of its
+            channel; and where a field is looked up that it lacks.
         """
         try:
             found = json.loads(self.content, object_pairs_hook=_Fields)
         except (ValueError, RecursionError):
             found = None
         if not isinstance(found, _Fields):
-            raise self._damaged_error("is no object of JSON")
+            raise self.damaged_error("is no object of JSON")
+        for name, schema in channels.CHANNELS[self.topic].properties.items():
+            if name in found and not _is_of_json_type(found[name], schema["type"]):
+                text = f"holds {name} = {shown_argument(found[name])}, no {schema['type']}"
+                raise self.damaged_error(text)
         return found
 
-    def _damaged_error(self, what: str) -> ConfigurationError:
+    def damaged_error(self, what: str) -> ConfigurationError:
         """Return the error for an entry that cannot be read; *what* names the defect."""
         return ConfigurationError(
             f"the recording is damaged, or of another program: an entry of {self.topic} at "
             f"{self.t_ns} ns {what}"
         )
+
+
+def _is_of_json_type(value: object, kind: str) -> bool:
+    """Return True if *value* has this type of a JSON Schema; true and false are no numbers."""
+    return isinstance(value, _JSON_TYPES[kind]) and (isinstance(value, bool) == (kind == "boolean"))
 
 
 class Recording:

@@ -19,6 +19,7 @@ from typing import Any, Final, Protocol
 from haptogram.driver.line.port import Transport, open_transport
 from haptogram.errors import ConfigurationError, LinkError, NoAnswerError
 from haptogram.records.latch import LatchRecord
+from haptogram.settings.arguments import shown_argument
 from haptogram_protocol import messages
 from haptogram_protocol.annotation.frames import Annotated, FrameAnnotator
 from haptogram_protocol.cobs import cobs_encode
@@ -205,6 +206,9 @@ def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
         return None
     fields = entry.fields
     if fields["event"] == "opened":
+        for name, kind in (("board", dict), ("boot_ns", int)):
+            if not isinstance(fields[name], kind | None):
+                raise entry.damaged_error(f"holds {name} = {shown_argument(fields[name])}")
         return _Opening(fields["board"], fields["boot_ns"], bool(fields["paced"]))
     if fields["event"] == "excerpt":
         return _Opening(None, None, False, fields["text"])

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from haptogram.acoustics import AcousticModel, Reconstructor, SingleFocus
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusing_other_content
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.recordings.channels import SUMMARY, VERDICT
 from haptogram.evidence.recordings.reader import Recording
@@ -56,7 +56,13 @@ def viewer_scene_of_recording(path: Path) -> RecordedScene:
         A file that is no recording, or one that does not tell the array of the board.
     """
     recording = Recording(path)
-    board = recording.board
+    with refusing_other_content(f"{path}: the recording is damaged, or of another program"):
+        return _recorded_scene_of(recording)
+
+
+def _recorded_scene_of(recording: Recording) -> RecordedScene:
+    """Return the scene of a recording, whose verdicts may hold anything."""
+    path, board = recording.path, recording.board
     judged = _viewer_frames_judged(recording)
     if board is None:
         scene, lead = _sent_scene(recording, judged)

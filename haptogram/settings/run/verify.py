@@ -191,15 +191,25 @@ def _setting_for_json(value: Any) -> Any:
 _SECTION: Final = "verify"
 
 
-def load_verify_config(
-    path: Path | None, overrides: Mapping[str, Any], usual: Mapping[str, Any] = MappingProxyType({})
+def load_verify_config(path: Path | None, overrides: Mapping[str, Any]) -> VerifyConfig:
+    """Return the settings: defaults, then the ``[verify]`` table of *path*, then *overrides*."""
+    return verify_config_of(path, {} if path is None else read_settings_table(path), overrides)
+
+
+def verify_config_of(
+    path: Path | None,
+    in_file: Mapping[str, Any],
+    overrides: Mapping[str, Any],
+    usual: Mapping[str, Any] = MappingProxyType({}),
 ) -> VerifyConfig:
-    """Return the settings: defaults, then the ``[verify]`` table of *path*, then *overrides*.
+    """Return the settings: defaults, then a ``[verify]`` table, then *overrides*.
 
     Parameters
     ----------
     path : Path or None
-        TOML file.
+        TOML file of the table.
+    in_file : mapping
+        The table, which :func:`read_settings_table` has read: a pipe is read but once.
     overrides : mapping
         Values from the command line; those that are None were not given.
     usual : mapping, optional
@@ -208,10 +218,9 @@ def load_verify_config(
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, a key is not known, or a value has the wrong type or size; the
-        text names the setting as it was written: the key in the file, or the option.
+        If a key is not known, or a value has the wrong type or size; the text names the setting as
+        it was written: the key in the file, or the option.
     """
-    in_file = read_settings_table(path) if path is not None else {}
     given = {name: value for name, value in overrides.items() if value is not None}
     try:
         return VerifyConfig.of(**{**usual, **in_file, **given})

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from haptogram.acoustics import AcousticModel, Drive, check_focus_target
 from haptogram.acoustics.arrays import as_complex_array, as_float_array, as_float_vector
+from haptogram.acoustics.model.drive import FULL_AMPLITUDE
 from haptogram.acoustics.solvers.several import METHODS, Method, frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Evidence, Focus, FrameKey, Intended, Observation
@@ -103,12 +104,15 @@ def judge(
         return dataclasses.replace(found.judge(intended, seen), evidence=None, t_latch_us=None)
 
     verdict = judged(wanted)
-    # Nobody sent another drive, and a tolerance has many; of several foci with other amplitudes.
+    # Nobody sent another drive, and a tolerance has many; of several foci with other amplitudes,
+    # but with amplitudes only where the foci ask for them.
     others = len(foci) > 1 and amplitudes is None and not (tolerance or Tolerance()).is_strict
+    others &= _is_of_phases_alone(wanted) == _is_of_phases_alone(latched)
     is_another = verdict.is_wrong and all(verdict.criteria.values())
     if is_another or (others and not verdict.passed and not latched.is_muted):
         own = judged(latched)
-        verdict = own if own.passed or is_another else verdict
+        is_of_host = not own.is_wrong and own.criteria.get("S1", False)  # its foci may not show
+        verdict = own if is_another or is_of_host else verdict
     return verdict
 
 
@@ -121,6 +125,11 @@ def _judged_weights(weights: ArrayLike, phase_bits: int) -> Drive:
             "amplitudes * np.exp(1j * phases)"
         )
     return Drive.from_weights(values, phase_bits)
+
+
+def _is_of_phases_alone(drive: Drive) -> bool:
+    """Return True if every element of *drive* has its full amplitude."""
+    return bool((drive.amplitude_codes == FULL_AMPLITUDE).all())
 
 
 def _judged_foci(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,16 @@ def wrong_value(option: Option) -> str:
     if option.count is None:
         return one
     return f"[{', '.join([one] * (option.count or 1))}]"
+
+
+def test_a_pipe_is_read_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """A shell gives one for ``--config <(...)``; a dialect settles its rates in a second pass."""
+    reader, writer = os.pipe()
+    os.write(writer, b'[verify]\nobject = "point"\ndialect = "sonicsurface"\nvirtual_time = true\n')
+    os.close(writer)
+    assert main(["verify", "--quiet", "--config", f"/dev/fd/{reader}"]) == 0
+    assert "1 sent, 1 latched" in capsys.readouterr().out
+    os.close(reader)
 
 
 @pytest.mark.sampled(16)

@@ -91,7 +91,13 @@ def test_a_run_at_a_port_is_judged_by_its_pins(capsys):
     capsys.readouterr()
     intended = recorded_run(Recording(Path("run.mcap"))).intended
     frames = [
-        DialectFrame(f.foci, tuple(int(c) * 32 // 256 for c in f.drive.phase_codes), f.drive, 32)
+        DialectFrame(
+            f.foci,
+            tuple(int(c) * 32 // 256 for c in f.drive.phase_codes),
+            tuple(range(f.drive.count)),
+            f.drive,
+            32,
+        )
         for f in intended
     ]
     CapturedBoard("sonicsurface", frames, gap_s=GAP_S).capture(Path("pins.sr"))

@@ -70,6 +70,14 @@ CHOSEN = [
 ]
 
 
+VALUED = [
+    (command, action.option_strings[-1])
+    for command in COMMANDS
+    for action in actions_with_values(command)
+    if action.option_strings
+]
+
+
 @pytest.fixture
 def refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -137,8 +145,19 @@ def test_a_number_beyond_its_limits_or_none_is_refused_with_the_limits(
 
 
 @pytest.mark.sampled(20)
+@pytest.mark.parametrize(("command", "word"), VALUED)
+def test_two_dashes_are_no_value(
+    command: str, word: str, refused: Callable[[str, list[str]], str]
+) -> None:
+    """Argparse takes them away, and leaves an empty list for the value."""
+    assert refused(command, [f"{word}=--"]) == "needs a value\n"
+
+
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize(("command", "word"), POSITIONS)
-@pytest.mark.parametrize("value", ["", "1", "1,2", "1,2,3,4", "a,b,c", "nan,0,0", "0,0,1e9", "1;2"])
+@pytest.mark.parametrize(
+    "value", ["a\nb", "", "1", "1,2", "1,2,3,4", "a,b,c", "nan,0,0", "0,0,1e9", "1;2"]
+)
 def test_a_position_that_is_none_is_refused_with_its_form_and_limits(
     command: str,
     word: str,
@@ -242,6 +261,17 @@ def test_a_file_that_is_no_text_is_refused_in_plain_words(
     told = capsys.readouterr().err
     assert f"{word} '{path}' cannot be read: it is no text in UTF-8, from byte 4 on\n" in told
     assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(("command", "word"), TEXTS)
+@pytest.mark.parametrize(
+    ("name", "told"), [("n" * 300, "the name is too long"), ("a\nb", "there is no such file")]
+)
+def test_a_name_that_no_file_has_is_refused_in_one_line(
+    command: str, word: str, name: str, told: str, refused: Callable[[str, list[str]], str]
+) -> None:
+    said = refused(command, [word, name])
+    assert said.startswith(f"'{name}' cannot be read: {told}".replace("\n", " "))
 
 
 def test_a_calibration_in_a_pipe_is_refused_since_two_read_it(

@@ -198,6 +198,18 @@ def test_a_faster_line_carries_more(capsys, tmp_path):
     assert (configuration["baud"], configuration["rate_hz"]) == (50_000_000, 1000.0)
 
 
+def test_a_rate_of_the_line_that_is_named_counts_though_it_is_the_default(capsys, tmp_path):
+    """The frames come as fast as that line carries them, not as the usual one of these boards."""
+    result = tmp_path / "result.json"
+    words = ("--dialect", "sonicsurface", "--virtual-time", "--object", "point", f"--json={result}")
+    found = []
+    for baud in (("--baud", "2999999"), ("--baud", "3000000"), ()):
+        assert verify(capsys, *words, *baud)[0] == 0
+        configuration = json.loads(result.read_text())["configuration"]
+        found.append((configuration["baud"], configuration["rate_hz"]))
+    assert found == [(2_999_999, 1000.0), (3_000_000, 1000.0), (230_400, 89.0)]
+
+
 def test_two_boards_face_to_face_and_an_array_of_the_user(capsys):
     two = ("--dialect-option", "boards=2", "--object", "point", "--center-mm", "5,3,160")
     assert verify(capsys, "--dialect", "sonicsurface", "--virtual-time", *two)[0] == 0

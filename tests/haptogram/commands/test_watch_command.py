@@ -339,6 +339,13 @@ def wait_for(condition):
         time.sleep(0.02)
 
 
+def test_bytes_that_never_end_are_refused(capsys):
+    assert main(["watch", "/dev/zero", "--dialect", "sonicsurface"]) == 2
+    assert "/dev/zero: has more than 67108864 bytes, the most that" in capsys.readouterr().err
+    assert main(["watch", "/dev/zero"]) == 2
+    assert capsys.readouterr().err == "haptogram watch: /dev/zero: line 1 has no end\n"
+
+
 def test_haptogram_s_own_board_is_watched_from_a_file(tmp_path, capsys):
     door = tmp_path / "door.jsonl"
     sim_device.register_url_handler()

@@ -7,6 +7,7 @@ import doctest
 import itertools
 import json
 import re
+import signal
 
 import numpy as np
 import pytest
@@ -179,12 +180,22 @@ class CutPort:
             return self._write(data)
         if self.bytes_until_cut <= 0:
             self.bytes_until_cut = None
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
+            return self._write(data)
         self.bytes_until_cut -= 1
         return self._write(data[:1])
 
 
+@pytest.fixture
+def ctrl_c():
+    """Python's own answer to Ctrl-C, which a job in the background does not have."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @every_dialect
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.9])
 def test_every_channel_is_off_after_an_interrupt_within_a_frame(name, share):
     with in_virtual_time(name) as (port, records):
@@ -195,6 +206,22 @@ def test_every_channel_is_off_after_an_interrupt_within_a_frame(name, share):
             cut.bytes_until_cut = share * DIALECTS[name].frame_bytes(driver.boards)
             driver.focus(targets(driver)[1])
             pytest.fail("the frame was not cut")
+    *_, last = (record for record in records if record["kind"] == "pulses")
+    assert not any(base64.b64decode(last["widths"]))
+
+
+@every_dialect
+@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.6])
+def test_every_channel_is_off_after_another_interrupt_while_the_driver_closes(name, share):
+    with in_virtual_time(name) as (port, records):
+        cut = CutPort(port)
+        with contextlib.suppress(KeyboardInterrupt), DialectDriver(cut, dialect=name) as driver:
+            driver.focus(targets(driver)[0])
+            driver.hold(0.05)
+            cut.bytes_until_cut = share * DIALECTS[name].frame_bytes(driver.boards)
+            raise KeyboardInterrupt
+        assert cut.bytes_until_cut is None
     *_, last = (record for record in records if record["kind"] == "pulses")
     assert not any(base64.b64decode(last["widths"]))
 

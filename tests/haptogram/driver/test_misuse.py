@@ -216,7 +216,15 @@ def test_frames_of_other_boards_are_refused_before_the_first_byte():
             driver.stream(others, 20)
         with pytest.raises(ConfigurationError, match="1 of 2 targets are frames; all must be"):
             driver.stream([*driver.frames([PLACE]), PLACE], 20)
+        ours, count = driver.frames([PLACE]), driver.model.array.count
         assert driver.intended.total == 0
+    turned = range(count)[::-1]
+    with (
+        boards_of("sonicsurface") as port,
+        DialectDriver(port, dialect="sonicsurface", channels=turned) as driver,
+        pytest.raises(ConfigurationError, match="frame 0 was made for other boards or channels"),
+    ):
+        driver.stream(ours, 20)
 
 
 @pytest.mark.parametrize(

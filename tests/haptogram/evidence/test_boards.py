@@ -45,17 +45,18 @@ def test_a_line_without_a_rate_carries_every_drive(baudrate: int | None, verifie
 
 
 @pytest.mark.parametrize(
-    ("port", "baud", "rate"),
+    ("port", "is_named", "rate"),
     [
-        ("socket://localhost:1", BAUD, None),
-        ("socket://localhost:1", 115_200, 115_200),
-        ("haptogram://?clock=virtual", BAUD, None),
-        ("haptogram://?clock=virtual&baud=921600", BAUD, 921_600),
-        ("/dev/ttyUSB0", BAUD, BAUD),
+        ("socket://localhost:1", False, None),
+        ("socket://localhost:1", True, BAUD),  # the default, and named all the same
+        ("haptogram://?clock=virtual", False, None),
+        ("haptogram://?clock=virtual&baud=921600", False, 921_600),
+        ("haptogram://?clock=virtual&baud=921600", True, BAUD),
+        ("/dev/ttyUSB0", False, BAUD),
     ],
 )
-def test_which_ports_have_a_rate(port: str, baud: int, rate: int | None) -> None:
-    assert baud_of_verified_port(port, baud) == rate
+def test_which_ports_have_a_rate(port: str, is_named: bool, rate: int | None) -> None:
+    assert baud_of_verified_port(port, BAUD, is_named=is_named) == rate
 
 
 def test_a_trace_that_cannot_be_switched_on_is_not_waited_for() -> None:

@@ -86,9 +86,14 @@ def test_in_a_job_of_github_printed_text_is_no_command(
         paint_verdicts_on_terminal(text, io.StringIO()),
         terminal_error_line("haptogram conform", text, io.StringIO()),
     ):
-        assert shown.replace(" ", "").endswith(text.replace(" ", ""))
+        assert "".join(shown.split()).endswith("".join(text.split()))
         assert not re.search(r"(?m)^\s*::|##\[", shown)
 
 
 def test_a_name_has_no_control_characters() -> None:
     assert printable_on_terminal("v1\n\x1b[2J µ") == "v1\ufffd\ufffd[2J µ"
+
+
+def test_an_error_is_one_line_whatever_a_file_is_called() -> None:
+    shown = terminal_error_line("prog", "'a\n\tb\x1b[2J' cannot be read", io.StringIO())
+    assert shown == "prog: 'a  b\ufffd[2J' cannot be read"

@@ -1,6 +1,8 @@
 """A recording is read back as it was written, whole or cut off, by this program and by others."""
 
+import contextlib
 import dataclasses
+import itertools
 import json
 import signal
 import threading
@@ -21,6 +23,7 @@ from haptogram.acoustics import AcousticModel, Drive
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.recordings.channels import (
+    BOARD,
     CHANNELS,
     INTENDED,
     LATCH,
@@ -29,13 +32,19 @@ from haptogram.evidence.recordings.channels import (
     RUN,
     TO_BOARD,
     TO_HOST,
+    VERDICT,
     VERSION,
 )
 from haptogram.evidence.recordings.reader import Recording, RecordingEntry, repair_recording
 from haptogram.evidence.recordings.recorded_run import record_intended, recorded_run
 from haptogram.evidence.recordings.replay import replay_recording
-from haptogram.evidence.recordings.writer import RecordingClock, RecordingWriter
+from haptogram.evidence.recordings.writer import (
+    RecordingClock,
+    RecordingWriter,
+    begin_recording,
+)
 from haptogram.records.latch import Codes, LatchRecord
+from haptogram.report.viewer.recorded import viewer_scene_of_recording
 from haptogram.settings.board import BoardConfig
 from haptogram_protocol.framing import encode_frame
 from haptogram_protocol.messages import Pong, build_body
@@ -182,6 +191,26 @@ def verified(tmp_path_factory):
             (schema, channel.topic, message.log_time, json.loads(message.data))
             for schema, channel, message in make_reader(file).iter_messages()
         ]
+
+
+@pytest.mark.parametrize("topic", [LINK, LATCH, OUTPUT, BOARD, VERDICT, TO_BOARD])
+def test_fields_of_other_types_are_a_result_or_one_line(topic, verified, tmp_path, capsys):
+    """As another program may write them: whole, with the right sums, of other types."""
+    path = tmp_path / "run.mcap"
+    names = {name for _, where, _, fields in verified if where == topic for name in fields}
+    for name, value in zip(sorted(names), itertools.cycle((None, "x", [], 1.5))):
+        with path.open("wb") as file:
+            writer = Writer(file)
+            ids = begin_recording(writer, "haptogram")
+            for _, where, t_ns, fields in verified:
+                content = fields | ({name: value} if where == topic else {})
+                writer.add_message(ids[where], t_ns, json.dumps(content).encode(), t_ns)
+            writer.finish()
+        status = main(["replay", str(path)])
+        told = capsys.readouterr().err
+        assert status in (0, 1, 3) or (status, told.count("\n")) == (2, 1), (name, value)
+        with contextlib.suppress(ConfigurationError):
+            viewer_scene_of_recording(path)
 
 
 TYPES = {"string": str, "integer": int, "number": (int, float), "boolean": bool}

@@ -125,6 +125,30 @@ def test_a_tolerance_of_nothing_is_none():
     assert judge(MODEL, PAIR, full, tolerance=Tolerance()) == judge(MODEL, PAIR, full)
 
 
+@pytest.mark.parametrize(("sign", "status"), [(1, "NOT_VERIFIED"), (-1, "WRONG_DRIVE")])
+def test_a_tolerated_host_whose_foci_do_not_show_is_not_called_wrong(sign, status):
+    """Foci a metre away share one peak; amplitudes of the host are others than of the targets."""
+    model = AcousticModel.default()
+    foci = tuple(map(Focus.at, [(0.188, 0.073, 0.978), (0.205, 0.095, 0.973)]))
+    phases = np.angle(drive := of_host(model, foci, "naive", (-1e-4, -1e-4, 2e-4), 0.0))
+    found = judge(
+        model, foci, np.abs(drive) * np.exp(1j * sign * phases), tolerance=Tolerance(miss_mm=0.5)
+    )
+    assert found.status is FrameStatus[status]
+
+
+@pytest.mark.parametrize("tolerance", [None, Tolerance(miss_mm=0.5), Tolerance(temperature_c=1.0)])
+@pytest.mark.parametrize("solver", ["naive", "ibp"])
+def test_phases_alone_are_a_drive_for_foci_that_ask_for_none_else(solver, tolerance):
+    """Other amplitudes fail with a tolerance as without one, unless they are said to be meant."""
+    weights = frame_weights(MODEL, PAIR, solver)
+    full = weights / np.abs(weights)
+    found = judge(MODEL, PAIR, full, solver=solver, tolerance=tolerance)
+    assert (found.status, found.criteria["S5"]) == (FrameStatus.WRONG_DRIVE, False)
+    meant = np.ones(len(full))
+    assert judge(MODEL, PAIR, full, solver=solver, tolerance=tolerance, amplitudes=meant)
+
+
 @pytest.mark.parametrize("count", [15, pytest.param(60, marks=pytest.mark.nightly)])
 def test_a_tolerated_host_is_found_where_a_miss_hardly_shows(count):
     """A row tells nothing of one direction: the nearest host may be anywhere along it."""
