@@ -166,6 +166,23 @@ VERIFY = '[sweep]\nrun = "verify"\n'
         (VERIFY + "[axes]\nfault = { text = 'line.drop p={}', values = [2] }\n", "must be 0 to 1"),
         (VERIFY + "[axes]\nseed = [{ a = 1 }]\n", "seed is {'a': 1}, must be a value or a list"),
         (VERIFY + "[axes]\njson = ['a']\n", "json is an option of one run, not of many points"),
+        (
+            VERIFY + "[options]\nfrom-recording = 'a'\n[axes]\nseed = [1]\n",
+            "from_recording is an option of one run",
+        ),
+        (
+            VERIFY + "[options]\nrate-hz = 1\n[axes]\nrate_hz = [1]\n",
+            "rate_hz is in [options] and in [axes]; name it once",
+        ),
+        (
+            VERIFY + "[axes]\nrate_hz = [1]\nrate-hz = [1]\n",
+            "one of rate_hz, rate-hz is named twice",
+        ),
+        (
+            VERIFY + "[axes]\nseed = { low = 0, high = 4000000000 }\n"
+            "repeat = { low = 1, high = 4000000000 }\nrate_hz = { low = 1, high = 9 }\n",
+            "the grid has 144000000036000000000 points, must be 1 to 1000000",
+        ),
         (VERIFY + "[options]\nhelp = true\n", "help is an option of one run, not of many points"),
         (VERIFY + "[axes]\nseed = { values = [1], low = 3 }\n", "seed: 'low' is not read; known"),
         (
