@@ -29,6 +29,7 @@ from haptogram.campaigns.sweep.rows import Row, write_rows
 from haptogram.campaigns.sweep.workers import Workers, process_workers
 from haptogram.cli import command_parser, main
 from haptogram.cli.program import result_of_command
+from haptogram.errors import ConfigurationError
 
 HAS_DASK = importlib.util.find_spec("distributed") is not None
 HAS_PARQUET = importlib.util.find_spec("pyarrow") is not None
@@ -378,6 +379,21 @@ def test_the_rows_of_another_sweep_are_not_gone_on_with(
     assert main(["sweep", str(path), "--rows", str(rows)]) == 2
     assert "rows.csv.part is of another sweep, or of another version" in capsys.readouterr().err
     assert not rows.exists()
+
+
+@pytest.mark.parametrize("line", ["", "{", "[]", '{"point": 99}', '{"point": 1}', '{"point": -1}'])
+def test_rows_that_were_damaged_are_not_gone_on_with(
+    line: str, tmp_path: Path, expected: list[Row]
+) -> None:
+    plan, journal = planned(POINTS, tmp_path), tmp_path / "rows.csv.part"
+    campaign = SweepCampaign(plan)
+    text = "\n".join([campaign._head, line, json.dumps(expected[0]), ""])
+    journal.write_text(text)
+    with pytest.raises(ConfigurationError, match="part is damaged: remove it to begin anew"):
+        SweepCampaign.load(plan, journal)
+    assert journal.read_text() == text
+    journal.write_text(text.replace(f"\n{line}\n", "\n", 1))
+    assert SweepCampaign.load(plan, journal).rows == {0: expected[0]}
 
 
 def test_a_csv_file_and_a_page_say_where_it_breaks(
