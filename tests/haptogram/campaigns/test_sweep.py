@@ -386,8 +386,10 @@ def test_rows_that_were_damaged_are_not_gone_on_with(
     line: str, tmp_path: Path, expected: list[Row]
 ) -> None:
     plan, journal = planned(POINTS, tmp_path), tmp_path / "rows.csv.part"
-    campaign = SweepCampaign(plan)
-    text = "\n".join([campaign._head, line, json.dumps(expected[0]), ""])
+    done = SweepCampaign(plan, journal, dict(enumerate(expected)))
+    done.run(result_of_command, no_workers, quiet)
+    head, first, *_ = journal.read_text().split("\n")
+    text = "\n".join([head, line, first, ""])
     journal.write_text(text)
     with pytest.raises(ConfigurationError, match="part is damaged: remove it to begin anew"):
         SweepCampaign.load(plan, journal)
