@@ -228,7 +228,7 @@ def open_recording_of_board(path: Path, options: Mapping[str, Any]) -> Recording
     """
     from ..evidence.recordings.writer import RecordingWriter
 
-    return RecordingWriter(path, command="board", configuration=options)
+    return RecordingWriter(path, command="board", configuration=options, waits=True)
 
 
 def board_without_a_line(mutant: str | None) -> MakeBoard:

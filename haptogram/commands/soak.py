@@ -74,6 +74,8 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
     campaign, make_board = _make_soak_campaign(arguments), board_maker(arguments.mutant)
     interrupted = False
     with outputs.recording(campaign.setup.as_dict()) as writer:
+        if writer is not None:
+            writer.begin()
         try:
             with _soak_command_progress(campaign, quiet=arguments.quiet) as progress:
                 campaign.run(

@@ -15,6 +15,7 @@ from haptogram.driver.driver import Driver
 from haptogram.driver.frames.frame import Frame, Mode
 from haptogram.driver.line.port import open_transport
 from haptogram.driver.playback import PlayReport, default_unattended_ms
+from haptogram.driver.session import Sink
 from haptogram.driver.stream import StreamReport
 from haptogram.errors import DeviceError, LinkError
 from haptogram.evidence.boards import AnyDriver, BoardUnderTest
@@ -154,7 +155,7 @@ def measure_run(
         medium=model.medium,
         calibration=elements if config.elements.compensate else None,
         keep=run_frames.MOST_FRAMES,
-        sink=sink,
+        sink=sink if writer is None else beginning_sink(writer, sink),
     )
     known = board.model or driver.model
     about = _identity_of_run(driver.identity)
@@ -217,6 +218,17 @@ def recorded_port_of_run(
     if board.is_in_process:
         return RecordingTransport(transport, writer, board.records)
     return RecordingTransport(transport, writer, offset_ns=-transport.now_ns())  # from 0 on
+
+
+def beginning_sink(writer: RecordingWriter, sink: Sink | None = None) -> Sink:
+    """Return a sink of a driver that begins the recording with the first frame."""
+
+    def begin(found: Intended | Observation) -> None:
+        writer.begin()
+        if sink is not None:
+            sink(found)
+
+    return begin
 
 
 def _calibration_of_run(config: VerifyConfig) -> Calibration | None:
@@ -464,6 +476,7 @@ def measure_run_of_dialect(
         calibration=elements if config.elements.compensate else None,
         channels=boards.channels,
         keep=run_frames.MOST_FRAMES,
+        sink=None if writer is None else beginning_sink(writer),
     )
     about = {
         "dialect": boards.dialect.name,

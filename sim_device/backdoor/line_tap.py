@@ -21,6 +21,9 @@ class LineTapRecording(Protocol):
 
     failure: str
 
+    def begin(self) -> None:
+        """Replace the file that was there."""
+
     def opened(
         self, t_ns: int, board: Mapping[str, Any] | None, boot_ns: int | None, *, paced: bool
     ) -> None:
@@ -80,6 +83,10 @@ class LineTap(InlineReconstructionWorker):
         options = {"seed": config.seed} | config.non_default()
         recording.opened(self._boot_ns, options, self._boot_ns, paced=paced)
         super().__init__(settings, recording.record, reconstruct=False, direct=recording.latch)
+
+    def begin(self) -> None:
+        """Replace the file that was there: the port is open."""
+        self._recording.begin()
 
     def to_board(self, t_ns: int, data: bytes, waited_ns: int) -> None:
         """Take down bytes that the board took at *t_ns* since power-up."""

@@ -130,6 +130,8 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
             )
             # Now, and not before: whoever waits for the port to be there is answered at once.
             port = _open_board_port(options, settings.line)
+            if tap is not None:
+                tap.begin()
             counts = BoardCountLog((1 if options.verbose else _COUNTS_S) * 1_000_000_000)
             heartbeat = Heartbeat(simulation, port, worker, counts, tap, config.slow_down)
             if options.until_eof:

@@ -18,7 +18,7 @@ from haptogram.driver.driver import Driver
 from haptogram.driver.line.budget import frame_bytes_on_line, line_transmission_ns
 from haptogram.driver.stream import StreamReport
 from haptogram.evidence.boards import BoardUnderTest, PortBoardUnderTest, ProcessBoardUnderTest
-from haptogram.evidence.run_record import recorded_port_of_run
+from haptogram.evidence.run_record import beginning_sink, recorded_port_of_run
 from haptogram.evidence.virtual_board import VirtualBoard
 from haptogram.machine.fingerprint import (
     fingerprint_cpu_share,
@@ -95,7 +95,10 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
             virtual: dict[str, Any] | None = {} if config.port is None else None
             writer.opened(0, virtual, None, paced=virtual is not None)
             tap = recorded_port_of_run(board, config.baud, writer)
-        with Driver(tap or board.port, baudrate=config.baud, keep=len(targets_m)) as driver:
+        sink = None if writer is None else beginning_sink(writer)
+        with Driver(
+            tap or board.port, baudrate=config.baud, keep=len(targets_m), sink=sink
+        ) as driver:
             board.prepare(driver)
             driver.arm()
             control = NoiseFloorLoop(round(1e9 / config.rate_hz), config.seconds + _SETTLING_S)

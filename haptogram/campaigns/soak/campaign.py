@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
@@ -20,7 +21,7 @@ from ..sweep.workers import process_workers
 from .comparison import MakeBoard
 from .segment import Progress, run_soak_segment
 from .setup import SoakSetup
-from .tally import MEMORY_GREW, SoakTally
+from .tally import MEMORY_GREW, SoakTally, checked_soak_counts
 
 if TYPE_CHECKING:
     from haptogram.evidence.recordings.writer import RecordingWriter
@@ -44,6 +45,14 @@ class SoakMemory:
 
     processes: dict[str, dict[str, int]] = field(default_factory=dict)
     _sitting: int = 0
+
+    @classmethod
+    def of(cls, processes: dict[str, dict[str, int]]) -> Self:
+        """Return the memory of a checkpoint; ValueError: it is none."""
+        for name, samples in processes.items():
+            int(name.split("/")[0])
+            checked_soak_counts(samples, ("segments", "first", "last", "most"))
+        return cls(processes)
 
     def begin_sitting(self) -> None:
         """Take samples of new processes from now on."""
@@ -104,8 +113,11 @@ class SoakCampaign:
             for key, value in setup.as_dict().items():
                 if (old := state["setup"].get(key)) != value:
                     raise ConfigurationError(f"{path} is of another soak: {key} {old}, not {value}")
-            tally, memory = SoakTally.from_dict(state["tally"]), SoakMemory(state["memory"])
-            return cls(setup, state["done"], tally, memory, state["spent_s"])
+            tally, memory = SoakTally.from_dict(state["tally"]), SoakMemory.of(state["memory"])
+            done, spent_s = state["done"], float(state["spent_s"])
+            if type(done) is not int or not 0 <= done <= setup.segments or not 0 <= spent_s < inf:
+                raise ValueError
+            return cls(setup, done, tally, memory, spent_s)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON can hold it."""

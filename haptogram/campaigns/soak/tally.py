@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -171,11 +172,42 @@ class SoakTally:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Self:
-        """Return the object that :meth:`as_dict` has written."""
-        return cls(
-            faults={k: Counter(row | row.pop("found")) for k, row in data["faults"].items()},
-            totals=Counter(data["totals"]),
-            violations=Counter(data["violations"]),
+        """Return the object that :meth:`as_dict` has written.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If it has written something else.
+        """
+        tally = cls(
+            faults={
+                kind: checked_soak_counts(row | row.pop("found"), STATES)
+                for kind, row in data["faults"].items()
+            },
+            totals=checked_soak_counts(data["totals"]),
+            violations=checked_soak_counts(data["violations"]),
             examples=list(data["examples"]),
-            course={one.pop("interval"): one for one in data["course"]},
         )
+        is_known = tally.violations.keys() <= VIOLATIONS.keys()
+        if not is_known or not all(": " in example for example in tally.examples):
+            raise ValueError("an unknown violation")
+        for one in data["course"]:
+            row = dict(checked_soak_counts(one, ("interval", *_COUNTED)))
+            tally.course[row.pop("interval")] = row
+        return tally
+
+
+def checked_soak_counts(counts: Mapping[str, Any], names: Iterable[str] = ()) -> Counter[str]:
+    """Return *counts* from a checkpoint: whole numbers from 0 on, those of *names* among them.
+
+    Raises
+    ------
+    ValueError
+        If they are not.
+    """
+    found = Counter(counts)
+    if not all(type(count) is int and count >= 0 for count in found.values()):
+        raise ValueError("a count that is no whole number from 0 on")
+    if not found.keys() >= set(names):
+        raise ValueError("a count is missing")
+    return found

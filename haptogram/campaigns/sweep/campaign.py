@@ -12,7 +12,13 @@ from pathlib import Path
 from typing import Any, Final, Self, TextIO, TypeAlias
 
 import haptogram
-from haptogram.errors import ConfigurationError, LinkError, plain_reason, writing_file
+from haptogram.errors import (
+    ConfigurationError,
+    LinkError,
+    plain_reason,
+    refusing_other_content,
+    writing_file,
+)
 from haptogram.machine.files import write_file_atomically
 from haptogram.settings.text_file import read_text_file
 
@@ -66,9 +72,13 @@ class SweepCampaign:
             raise ConfigurationError(
                 f"{journal} is of another sweep, or of another version: remove it to begin anew"
             )
-        for line in lines[:-1]:  # the last one was cut off, if it is not empty
-            row = json.loads(line)
-            campaign.rows[row["point"]] = row
+        with refusing_other_content(f"{journal} is damaged: remove it to begin anew"):
+            for line in lines[:-1]:  # the last one was cut off, if it is not empty
+                row = json.loads(line)
+                number = range(len(plan)).index(row["point"])
+                if not row.keys() >= row_of_crash(plan[number], "").keys():
+                    raise ValueError(line)
+                campaign.rows[number] = row
         return campaign
 
     @property

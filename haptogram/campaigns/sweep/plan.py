@@ -107,7 +107,7 @@ class SweepPlan:
         if "run" not in document.get("sweep", {}):
             raise ConfigurationError("[sweep] must say what to run: verify, conform or soak")
         config = SweepConfig.of(**document["sweep"])
-        given, varied = document.get("options", {}), document.get("axes", {})
+        given, varied = (_options_by_name(document.get(table, {})) for table in ("options", "axes"))
         for name in (*given, *varied):
             if name in _OF_ONE_RUN:
                 raise ConfigurationError(f"{name} is an option of one run, not of many points")
@@ -131,10 +131,9 @@ class SweepPlan:
                         f"{axis.name} is a range of real numbers, which a grid cannot take: say "
                         "points in [sweep] for a random sample, or list values"
                     )
-            if len(self) > MOST_POINTS:
-                raise ConfigurationError(
-                    f"the grid has {len(self)} points, must be 1 to {MOST_POINTS}"
-                )
+            # Not by len(), which takes no number beyond 64 bits.
+            if (count := math.prod(len(axis.values) for axis in self.axes)) > MOST_POINTS:
+                raise ConfigurationError(f"the grid has {count} points, must be 1 to {MOST_POINTS}")
         usual = {axis.name: axis.words(axis.ends[0]) for axis in self.axes}
         for axis in self.axes:
             for value in axis.values if isinstance(axis.values, list) else axis.ends:
@@ -165,3 +164,11 @@ class SweepPlan:
             number, place = divmod(number, len(axis.values))
             values.insert(0, axis.values[place])
         return values
+
+
+def _options_by_name(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a table, whose names may have - as on the command line."""
+    options = {name.replace("-", "_"): value for name, value in table.items()}
+    if len(options) < len(table):
+        raise ConfigurationError(f"one of {', '.join(table)} is named twice, with - and with _")
+    return options

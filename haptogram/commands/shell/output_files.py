@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, DeviceError, LinkError
 from haptogram.machine import files, terminal
 from haptogram.settings.arguments import option_word
 from haptogram.settings.board import is_grid_setting
@@ -171,6 +171,8 @@ class CommandOutputs:
     def recording(self, configuration: Mapping[str, Any]) -> Iterator[RecordingWriter | None]:
         """Give the recording of ``--record``, of a run with *configuration*; None without one.
 
+        A run that is refused, or whose board says nothing, leaves the file as it was.
+
         Raises
         ------
         ConfigurationError
@@ -182,13 +184,21 @@ class CommandOutputs:
         from haptogram.evidence.recordings.writer import RecordingWriter
 
         command = self._program.rpartition(" ")[2]
-        with RecordingWriter(path, command=command, configuration=configuration) as writer:
-            yield writer
+        with RecordingWriter(
+            path, command=command, configuration=configuration, waits=True
+        ) as writer:
+            try:
+                yield writer
+            except (LinkError, DeviceError):
+                if writer.has_heard:  # the bytes say what went wrong
+                    writer.begin()
+                raise
 
     def is_recorded(self, writer: RecordingWriter | None) -> bool:
         """Return True unless the recording ended early; say on standard error how it ended."""
         if writer is None:
             return True
+        writer.begin()
         writer.close()
         if writer.failure:
             print_command_error(self._program, writer.failure)

@@ -25,6 +25,8 @@ class RecordingTransport:
         Returns the records of the board's back door so far, where this program has them.
     offset_ns : int
         Added to the times of the port, so that several boards follow one another in one recording.
+    begins : bool
+        Whether the run has begun as soon as the board answers.
 
     Attributes
     ----------
@@ -41,13 +43,14 @@ class RecordingTransport:
         records: Callable[[], Sequence[Mapping[str, Any]]] | None = None,
         *,
         offset_ns: int = 0,
+        begins: bool = False,
     ) -> None:
         self.url = transport.url
         self.now_ns = transport.now_ns  # the very method: a driver calls it a dozen times a frame
         self.last_ns = transport.now_ns() + offset_ns
         self._transport, self._writer = transport, writer
         self._records, self._written = records, 0
-        self._offset_ns = offset_ns
+        self._offset_ns, self._begins = offset_ns, begins
 
     def read_available(self, deadline_ns: int) -> bytes:
         """Return received bytes, written down."""
@@ -55,6 +58,8 @@ class RecordingTransport:
         if data:
             self.last_ns = self.now_ns() + self._offset_ns
             self._writer.to_host(self.last_ns, data)
+            if self._begins:
+                self._writer.begin()
         if self._records is not None:
             self.tell(self._records())
         return data
@@ -121,7 +126,9 @@ class RecordedBoards:
         offset_ns = least_ns - now_ns  # a recording begins at 0
         boot_ns = now_ns + offset_ns if just_powered else None
         self._writer.opened(now_ns + offset_ns, board, boot_ns, paced=board is not None)
-        self._last = RecordingTransport(transport, self._writer, records, offset_ns=offset_ns)
+        self._last = RecordingTransport(
+            transport, self._writer, records, offset_ns=offset_ns, begins=True
+        )
         return self._last
 
     def hardware_fault(self) -> None:

@@ -12,7 +12,7 @@ import json
 import platform
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, cast
 
 import haptogram
 from haptogram.errors import missing_extra, plain_reason, writing_file
@@ -80,11 +80,16 @@ class RecordingWriter(ClosedByWith):
         Command whose run it is.
     configuration : mapping
         Options of the run, of JSON types.
+    waits : bool
+        Whether a regular file stays as it is until :meth:`begin`, and for good without it: a run
+        that is refused costs no recording that was there.
 
     Attributes
     ----------
     path : Path
         The file.
+    has_heard : bool
+        Whether bytes came from a board.
     failure : str
         Why the recording ended early, in one line; empty as long as it goes on.
     last_ns : int
@@ -97,14 +102,20 @@ class RecordingWriter(ClosedByWith):
     """
 
     def __init__(
-        self, path: Path, *, command: str = "", configuration: Mapping[str, Any] | None = None
+        self,
+        path: Path,
+        *,
+        command: str = "",
+        configuration: Mapping[str, Any] | None = None,
+        waits: bool = False,
     ) -> None:
         check_recordings()
         from mcap.writer import CompressionType, Writer
 
         self.failure = ""
         self.path = path
-        self._file = _RecordingOutput(_opened_recording_file(path))
+        self.has_heard = False
+        self._file = _RecordingOutput(path, waits=waits)
         # Half an entry would cost all behind it.
         self._whole_entries = DelayedInterrupts()
         if path.is_file():  # a pipe may hold the writer up for good: there Ctrl-C must be heard
@@ -131,6 +142,12 @@ class RecordingWriter(ClosedByWith):
 
     # --- while the run goes on -----------------------------------------------------------------
 
+    def begin(self) -> None:
+        """Replace the file that was there, by what waits for it; once is enough."""
+        if self._file.waits:
+            with self._attempt():
+                self._file.begin()
+
     def to_board(self, t_ns: int, data: bytes, waited_ns: int = 0) -> None:
         """Write bytes that the port took from the host, which may have waited for *waited_ns*."""
         self._take(
@@ -140,6 +157,7 @@ class RecordingWriter(ClosedByWith):
 
     def to_host(self, t_ns: int, data: bytes) -> None:
         """Write bytes that the host read."""
+        self.has_heard = True
         self._clock.hear(t_ns, data)
         self._take(channels.TO_HOST, t_ns, _encoded_recording_bytes(data), t_ns)
         self._flush_when_due(t_ns)
@@ -267,16 +285,36 @@ class RecordingWriter(ClosedByWith):
 
 
 class _RecordingOutput:
-    """A file that knows how much it has taken, so that a pipe can be one."""
+    """A file that knows how much it has taken, so that a pipe can be one.
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
+    One that *waits* keeps what it takes until :meth:`begin`, and leaves the disk as it was without.
+    """
+
+    def __init__(self, path: Path, *, waits: bool) -> None:
+        self._path, self._is_new = path, not path.exists()
+        self.waits = waits and (self._is_new or path.is_file())
+        self._file = _opened_recording_file(path, "r+b" if path.is_file() else "wb")
+        self._waiting: list[bytes] = []
         self._size = 0
         self.is_open = True
+        if not self.waits:
+            self.begin()
+
+    def begin(self) -> None:
+        """Replace the content of the file."""
+        self.waits = False
+        if self._path.is_file():
+            self._file.truncate()
+        self._file.write(b"".join(self._waiting))
+        self._waiting.clear()
+        self._file.flush()
 
     def write(self, data: bytes) -> int:
         self._size += len(data)
-        return self._file.write(data)
+        if not self.waits:
+            return self._file.write(data)
+        self._waiting.append(bytes(data))
+        return len(data)
 
     def tell(self) -> int:
         return self._size
@@ -287,6 +325,8 @@ class _RecordingOutput:
     def close(self) -> None:
         self.is_open = False
         self._file.close()
+        if self.waits and self._is_new:
+            self._path.unlink(missing_ok=True)
 
     def give_up(self) -> None:
         """Close without a second error about what is still buffered."""
@@ -295,13 +335,13 @@ class _RecordingOutput:
             self._file.close()
 
 
-def _opened_recording_file(path: Path) -> BinaryIO:
+def _opened_recording_file(path: Path, mode: str) -> BinaryIO:
     """Open a file, or standard output, to write a recording; make its folder."""
     with writing_file(path):
         if path == STANDARD_OUTPUT:
             return open(1, "wb", closefd=False)
         path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("wb")
+        return cast("BinaryIO", path.open(mode))
 
 
 def _encoded_recording_bytes(data: bytes) -> bytes:

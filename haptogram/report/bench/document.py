@@ -210,6 +210,8 @@ def draw_bench_histograms(stages_us: Mapping[str, NDArray[np.float64]]) -> Figur
                     label=f"{label} (n = {len(values)})",
                 )
         axes.set(xscale="log", yscale="log", xlabel="time (µs)", ylabel="frames")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter("{x:g}")
         most = max(np.nanmax(stages_us[name], initial=0.0) for name, *_ in _SHOWN)
         axes.set_xlim(_BINS[0] / 1.5, min(_BINS[-1], 3.0 * max(most, *MISS_LIMITS_US)))
         for limit_us in MISS_LIMITS_US:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -16,6 +17,7 @@ from haptogram.machine.files import is_standard_output, write_file_atomically
 
 from ..formats.document import PagePicture
 from ..formats.html import require_report_packages
+from ..formats.junit import legal_xml_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,6 +56,7 @@ _STYLE: Final[dict[str, Any]] = {
     "legend.framealpha": 0.9,
     "svg.fonttype": "none",
     "svg.hashsalt": "haptogram",  # the same picture gives the same file
+    "text.parse_math": False,  # names of files and options may have any number of $
     "xtick.labelsize": 8.0,
     "ytick.labelsize": 8.0,
 }
@@ -108,11 +111,13 @@ def encode_figure(figure: Figure, suffix: str, *, transparent: bool = False) -> 
     left_out = {".png": ("Software",), ".svg": ("Date", "Creator"), ".pdf": ("CreationDate",)}
     metadata: Any = dict.fromkeys(left_out[suffix])
     buffer = io.BytesIO()
-    with _styled():
+    with _styled(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # signs that the font has not, in a name
         figure.savefig(
             buffer, format=suffix[1:], dpi=DPI, metadata=metadata, transparent=transparent
         )
-    return buffer.getvalue()
+    content = buffer.getvalue()
+    return legal_xml_text(content.decode()).encode() if suffix == ".svg" else content
 
 
 def write_figure(path: Path, figure: Figure) -> None:

@@ -6,6 +6,8 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from haptogram.machine.terminal import printable_on_terminal
+
 from .document import Block, Document, Listing, Table
 
 WIDTH: Final = 98
@@ -32,7 +34,10 @@ def console_table(
     indent : int
         Number of spaces before every line.
     """
-    lines = [*([list(head)] if head else []), *([str(cell) for cell in row] for row in rows)]
+    lines = [
+        *([list(head)] if head else []),
+        *([printable_on_terminal(str(cell)) for cell in row] for row in rows),
+    ]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     signs = [">" if place in numbers else "<" for place in range(len(widths))]
     return [

@@ -63,30 +63,30 @@ def _junit_root(document: Document, provenance: Provenance) -> ElementTree.Eleme
     properties = ElementTree.SubElement(node, "properties")
     for title, value in {**document.properties, **dict(provenance.rows())}.items():
         ElementTree.SubElement(
-            properties, "property", name=_legal_junit_text(title), value=_legal_junit_text(value)
+            properties, "property", name=legal_xml_text(title), value=legal_xml_text(value)
         )
     for check in document.checks:
         _add_junit_case(node, name, check)
     log = "\n".join([document.heading, *document.lead])
-    ElementTree.SubElement(node, "system-out").text = _legal_junit_text(log)
+    ElementTree.SubElement(node, "system-out").text = legal_xml_text(log)
     return root
 
 
 def _add_junit_case(suite: ElementTree.Element, name: str, check: Check) -> None:
     """Add a check to a suite as testcase, with outcome, message and log."""
     group = f"{name}.{check.group}"
-    known = {"classname": group, "name": _legal_junit_text(check.name)} | _junit_time(check.seconds)
+    known = {"classname": group, "name": legal_xml_text(check.name)} | _junit_time(check.seconds)
     node = ElementTree.SubElement(suite, "testcase", known)
     element = _ELEMENTS[check.outcome]
     outcome = ElementTree.SubElement(node, element)
     if element != _PASSED:
-        outcome.set("message", _legal_junit_text(check.message))
+        outcome.set("message", legal_xml_text(check.message))
     if check.decisive:  # the schema gives the others no type
         outcome.set("type", check.kind or check.group)
     if check.outcome is not Outcome.NOT_JUDGED:
-        outcome.text = _legal_junit_text("\n".join([check.message, *check.details]))
+        outcome.text = legal_xml_text("\n".join([check.message, *check.details]))
     if check.log:
-        ElementTree.SubElement(node, "system-out").text = _legal_junit_text(check.log)
+        ElementTree.SubElement(node, "system-out").text = legal_xml_text(check.log)
 
 
 def _junit_time(seconds: float | None) -> dict[str, str]:
@@ -94,6 +94,6 @@ def _junit_time(seconds: float | None) -> dict[str, str]:
     return {} if seconds is None else {"time": f"{seconds:.3f}"}
 
 
-def _legal_junit_text(text: str) -> str:
+def legal_xml_text(text: str) -> str:
     """Replace characters that XML forbids by U+FFFD."""
     return _ILLEGAL.sub("\ufffd", text)

@@ -38,6 +38,7 @@ _COUNTED: Final = (  # {s}: of a plural
     ("clock steps", "step{s} of the board's clock"),
 )
 _TRAFFIC: Final = {
+    "dropped_state": "stream frames that came while the board was not armed",
     "accepted": "taken into the queue: latched, flushed, or still waiting",
     "frames": "undamaged frames that came",
     "flushed": "waiting when MUTE or a new session came",

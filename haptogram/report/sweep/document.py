@@ -198,7 +198,9 @@ def draw_sweep_map(
         _draw_sweep_cells(left, failed, counts, 1.0)
         _draw_sweep_cells(right, largest, texts, float(np.nanmax([1e-9, *largest.flat])))
         for axes, title in ((left, "points that did not pass"), (right, measure.text)):
-            axes.set_xticks(range(len(across)), [_short(one) for one in across], rotation=45)
+            axes.set_xticks(range(len(across)), [_short(one) for one in across])
+            for label in axes.get_xticklabels():  # its end below its column
+                label.set(rotation=45, ha="right", rotation_mode="anchor")
             axes.set(title=title, xlabel=names[1])
         left.set_ylabel(names[0])
         left.set_yticks(range(len(downward)), [_short(one) for one in downward])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import gc
 import json
+import math
 import random
 import sys
 from pathlib import Path
@@ -335,6 +336,28 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(
     assert json.loads(result.read_bytes())["done"] == 1
     assert main([*command, "--quiet"]) == 0
     assert "2 of 2 segments" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        *(("done", value) for value in (99, -1, "2", 1.5, True, None)),
+        *(("spent_s", value) for value in ("x", -1, math.nan, math.inf)),
+        *(("memory", value) for value in ([1], {"a": {}}, {"1/2": {"segments": 1, "first": 1}})),
+        *(("examples", value) for value in (["abc"], "abc", [1])),
+        *(("violations", value) for value in ({"torn latch": "x"}, {"no such one": 1}, [1])),
+        *(("totals", value) for value in ({"frames": "x"}, {"frames": -1}, [["frames", 1]])),
+        *(("course", value) for value in ([{"interval": "a"}], [{"interval": 0, "frames": 1}])),
+        *(("faults", value) for value in ({"x": {"injected": 1}}, {"x": {"found": {}}})),
+    ],
+)
+def test_a_checkpoint_that_was_changed_is_refused(place: str, value: Any, tmp_path: Path) -> None:
+    state = SoakCampaign(SHORT).as_dict()
+    (state if place in state else state["tally"])[place] = value
+    path = tmp_path / "soak.json"
+    path.write_text(json.dumps(state))
+    with pytest.raises(ConfigurationError, match=r"soak\.json is no checkpoint of a soak"):
+        SoakCampaign.load(path, SHORT)
 
 
 def test_a_checkpoint_of_another_soak_is_refused(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from haptogram.campaigns.sweep.rows import Row, write_rows
 from haptogram.campaigns.sweep.workers import Workers, process_workers
 from haptogram.cli import command_parser, main
 from haptogram.cli.program import result_of_command
+from haptogram.errors import ConfigurationError
 
 HAS_DASK = importlib.util.find_spec("distributed") is not None
 HAS_PARQUET = importlib.util.find_spec("pyarrow") is not None
@@ -166,6 +167,23 @@ VERIFY = '[sweep]\nrun = "verify"\n'
         (VERIFY + "[axes]\nfault = { text = 'line.drop p={}', values = [2] }\n", "must be 0 to 1"),
         (VERIFY + "[axes]\nseed = [{ a = 1 }]\n", "seed is {'a': 1}, must be a value or a list"),
         (VERIFY + "[axes]\njson = ['a']\n", "json is an option of one run, not of many points"),
+        (
+            VERIFY + "[options]\nfrom-recording = 'a'\n[axes]\nseed = [1]\n",
+            "from_recording is an option of one run",
+        ),
+        (
+            VERIFY + "[options]\nrate-hz = 1\n[axes]\nrate_hz = [1]\n",
+            "rate_hz is in [options] and in [axes]; name it once",
+        ),
+        (
+            VERIFY + "[axes]\nrate_hz = [1]\nrate-hz = [1]\n",
+            "one of rate_hz, rate-hz is named twice",
+        ),
+        (
+            VERIFY + "[axes]\nseed = { low = 0, high = 4000000000 }\n"
+            "repeat = { low = 1, high = 4000000000 }\nrate_hz = { low = 1, high = 9 }\n",
+            "the grid has 144000000036000000000 points, must be 1 to 1000000",
+        ),
         (VERIFY + "[options]\nhelp = true\n", "help is an option of one run, not of many points"),
         (VERIFY + "[axes]\nseed = { values = [1], low = 3 }\n", "seed: 'low' is not read; known"),
         (
@@ -361,6 +379,23 @@ def test_the_rows_of_another_sweep_are_not_gone_on_with(
     assert main(["sweep", str(path), "--rows", str(rows)]) == 2
     assert "rows.csv.part is of another sweep, or of another version" in capsys.readouterr().err
     assert not rows.exists()
+
+
+@pytest.mark.parametrize("line", ["", "{", "[]", '{"point": 99}', '{"point": 1}', '{"point": -1}'])
+def test_rows_that_were_damaged_are_not_gone_on_with(
+    line: str, tmp_path: Path, expected: list[Row]
+) -> None:
+    plan, journal = planned(POINTS, tmp_path), tmp_path / "rows.csv.part"
+    done = SweepCampaign(plan, journal, dict(enumerate(expected)))
+    done.run(result_of_command, no_workers, quiet)
+    head, first, *_ = journal.read_text().split("\n")
+    text = "\n".join([head, line, first, ""])
+    journal.write_text(text)
+    with pytest.raises(ConfigurationError, match="part is damaged: remove it to begin anew"):
+        SweepCampaign.load(plan, journal)
+    assert journal.read_text() == text
+    journal.write_text(text.replace(f"\n{line}\n", "\n", 1))
+    assert SweepCampaign.load(plan, journal).rows == {0: expected[0]}
 
 
 def test_a_csv_file_and_a_page_say_where_it_breaks(

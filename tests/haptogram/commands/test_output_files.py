@@ -171,3 +171,36 @@ def test_standard_output_by_its_other_name_holds_the_result_alone(
     assert json.loads(done.stdout if is_pipe else out.read_bytes())["verdict"] == "pass"
     assert done.stderr.startswith(b"PASS")
     assert b"wrote" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["verify", "--port=/dev/no-such-port"],
+        ["verify", "--virtual-time", "--object=circle", "--radius-mm=450"],
+        ["verify", "--virtual-time", "--object=point", "--rate-hz=40000"],
+        ["verify", "--virtual-time", "--object=point", "--dialect=ultraino", "--rate-hz=40000"],
+        ["verify", "--virtual-time", "--object=point", "--lead-ms=9000"],
+        ["bench", "--port=/dev/no-such-port"],
+        ["bench", "--seconds=1", "--baud=9600"],
+        ["conform", "--port=/dev/no-such-port"],
+        ["board", "--serial=/dev/no-such-port"],
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize("was_there", [True, False])
+def test_a_run_that_is_refused_leaves_the_recording_that_was_there(words, was_there, tmp_path):
+    path = tmp_path / "run.mcap"
+    if was_there:
+        path.write_bytes(b"an older run")
+    assert main([*words, "--record", str(path)]) != 0
+    assert path.exists() == was_there
+    assert not was_there or path.read_bytes() == b"an older run"
+
+
+def test_a_run_replaces_the_whole_recording_that_was_there(tmp_path):
+    paths = [tmp_path / "new.mcap", tmp_path / "old.mcap"]
+    paths[1].write_bytes(b"an older run" * 100_000)
+    for path in paths:
+        main(["verify", "--virtual-time", "--object=point", "--record", str(path), "--quiet"])
+    assert paths[0].read_bytes() == paths[1].read_bytes()

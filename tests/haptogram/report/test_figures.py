@@ -3,6 +3,7 @@
 import math
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from haptogram.report.figures import (
     sample_picture_mean,
     sample_picture_plane,
 )
-from haptogram.report.figures.style import embed_picture
+from haptogram.report.figures.style import embed_picture, new_figure
 
 pytestmark = pytest.mark.sampled(3)
 
@@ -223,6 +224,16 @@ def test_in_a_dark_page_nothing_is_black_on_black():
     drawn = svg[svg.index(b"</style>") :]
     assert set(_COLOUR.findall(drawn)).isdisjoint(_THEMED)
     assert b"prefers-color-scheme:dark" in svg
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["a$\\frac{$b", "日本", "a\x1b[31m\x00", "<b>&", "ü\nzwei"])
+def test_a_name_of_any_signs_stands_in_a_picture_as_it_is(name):
+    with new_figure() as figure:
+        figure.add_subplot().set_xlabel(name)
+    texts = ElementTree.fromstring(embed_picture(figure, "").svg).itertext()
+    shown = "".join(sign if sign >= " " or sign == "\n" else "\ufffd" for sign in name)
+    assert set(shown.split("\n")) <= {text.strip() for text in texts}
 
 
 def test_a_picture_leaves_the_settings_of_the_user_alone():

@@ -23,6 +23,10 @@ def test_a_table_without_rows_is_its_head():
     assert console_table(("a", "b"), [], indent=2) == ["  a  b"]
 
 
+def test_a_cell_is_one_line_and_nothing_that_a_terminal_obeys():
+    assert console_table((), [("a\nb\x1b[31m", "c")]) == ["a\ufffdb\ufffd[31m  c"]
+
+
 def test_a_row_that_lacks_a_cell_is_an_error():
     with pytest.raises(ValueError, match="shorter"):
         console_table(("a", "b"), [("only one",)])
