@@ -26,7 +26,7 @@ _LONGEST_START_S: Final = 600.0  # it may compile, on a machine with much else t
 _SLOW_S: Final = 10.0  # an interpreter with numpy takes seconds on a busy machine: then it is told
 _STARTING: Final = "starting: "
 _INTERPRETER: Final = "starting the Python interpreter"
-_STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
+_STOP_S: Final = 150.0  # the board ends by itself: it gives its last records 120 s
 _POLL_S: Final = 0.01
 #: Package in which pyserial finds the URL: a name, as whoever drives a board imports none.
 _HANDLER: Final = "sim_device"
