@@ -17,7 +17,7 @@ import pytest
 from haptogram.acoustics import AcousticModel, Drive, superpose_foci
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import observations_of_backdoor
-from haptogram.evidence.board_process import _STOP_S
+from haptogram.evidence.board_process import ENDS_WITHIN_S
 from haptogram_protocol.messages import LatchKey
 from sim_device.backdoor import recorder as recorder_module
 from sim_device.backdoor import worker as reconstruction
@@ -192,7 +192,7 @@ def test_a_worker_that_gets_no_processor_is_ended_and_the_log_says_so(tmp_path, 
     worker.latch(a_latch(0))
     worker.close(0.2)
     assert "lacks its last records" in caplog.text
-    assert _STOP_S > reconstruction.DRAIN_TIMEOUT_S  # a host waits until the board has ended
+    assert ENDS_WITHIN_S > reconstruction.DRAIN_TIMEOUT_S  # a host waits until the board has ended
 
 
 def test_drives_without_a_focus_are_searched_for_only_as_long_as_no_record_waits(tmp_path):
