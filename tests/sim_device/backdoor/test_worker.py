@@ -195,8 +195,11 @@ def test_a_worker_that_gets_no_processor_is_ended_and_the_log_says_so(tmp_path, 
     assert ENDS_WITHIN_S > reconstruction.DRAIN_TIMEOUT_S  # a host waits until the board has ended
 
 
-def test_drives_without_a_focus_are_searched_for_only_as_long_as_no_record_waits(tmp_path):
+def test_drives_without_a_focus_are_searched_for_only_as_long_as_no_record_waits(
+    tmp_path, monkeypatch
+):
     """A stream of them at 1 kHz would else be told half a minute later for each second."""
+    monkeypatch.setattr(reconstruction, "SKIP_FIELDS_AFTER_S", 500.0)  # however busy the machine is
     worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"))
     os.kill(worker._process.pid, signal.SIGSTOP)  # noqa: SLF001  so that all of them wait
     codes = np.random.default_rng(1).integers(0, 256, (200, 16), dtype=np.uint8)
@@ -208,7 +211,7 @@ def test_drives_without_a_focus_are_searched_for_only_as_long_as_no_record_waits
     worker.pump()
     assert worker.pending == 0
     os.kill(worker._process.pid, signal.SIGCONT)  # noqa: SLF001
-    worker.close()
+    worker.close(500.0)
     *latches, end = records(tmp_path / "door")[1:]
     kinds = [r["reconstruction"] and r["reconstruction"]["kind"] for r in latches]
     assert kinds[1::2] == ["single_focus"] * 200
