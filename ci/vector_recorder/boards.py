@@ -125,6 +125,10 @@ class CBoard:
         """Let *data* arrive at *at_us*, or only time pass; return the bytes that the board sent."""
         return self._step(f"rx {at_us} {data.hex()}" if data else f"at {at_us}")
 
+    def hold_output(self, at_us: int, data: bytes) -> None:
+        """Let *data* arrive at *at_us*; the next step reads what the board sends."""
+        self._step(f"held {at_us} {data.hex()}")
+
     def raise_hardware_fault(self, at_us: int) -> bytes:
         """Let the hardware fail; return the bytes that the board sent."""
         return self._step(f"fault {at_us}")

@@ -26,7 +26,8 @@ _LONGEST_START_S: Final = 600.0  # it may compile, on a machine with much else t
 _SLOW_S: Final = 10.0  # an interpreter with numpy takes seconds on a busy machine: then it is told
 _STARTING: Final = "starting: "
 _INTERPRETER: Final = "starting the Python interpreter"
-_STOP_S: Final = 45.0  # the board takes up to 20 s to rebuild what it still owes
+#: Time after which a board that is told to end has ended: it gives its last records 120 s.
+ENDS_WITHIN_S: Final = 150.0
 _POLL_S: Final = 0.01
 #: Package in which pyserial finds the URL: a name, as whoever drives a board imports none.
 _HANDLER: Final = "sim_device"
@@ -136,15 +137,16 @@ class BoardProcess:
         """
         self.terminate()
         try:
-            return self._process.wait(_STOP_S)
+            return self._process.wait(ENDS_WITHIN_S)
         except subprocess.TimeoutExpired as error:
             self.kill()
-            raise LinkLostError(f"the virtual board did not end within {_STOP_S:g} s") from error
+            text = f"the virtual board did not end within {ENDS_WITHIN_S:g} s"
+            raise LinkLostError(text) from error
 
     def kill(self) -> None:
         """End the process at once."""
         self._process.kill()
-        self._process.wait(_STOP_S)
+        self._process.wait(ENDS_WITHIN_S)
 
 
 # --- In this program -----------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from haptogram.acoustics import AcousticModel, Calibration, Medium, Transducer, 
 from haptogram.errors import ConfigurationError
 from haptogram.evidence import backdoor
 from haptogram.evidence.backdoor import BackdoorReader
-from haptogram.evidence.board_process import BoardInProgram, BoardProcess
+from haptogram.evidence.board_process import ENDS_WITHIN_S, BoardInProgram, BoardProcess
 from haptogram.evidence.dialects.latches import (
     are_records_of_another_dialect,
     dialect_run_observations,
@@ -272,7 +272,8 @@ class VirtualBoard(ClosedByWith):
             self._process.close_pipe()
         else:
             self._process.terminate()
-        self._records.read_until(lambda: False, progress)
+        # Its process of fields may get no processor for long: only its end says that no more comes.
+        self._records.read_until(lambda: False, progress, ENDS_WITHIN_S)
 
     def verify(
         self,
@@ -488,11 +489,15 @@ class BoardRecords:
         return backdoor.why_observations_incomplete(self.records)
 
     def read_until(
-        self, enough: Callable[[], bool], progress: Callable[[int], None] | None = None
+        self,
+        enough: Callable[[], bool],
+        progress: Callable[[int], None] | None = None,
+        quiet_s: float = _QUIET_S,
     ) -> None:
         """Read until *enough* returns True, or until no more records are expected.
 
-        *progress* is called with the number of records so far.
+        *progress* is called with the number of records so far.  A board that runs may be silent
+        for *quiet_s*.
         """
         quiet_since_s = self._board.now_s()
         while True:
@@ -503,7 +508,7 @@ class BoardRecords:
                     progress(len(self.records))
             if enough() or self._is_closed:
                 return
-            patience_s = _QUIET_S if self._board.is_running() else _LAST_WORDS_S
+            patience_s = quiet_s if self._board.is_running() else _LAST_WORDS_S
             if self._board.now_s() - quiet_since_s > patience_s:
                 return
             self._board.sleep(_POLL_S)

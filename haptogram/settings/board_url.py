@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Final
-from urllib.parse import SplitResult, parse_qsl, urlencode, urlsplit
+from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.frozen import dataclass, field
@@ -68,11 +68,15 @@ def read_board_url(url: str, default: BoardConfig | None = None) -> PortConfig:
         URL.
     """
     with refusals_of(f"{url}:"):
-        return _port_config_of_url(urlsplit(url), default)
+        return _port_config_of_url(url, default)
 
 
-def _port_config_of_url(parts: SplitResult, default: BoardConfig | None) -> PortConfig:
+def _port_config_of_url(url: str, default: BoardConfig | None) -> PortConfig:
     """Return port and board of a haptogram:// URL; what it leaves out is as in *default*."""
+    try:
+        parts = urlsplit(url)
+    except ValueError as error:  # a bracket that opens no IPv6 address
+        raise ConfigurationError("must be haptogram://?name=value&...") from error
     if parts.scheme != "haptogram" or parts.netloc or parts.path.strip("/"):
         raise ConfigurationError("must be haptogram://?name=value&...")
     values: dict[str, Any] = {} if default is None else default.non_default()

@@ -187,12 +187,18 @@ class Parser(argparse.ArgumentParser):
         """Return *message* with the source of the value in place of the name that it begins with.
 
         The name is a Python argument or an option; the source is a key of a file, or the option.
+        So is that of a setting to "give too" at its end.
         """
+        message = re.sub(r"(?<=\bgive )\w+(?= too$)", lambda found: self._word(found[0]), message)
         name = message.partition(" ")[0]
         key = name.removeprefix("--").replace("-", "_")
         option = option_word(key)
         known = key.isidentifier() and option in self.option_actions and name in (key, option)
         return self._in_file.get(key, option) + message[len(name) :] if known else message
+
+    def _word(self, name: str) -> str:
+        """Return the option of the setting *name*, or the name if there is none."""
+        return option if (option := option_word(name)) in self.option_actions else name
 
     def settle_source(self, file: Path | None, keys: Iterable[str]) -> None:
         """Let errors about *keys* name them as keys of *file*: their values came from there."""

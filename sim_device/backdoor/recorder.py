@@ -9,6 +9,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from haptogram.acoustics import AcousticModel, NoFocus, Reconstruction, Reconstructor
+from haptogram.acoustics.arrays import ComplexArray
 from haptogram.acoustics.reconstruct.warm import DriveToFind
 from haptogram.records.frame import Evidence, FrameKey, Observation
 from haptogram.records.latch import LatchRecord
@@ -32,23 +33,30 @@ class BackdoorEstimator:
 
     Each drive is judged by the rounding of the phases that it was commanded with: a board may
     make its pulses of finer steps (*phase_steps* a period) than its phases.
+
+    Attributes
+    ----------
+    searches_left : float
+        Drives whose focus may still be searched for in the whole volume, which takes as long as a
+        hundred foci; one that needs it and finds none left has no field.
     """
 
     def __init__(self, model: AcousticModel, phase_steps: int | None = None) -> None:
+        self.searches_left = math.inf
         self._reconstructor = Reconstructor(model)
         self._phase_steps = phase_steps
-        self._seen: dict[Hashable, Reconstruction] = {}
+        self._seen: dict[Hashable, Reconstruction | None] = {}
         self._model = model
         self._classifiers: dict[int, PatternClassifier] = {}
         self._patterns: dict[Hashable, Pattern] = {}
 
-    def estimate(self, latch: events.AnyLatch) -> Reconstruction:
+    def estimate(self, latch: events.AnyLatch) -> Reconstruction | None:
         """Return the reconstruction of the radiated drive, which knows no target."""
         if isinstance(latch, events.Latch):
             return self.estimate_all([latch])[0]
         return _remembered(self._seen, latch, self._reconstruct)
 
-    def estimate_all(self, latches: Sequence[events.Latch]) -> list[Reconstruction]:
+    def estimate_all(self, latches: Sequence[events.Latch]) -> list[Reconstruction | None]:
         """Return the result of :meth:`estimate` for each; new drives are rebuilt at once."""
         keys = [_drive_key_of_latch(latch) for latch in latches]
         known = self._seen
@@ -59,7 +67,13 @@ class BackdoorEstimator:
             for latch in new.values()
             if not latch.ramping
         ]
-        foci = iter(self._reconstructor.reconstruct_all(asked))
+        quickly = self._reconstructor.reconstruct_all_quickly(asked)
+        foci = iter(
+            [
+                self._searched(one.drive.weights(), one.step_rad) if found is None else found
+                for one, found in zip(asked, quickly, strict=True)
+            ]
+        )
         for key, latch in new.items():
             known[key] = NoFocus("ramping") if latch.ramping else next(foci)
         found = [known[key] for key in keys]
@@ -88,11 +102,18 @@ class BackdoorEstimator:
         known = (latch.pulses.steps, self._phase_steps, latch.phase_steps)
         return min(steps for steps in known if steps is not None)
 
-    def _reconstruct(self, latch: events.PulseLatch) -> Reconstruction:
+    def _reconstruct(self, latch: events.PulseLatch) -> Reconstruction | None:
         """Return the focus that the pulses of a latch form, or that they form none."""
-        return self._reconstructor.reconstruct_weights(
-            latch.weights(), step_rad=math.tau / self._coarsest_steps(latch)
-        )
+        weights, step_rad = latch.weights(), math.tau / self._coarsest_steps(latch)
+        found = self._reconstructor.reconstruct_quickly(weights, step_rad=step_rad)
+        return self._searched(weights, step_rad) if found is None else found
+
+    def _searched(self, weights: ComplexArray, step_rad: float) -> Reconstruction | None:
+        """Return what a search of the whole volume finds; None if no search is left."""
+        if self.searches_left <= 0:
+            return None
+        self.searches_left -= 1
+        return self._reconstructor.reconstruct_weights(weights, step_rad=step_rad)
 
 
 def _remembered(
@@ -175,7 +196,8 @@ class InlineReconstructionWorker:
         steps = None if wiring is None else wiring.steps
         self._estimator = BackdoorEstimator(settings.truth, steps) if reconstruct else None
         self._latched = self._reconstructed = 0
-        self._texts: dict[Hashable, str] = {}  # of drives seen lately, as their records have them
+        # Of drives seen lately, as their records have them; and whether those have a field.
+        self._texts: dict[Hashable, tuple[str, bool]] = {}
         self._counted: dict[str, events.Counted] = {}
         self._modulation: events.Modulation | None = None
         write(records.backdoor_board_record(settings))
@@ -217,11 +239,11 @@ class InlineReconstructionWorker:
         estimates: Sequence[Reconstruction | None] = [None] * len(new)
         if estimator is not None:
             estimates = estimator.estimate_all([*new.values()])
-            self._reconstructed += len(latches)
-        texts = map(records.backdoor_drive_text, new.values(), estimates)
-        known.update(zip(new, texts, strict=True))
+        for (key, latch), estimate in zip(new.items(), estimates, strict=True):
+            known[key] = records.backdoor_drive_text(latch, estimate), estimate is not None
         self._latched += len(latches)
-        lines = map(records.backdoor_latch_line, latches, [known[key] for key in keys])
+        self._reconstructed += sum(known[key][1] for key in keys)
+        lines = map(records.backdoor_latch_line, latches, [known[key][0] for key in keys])
         text = "".join(lines).encode()
         _forget_oldest(known)
         return text
@@ -243,7 +265,7 @@ class InlineReconstructionWorker:
         estimates: Sequence[Reconstruction | None] = [None] * len(latches)
         if self._estimator is not None:
             estimates = self._estimator.estimate_all(latches)
-            self._reconstructed += len(latches)
+            self._reconstructed += sum(estimate is not None for estimate in estimates)
         seen = [*map(_latch_observation, latches, estimates)]
         pairs = zip(owed, estimates, strict=True)
         brief = [(latch, record, estimate) for (latch, record), estimate in pairs]
@@ -259,8 +281,14 @@ class InlineReconstructionWorker:
             record.update(records.backdoor_latch_record(latch, estimate))
         self._brief = []
 
+    def limit_searches(self, count: int) -> None:
+        """From now on search the whole volume for the foci of *count* more drives at most."""
+        if self._estimator is not None:
+            self._estimator.searches_left = count
+
     def skip_fields(self) -> None:
         """Leave the field out from now on: there is no time left for it."""
+        self.limit_searches(0)  # of the latches at hand
         self._estimator = None
 
     def notice(self, notice: events.Notice) -> None:

@@ -187,9 +187,11 @@ class ReconstructionWorker:
             Why the records ended early, in one line; empty if nothing stopped them.
         """
         deadline_s = time.monotonic() + timeout_s
+        skip_s = min(deadline_s, time.monotonic() + SKIP_FIELDS_AFTER_S)
         self._waiting.append(RecordsEnd(self.dropped, self.notices_dropped))
-        self._drain(min(deadline_s, time.monotonic() + SKIP_FIELDS_AFTER_S))
-        if self.pending and self._alive:
+        self._drain(skip_s)
+        # What is handed over may still take the worker minutes.
+        if self._alive and (self.pending or not self._has_ended(skip_s)):
             self.skip_fields()
             self._drain(deadline_s)
         self._alive = False
@@ -229,6 +231,14 @@ class ReconstructionWorker:
         if answer != READY:
             raise ConfigurationError(answer.decode(errors="replace").strip())
 
+    def _has_ended(self, deadline_s: float) -> bool:
+        """Return True if the worker, which has everything, ends before the deadline."""
+        try:
+            self._process.wait(max(0.0, deadline_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
     def _await_exit(self, timeout_s: float) -> None:
         """Close the pipe to the worker and wait for its end, lest it write late."""
         with contextlib.suppress(OSError):  # the worker closed its end first
@@ -236,6 +246,7 @@ class ReconstructionWorker:
         try:
             self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
+            _LOG.warning("the back door lacks its last records: no time is left for them")
             self._process.kill()
             self._process.wait()
 

@@ -25,6 +25,7 @@ _READ_BYTES: Final = 65_536
 _NICENESS: Final = 10  # a 40th of a core beside eight busy processes; 19 would be a 270th
 _LOOK_MS: Final = 20  # time between two looks for the reader of a pipe
 _IDLE_S: Final = 0.05  # how long a client of the back door may wait for its first line
+_SEARCHES: Final = 16  # drives without a focus while records wait: each takes some 40 ms
 
 
 def run_reconstruction_worker() -> None:
@@ -49,6 +50,7 @@ def run_reconstruction_worker() -> None:
             reconstruct=job.reconstruct,
         )
         recorder.warm_up()
+        recorder.limit_searches(_SEARCHES)
         signal.signal(SKIP_FIELDS, lambda *_: recorder.skip_fields())
         _send_to_board(1, READY)
         is_ready = True
@@ -83,6 +85,8 @@ def _record_batches(
 ) -> None:
     """Write all records to the sink, latches in a row together; note if the board never ended."""
     for batch in batches:
+        if not batch:  # no record waits
+            recorder.limit_searches(_SEARCHES)
         for kind, items in itertools.groupby(batch, type):
             if kind is Latch:
                 sink.write(recorder.lines_of_latches(list(items)))
@@ -106,14 +110,15 @@ def _drain_sink(sink: FileSink | SocketSink) -> None:
 
 
 def _received_batches(chunk: int) -> Iterator[list[Any]]:
-    """Yield batches from the board, empty ones while idle; end when the board ends."""
+    """Yield batches from the board, an empty one whenever none waits; end when the board ends."""
     buffer = bytearray()
     with selectors.DefaultSelector() as selector:
         selector.register(0, selectors.EVENT_READ)
         while True:
-            if not selector.select(_IDLE_S):
+            if not selector.select(0):
                 yield []
-                continue
+                if not selector.select(_IDLE_S):
+                    continue
             data = os.read(0, chunk)
             if not data:
                 return

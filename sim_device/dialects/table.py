@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.arguments import did_you_mean
 from haptogram.settings.option import Settings, options_of
 from haptogram_protocol.dialects.table import listed_in_modules
@@ -63,8 +63,10 @@ def read_emulation_options(emulation: Emulation, texts: tuple[str, ...]) -> Sett
             raise ConfigurationError(
                 f"dialect_option is {text!r}; {emulation.dialect.name} takes {known}"
             )
-        values[name] = rows[name].read(value)
-    return emulation.options.of(**values)
+        with refusals_of("dialect_option"):
+            values[name] = rows[name].read(value)
+    with refusals_of("dialect_option"):
+        return emulation.options.of(**values)
 
 
 @cache

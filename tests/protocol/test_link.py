@@ -356,6 +356,8 @@ def test_the_lease_is_renewed_by_every_frame_of_the_session_and_by_no_other(link
         (wire(PHASES, seq=0xFFF1, session=NONCE + 1), False),
         (wire(Ping(1), seq=1, session=0), False),
         (wire(Mute(), seq=1, session=0), False),
+        (wire(Hello(VERSION_MAJOR, 0, NONCE), seq=1, session=NONCE), False),  # repeated
+        (wire(Hello(VERSION_MAJOR, 0, 0), seq=1, session=NONCE), False),  # refused
         (bytes(bad_crc), False),
     ]
     for frame, renews in cases:

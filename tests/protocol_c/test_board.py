@@ -136,6 +136,20 @@ def test_a_mute_that_overtakes_switches_off_for_good_what_came_before_it(c_board
     assert armed.state is OutputState.ARMED
 
 
+def test_a_status_that_gives_way_leaves_the_margins_to_the_next(c_board):
+    c_board(1000, frame(Hello(VERSION_MAJOR, 0, SESSION, 0), 1, session=0))
+    c_board(1000, frame(SetConfig(Config(status_period_ms=10, sound_speed_mm_s=343987)), 2))
+    c_board(1000, frame(Arm(), 3))
+    t_us = (BOOT_US + 8000) & 0xFFFFFFFF
+    phases = frame(Phases(bytes(COUNT)), FIRST_STREAM_SEQ, time_us=t_us)
+    pings = range(4, 404)  # whose answers take more room than STATUS may have
+    c_board.hold_output(5000, phases + b"".join(frame(Ping(seq), seq) for seq in pings))
+    said = messages(c_board(12_000))
+    assert [type(message) for message in said] == [Pong] * len(pings)
+    (status,) = messages(c_board(12_000, frame(GetStatus(), 404)))
+    assert (status.margins, status.margin_min_us, status.margin_mean_us) == (1, 3000, 3000)
+
+
 def test_what_was_taken_for_a_mute_and_is_none_refuses_nothing_behind_it(c_board):
     c_board(1000, frame(Hello(VERSION_MAJOR, 0, SESSION, 0), 1, session=0))
     c_board(1000, frame(Arm(), 2))

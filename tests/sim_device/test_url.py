@@ -63,6 +63,8 @@ def let_pass(host, seconds):
         ("haptogram://?array=0x4", "array is '0x4', must be a grid of 1 to 1024"),
         ("haptogram://?array=none.csv", "none.csv"),
         ("haptogram://board?seed=1", r"must be haptogram://\?name=value"),
+        ("haptogram://[", r"must be haptogram://\?name=value"),
+        ("haptogram://\N{ACCOUNT OF}?seed=1", r"must be haptogram://\?name=value"),
         ("haptogram://?backdoor=/dev/null/x", "backdoor '/dev/null/x' cannot be written"),
     ],
 )

@@ -19,6 +19,11 @@ from .device_clock import PinDialogueClock, last_mark_before_lost_samples
 
 _AT_RESET_US: Final = 4_284_967_296  # HG-6.9/4
 _BITS: Final = 32
+#: Types of the frames of each line, and who sends those of the other one.
+_SENDERS: Final = {
+    "to_board": ((m.STREAM_RANGE, m.REQUEST_RANGE), "board"),
+    "to_host": ((m.RESPONSE_RANGE, m.EVENT_RANGE), "host"),
+}
 _M = TypeVar("_M", bound=m.Message)
 
 
@@ -33,7 +38,7 @@ class PinDialogue:
     Raises
     ------
     ConfigurationError
-        Neither line was captured, or one carries no frame.
+        Neither line was captured, or one carries no frame of its own.
     """
 
     def __init__(self, record: PinRecord) -> None:
@@ -289,7 +294,7 @@ def _read_line(
     Raises
     ------
     ConfigurationError
-        A line without a frame.
+        A line without a frame, or with those of the other line.
     """
     if line is None:
         return [], []
@@ -298,6 +303,12 @@ def _read_line(
         raise ConfigurationError(
             f"{record.name}: {name} carries {len(line.values)} bytes, {line.damaged} characters "
             "without a stop bit and no frame; check channel and baud of the map"
+        )
+    own, other = _SENDERS[name]
+    if not any(frame.header.type in types for frame in read.frames for types in own):
+        raise ConfigurationError(
+            f"{record.name}: {name} carries frames of the {other} alone; exchange to_board and "
+            "to_host in the map"
         )
     return read.frames, read.unread
 

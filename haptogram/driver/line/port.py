@@ -245,6 +245,8 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
     port = _open_serial_transport(url, baudrate)
     try:
         port.fileno()
+        if _writes_by_itself(port):
+            return PyserialTransport(port, url)
     except (AttributeError, OSError):  # io.UnsupportedOperation is an OSError
         try:
             return PyserialTransport(port, url)
@@ -254,6 +256,11 @@ def open_transport(url: str, *, baudrate: int = DEFAULT_BAUDRATE) -> Transport:
             raise errors.ConfigurationError(text) from error
     _send_at_once(port)
     return FdTransport(port, url)
+
+
+def _writes_by_itself(port: Any) -> bool:
+    """Return True if the port does more with the bytes than its descriptor would: ``spy://``."""
+    return isinstance(port, serial.Serial) and type(port).write is not serial.Serial.write
 
 
 def _send_at_once(port: Any) -> None:
@@ -270,15 +277,16 @@ def _send_at_once(port: Any) -> None:
 
 def _check_transport_address(url: str) -> None:
     """Refuse a URL of a network port without host and port; pyserial's own error is jargon."""
-    parts = urlsplit(url)
-    if parts.scheme not in _NETWORKED:
+    scheme = url.partition("://")[0].lower()
+    if scheme not in _NETWORKED:
         return
     try:
+        parts = urlsplit(url)
         is_whole = bool(parts.hostname and parts.port)
-    except ValueError:  # a port that is no number, or too large
+    except ValueError:  # a port that is no number, or too large; half an IPv6 address
         is_whole = False
     if not is_whole:
-        raise errors.ConfigurationError(f"port {url!r}, must be {parts.scheme}://HOST:PORT")
+        raise errors.ConfigurationError(f"port {url!r}, must be {scheme}://HOST:PORT")
 
 
 def _open_serial_transport(url: str, baudrate: int) -> Any:

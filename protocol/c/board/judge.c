@@ -191,7 +191,8 @@ void judge_frame(struct board *board, const struct hg_frame *frame, int64_t t_us
     request.header = frame->header;
     request.payload = frame->payload;
     request.length = frame->payload_length;
-    request.in_session = session != 0 && frame->header.session == session;
+    request.in_session = session != 0 && frame->header.session == session
+                         && frame->header.type != HG_TYPE_HELLO; /* which belongs to none */
     request.t_rx_us = t_us;
     if (request.in_session)
         output_renew_lease(board); /* HG-6.7: even if the frame is refused */

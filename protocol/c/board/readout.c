@@ -127,10 +127,12 @@ void readout_schedule_status(struct board *board)
 
 void readout_send_status(struct board *board)
 {
+    struct margins margins = board->margins;
     uint8_t payload[HG_SIZE_STATUS];
 
     readout_status(board, payload);
-    link_event(board, HG_TYPE_STATUS, payload, sizeof payload, board->now_us, 0, STATUS);
+    if (!link_event(board, HG_TYPE_STATUS, payload, sizeof payload, board->now_us, 0, STATUS))
+        board->margins = margins; /* HG-9.3: it gave way, and has told nobody */
     readout_schedule_status(board);
 }
 

@@ -1,6 +1,7 @@
 /* The board in virtual time: one step for each line of standard input.
 
    rx TIME HEX   bytes whose last one is complete TIME microseconds after power-up
+   held TIME HEX the same, but nobody reads yet what the board sends
    at TIME       let everything happen up to then
    until TIME    the same, but stop as soon as the board sends something
    fault TIME    a hardware fault
@@ -102,7 +103,7 @@ static void step(struct board *board, const char *word, int64_t t_us, const char
         array.boot_id++; /* HG-4.3/5 */
         loaded_us = 0;
         board_start(board, &array, &machine);
-    } else if (strcmp(word, "rx") == 0) {
+    } else if (strcmp(word, "rx") == 0 || strcmp(word, "held") == 0) {
         board_receive(board, data, hex_read(data, sizeof data, hex), BOARD_BOOT_US + t_us);
     } else if (strcmp(word, "until") == 0) {
         advance_until_sent(board, BOARD_BOOT_US + t_us);
@@ -114,6 +115,8 @@ static void step(struct board *board, const char *word, int64_t t_us, const char
             board_mute_ahead(board, strtoul(hex, NULL, 10));
     }
     output = board_output(board, &length);
+    if (strcmp(word, "held") == 0)
+        length = 0;
     hex_print(output, length);
     printf("%.*s\n", (int)radiated_length, radiated);
     fflush(stdout);

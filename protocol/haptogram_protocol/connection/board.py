@@ -26,6 +26,7 @@ OUTPUT_LIMIT: Final = 65_536  # bytes that may wait for the line
 
 # HG-3.5: IMMEDIATE has a meaning in these only.  MUTE is carried out whatever its flags (HG-6.4).
 _TAKES_IMMEDIATE: Final = frozenset({*m.STREAM_RANGE, int(m.MessageType.PLAY)})
+_HELLO: Final = int(m.MessageType.HELLO)
 IMMEDIATE: Final = int(m.Flag.IMMEDIATE)  # as a number: an operation on a Flag costs microseconds
 
 
@@ -44,7 +45,7 @@ class ReceivedFrame:
     t_rx_us : int
         Device time, unwrapped, at which its last byte came.
     in_session : bool
-        True if the frame is of the open session; it renews the lease then (HG-6.7).
+        True if the frame, no HELLO, is of the open session; it renews the lease then (HG-6.7).
     """
 
     header: m.Header
@@ -161,7 +162,8 @@ class BoardConnection(ConnectionInbox):
         """Return what a decoded frame is to the board: stream, request or drop."""
         self.count("frames")
         header = m.Header.of_body(body)
-        in_session = self.session != 0 and header.session == self.session
+        bears_session = self.session != 0 and header.session == self.session
+        in_session = bears_session and header.type != _HELLO  # which belongs to none: HG-6.7
         frame = ReceivedFrame(header, body[HEADER_BYTES:], zlib.crc32(body), t_rx_us, in_session)
         if header.type in m.STREAM_RANGE:
             return self._judge_stream(frame)
@@ -234,7 +236,7 @@ class BoardConnection(ConnectionInbox):
             return self._request(frame, m.Mute())  # HG-6.4: no flag, length or session refuses it
         if header.type not in self._types:
             return self._refuse(frame, m.ErrorCode.UNSUPPORTED, header.type)
-        if header.type != m.MessageType.HELLO and not frame.in_session:
+        if header.type != _HELLO and not frame.in_session:
             return self._refuse(frame, m.ErrorCode.STALE_SESSION, self.session)
         if flags := unknown_received_flags(header):
             return self._refuse(frame, m.ErrorCode.UNSUPPORTED, flags)

@@ -150,7 +150,8 @@ class SimulatorProcess:
             sent = SentByte(int(t_ns), int(value, 16))
         except ValueError:
             self.garbage(line)
-        if word != b"R" or not self.now_ns <= sent.t_ns <= until_ns or sent.value > 0xFF:
+        in_time = self.now_ns <= sent.t_ns <= until_ns
+        if word != b"R" or not in_time or not 0 <= sent.value <= 0xFF:
             self.garbage(line)
         return sent
 
@@ -175,8 +176,8 @@ class SimulatorProcess:
             self.fail(f"speaks version {first[6:]} of the protocol, must be {VERSION}")
         said = dict(line.partition(" ")[::2] for line in lines)
         pins = tuple(said.get("pins", "").split())
-        period_ns = self._number(said.get("period", "0").encode(), answer)
-        start_ns = self._number(said.get("start", "0").encode(), answer)
+        times = (said.get(name, "0") for name in ("period", "start"))
+        period_ns, start_ns = (self._number(text.encode(), text.encode()) for text in times)
         if not 1 <= len(set(pins)) == len(pins) <= _MOST_PINS:
             self.fail(f"names {len(pins)} pins, must be 1 to {_MOST_PINS} that differ")
         if not 1_000 <= period_ns <= 1_000_000 or start_ns < 0:

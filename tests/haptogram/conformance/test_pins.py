@@ -561,6 +561,16 @@ def test_a_capture_without_the_lines_or_of_a_larger_board_is_refused(healthy):
         judge_clauses_by_pins([dataclasses.replace(record, pins=pins)])
 
 
+@pytest.mark.parametrize("missing", [None, "to_board", "to_host"])
+def test_lines_that_were_exchanged_are_refused(missing, healthy):
+    _, record = healthy
+    swapped = {"to_board": record.to_host, "to_host": record.to_board}
+    if missing is not None:
+        swapped[missing] = None
+    with pytest.raises(ConfigurationError, match=r"carries frames of the \w+ alone; exchange"):
+        PinDialogue(dataclasses.replace(record, **swapped))
+
+
 def test_a_capture_that_was_cut_off_passes_nothing(healthy):
     _, record = healthy
     results = judge_clauses_by_pins([dataclasses.replace(record, cut="too short")])

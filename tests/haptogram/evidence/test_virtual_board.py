@@ -4,13 +4,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from haptogram.driver.driver import Driver
 from haptogram.errors import ConfigurationError, LinkError, LinkLostError
-from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.evidence.virtual_board import BoardRecords, VirtualBoard
 from haptogram.records.frame import FrameKey
 
 pty = pytest.mark.pty
@@ -89,7 +90,7 @@ def test_two_boards_do_not_meet():
 
 OWNER = """
 import sys
-from haptogram.evidence.virtual_board import VirtualBoard
+from haptogram.evidence.virtual_board import BoardRecords, VirtualBoard
 board = VirtualBoard("4x4", reconstruct=False, clock="wall")
 print(board.url, flush=True)
 sys.stdin.read()
@@ -133,6 +134,38 @@ def test_faults_are_counted_at_the_end(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with pytest.raises(ConfigurationError, match=r"'line\.magic' is no fault"):
         VirtualBoard(faults=["line.magic"])
+
+
+class _SlowBoard:
+    """A board on a busy machine: its last record comes *end_s* after it was told to end."""
+
+    def __init__(self, path, end_s):
+        self.path, self.end_s, self.at_s = path, end_s, 0.0
+
+    def now_s(self):
+        return self.at_s
+
+    def sleep(self, _):
+        self.at_s += 0.5
+        if self.at_s == self.end_s:
+            self.path.write_text('{"kind": "end"}\n')
+
+    def is_running(self):
+        return self.at_s < self.end_s
+
+    def terminate(self):
+        """It is told, and does not answer."""
+
+
+def test_a_board_that_was_told_to_end_is_waited_for_until_it_has(tmp_path):
+    path = tmp_path / "backdoor"
+    slow = _SlowBoard(path, 119.0)
+    records = BoardRecords(path, slow)
+    records.read_until(lambda: False)  # one that was not: it may have lost what is waited for
+    assert (records.records, slow.at_s < 20.0) == ([], True)
+    VirtualBoard.finish(SimpleNamespace(_process=slow, _records=records))
+    assert [record["kind"] for record in records.records] == ["end"]
+    records.close()
 
 
 @pty

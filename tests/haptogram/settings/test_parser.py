@@ -118,6 +118,8 @@ def test_an_error_of_a_python_argument_names_the_option() -> None:
     assert named("rate is 0") == "rate is 0"
     assert named("--baud is 0") == "--baud is 0"
     assert named("mode") == "--mode"
+    assert named("mode needs a rate: give rate_hz too") == "--mode needs a rate: give --rate-hz too"
+    assert named("mode is x; give baud_rate too") == "--mode is x; give baud_rate too"
 
 
 def test_a_strange_value_is_shown_short_and_harmless() -> None:

@@ -7,6 +7,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import pytest
 from haptogram.acoustics import AcousticModel, Drive, superpose_foci
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import observations_of_backdoor
+from haptogram.evidence.board_process import ENDS_WITHIN_S
 from haptogram_protocol.messages import LatchKey
 from sim_device.backdoor import recorder as recorder_module
 from sim_device.backdoor import worker as reconstruction
@@ -25,6 +27,7 @@ from sim_device.backdoor.worker import (
     packed_worker_batch,
     unpacked_worker_batches,
 )
+from sim_device.backdoor.worker_process import _SEARCHES
 from sim_device.board.events import Latch, SessionOpened
 from sim_device.board.settings import BoardSettings
 
@@ -163,6 +166,57 @@ def test_out_of_time_every_latch_is_written_down_without_its_field(tmp_path, mon
     assert found[-1]["reconstructed"] < 4000
     without = [r["reconstruction"] is None for r in found if r["kind"] == "latch"]
     assert without == sorted(without)  # first with, then without
+
+
+def test_what_was_handed_over_is_written_without_its_field_too_once_time_is_up(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(reconstruction, "SKIP_FIELDS_AFTER_S", 0.0)
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"))
+    os.kill(worker._process.pid, signal.SIGSTOP)  # noqa: SLF001  it gets no processor
+    for index in range(100):
+        worker.latch(a_latch(index))
+    worker.pump()
+    assert worker.pending == 0
+    going_on = threading.Timer(0.5, os.kill, (worker._process.pid, signal.SIGCONT))  # noqa: SLF001
+    going_on.start()
+    worker.close()
+    going_on.join()
+    end = records(tmp_path / "door")[-1]
+    assert (end["latched"], end["reconstructed"], end["dropped"]) == (100, 0, 0)
+
+
+def test_a_worker_that_gets_no_processor_is_ended_and_the_log_says_so(tmp_path, caplog):
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"))
+    os.kill(worker._process.pid, signal.SIGSTOP)  # noqa: SLF001
+    worker.latch(a_latch(0))
+    worker.close(0.2)
+    assert "lacks its last records" in caplog.text
+    assert ENDS_WITHIN_S > reconstruction.DRAIN_TIMEOUT_S  # a host waits until the board has ended
+
+
+def test_drives_without_a_focus_are_searched_for_only_as_long_as_no_record_waits(
+    tmp_path, monkeypatch
+):
+    """A stream of them at 1 kHz would else be told half a minute later for each second."""
+    monkeypatch.setattr(reconstruction, "SKIP_FIELDS_AFTER_S", 500.0)  # however busy the machine is
+    worker = ReconstructionWorker(SETTINGS, str(tmp_path / "door"))
+    os.kill(worker._process.pid, signal.SIGSTOP)  # noqa: SLF001  so that all of them wait
+    codes = np.random.default_rng(1).integers(0, 256, (200, 16), dtype=np.uint8)
+    for index, phases in enumerate(codes):
+        nowhere = Drive(phases, np.full(16, 255, np.uint8))
+        latch = dataclasses.replace(a_latch(index), drive=nowhere, radiated=nowhere)
+        worker.latch(latch)
+        worker.latch(a_latch(index))  # its field is found at once
+    worker.pump()
+    assert worker.pending == 0
+    os.kill(worker._process.pid, signal.SIGCONT)  # noqa: SLF001
+    worker.close(500.0)
+    *latches, end = records(tmp_path / "door")[1:]
+    kinds = [r["reconstruction"] and r["reconstruction"]["kind"] for r in latches]
+    assert kinds[1::2] == ["single_focus"] * 200
+    assert kinds[::2] == ["not_single"] * _SEARCHES + [None] * (200 - _SEARCHES)
+    assert (end["latched"], end["reconstructed"]) == (400, 200 + _SEARCHES)
 
 
 def test_a_place_that_cannot_be_written_is_an_error_at_once(tmp_path):

@@ -18,6 +18,7 @@ WAYS = (
     "garbage",
     "skips",
     "bad-pins",
+    "bad-byte",
     "echo",
     "no-clocks",
     "half",
@@ -120,6 +121,8 @@ class Simulator:
             lines.append("Warning: metavalue detected\n")
         if self.way == "bad-pins":
             lines.append("P 30000 0000\n|\n")
+        if self.way == "bad-byte":
+            lines.append(f"R {until} -1\n")
         if self.way == "skips":
             lines.clear()
         return until + {"back": -50_000_000, "ahead": 1_000, "stops": -1_000}.get(self.way, 0)

@@ -90,6 +90,7 @@ def test_it_is_the_same_each_time():
         ("stops", "and sent no byte"),
         ("garbage", "wrote 'Warning: metavalue detected'"),
         ("bad-pins", "wrote 'P 30000 0000'; a change is P, a time from 0 to 24999, and 4 digits"),
+        ("bad-byte", r"wrote 'R \d+ -1', which is no line of a simulator here"),
         ("skips", "periods of the carrier"),
     ],
 )

@@ -40,7 +40,11 @@ def listener():
 
 
 @pytest.mark.parametrize(
-    "url", ["socket://", "socket://host", "socket://host:x", "socket://:1", "rfc2217://h:99999"]
+    "url",
+    [
+        *("socket://", "socket://host", "socket://host:x", "socket://:1", "rfc2217://h:99999"),
+        *("socket://[", "SOCKET://[::1:7000", "socket://\N{ACCOUNT OF}:1"),
+    ],
 )
 def test_an_address_without_host_and_port_is_refused_with_its_form(url):
     with pytest.raises(ConfigurationError, match=r"^port '.*', must be \w+://HOST:PORT$"):
@@ -57,6 +61,20 @@ def test_bytes_pass_both_ways(pty_pair):
     os.write(master, b"answer\x00")
     assert port.read_available(port.now_ns() + SOON_NS) == b"answer\x00"
     port.close()
+
+
+@pytest.mark.pty
+def test_a_port_that_writes_the_bytes_down_is_given_them_all(pty_pair, capsys):
+    master, path = pty_pair
+    port = open_transport(f"spy://{path}")
+    os.write(master, b"answer")
+    assert port.write_some(b"request") == 7
+    assert os.read(master, 100) == b"request"
+    assert port.read_available(port.now_ns() + SOON_NS) == b"answer"
+    port.close()
+    told = capsys.readouterr().err
+    assert "TX   0000  72 65 71 75" in told
+    assert "RX   0000  61 6E 73 77" in told
 
 
 @pytest.mark.pty
@@ -181,7 +199,7 @@ def test_nobody_listens(listener):
 
 @pytest.mark.parametrize(
     ("url", "baudrate"),
-    [("nosuch://x", 9600), ("loop://", 0), ("loop://", -1)],
+    [("nosuch://x", 9600), ("loop://", 0), ("loop://", -1), ("loop://[", 9600), ("spy://[", 9600)],
 )
 def test_arguments_that_make_no_sense(url, baudrate):
     with pytest.raises(ConfigurationError):
