@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from haptogram.errors import ConfigurationError
+from haptogram.errors import ConfigurationError, reading_file
 from haptogram.settings.text_file import read_text_file
 
 
@@ -17,7 +17,9 @@ def read_element_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
     ConfigurationError
         A file that cannot be read, with the *option* that names it; a cell that is too long.
     """
-    if path.is_fifo():  # the second reader would find nothing
+    with reading_file(path, option, (OSError, ValueError)):
+        is_pipe = path.is_fifo()
+    if is_pipe:  # the second reader would find nothing
         raise ConfigurationError(
             f"{option} '{path}' is a pipe, and is read more than once; name a file"
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import re
 import zlib
 from pathlib import Path
@@ -169,7 +170,7 @@ class TransducerArray:
         try:
             return cls.from_file(text)
         except ConfigurationError as error:
-            if Path(text).suffix or Path(text).exists():
+            if Path(text).suffix or os.path.exists(text):
                 raise
             raise ConfigurationError(f"{error}; a grid is written NXxNY, such as 16x16") from error
 
