@@ -23,6 +23,7 @@ from haptogram.acoustics.levels.shift import (
     predict_focal_shift,
 )
 from haptogram.acoustics.levels.spot import measure_spot
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import hemisphere_targets, targets
 
@@ -183,6 +184,21 @@ def test_a_spot_off_the_axis_reaches_from_null_to_null(target):
         top = int(np.argmax(level * (np.abs(offsets) < 0.01)))
         low, high = least[least < top].max(), least[least > top].min()
         assert width_m == pytest.approx(offsets[high] - offsets[low], abs=1.5e-4)
+
+
+@pytest.mark.parametrize("name", ["tinylev", "sonicsurface-stack"])
+def test_a_spot_between_elements_that_face_each_other_has_its_depth(name):
+    """At the centre no line leads there from the array: its own z; and just beside as well."""
+    model = AcousticModel(LAYOUTS[name].array(), MODEL.medium, MODEL.transducer)
+    up, offsets = model.array.axes[2], np.arange(-2e-3, 2e-3, 1e-5)
+    for above_m in (0.0, 1e-4, 1e-3):
+        target = model.array.centre_m + above_m * up
+        weights = focus(model, target)
+        spot = measure_spot(NumpyEngine(model), weights, target)
+        level = np.abs(pressure(model, weights, target + offsets[:, None] * up))
+        loud = offsets[level > level.max() * 10.0 ** (-3.0 / 20.0)]
+        assert sum(spot.depth_3db_m) == pytest.approx(np.ptp(loud), abs=5e-5)
+        assert spot.axial_peak_m == pytest.approx(offsets[level.argmax()], abs=1.5e-4)
 
 
 def test_a_wide_array_makes_a_narrow_spot_across_its_width():
