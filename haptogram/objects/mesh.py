@@ -22,7 +22,6 @@ Indices: TypeAlias = NDArray[np.intp]
 
 _CANDIDATES_PER_POINT: Final = 8  # random points, of which an even subset is kept
 _LEAST_SPACING: Final = 0.75  # least distance, in resolutions; thinning then leaves one per square
-_THIN: Final = 2  # a surface that keeps so many times the points of its area is thin
 _NEIGHBOURS: Final = 8  # neighbours of a point: enough for the shortest tree on an even surface
 
 
@@ -75,18 +74,8 @@ def even_mesh_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> 
     """Return about *count* points of the surface, none much nearer than a resolution to another.
 
     Random points, always the same ones, are taken in turn, unless one that is already there is too
-    near (dart throwing).  Thin surfaces have room for more than their area says: then as many are
-    thrown again as the number that was kept asks for.
+    near (dart throwing).
     """
-    points = _thinned_mesh_points(mesh, count, resolution_m)
-    while len(points) > _THIN * count:
-        count = len(points)
-        points = _thinned_mesh_points(mesh, count, resolution_m)
-    return points
-
-
-def _thinned_mesh_points(mesh: trimesh.Trimesh, count: int, resolution_m: float) -> FloatArray:
-    """Return what is kept of the candidates for *count* points."""
     import trimesh
     from scipy.spatial import cKDTree
 

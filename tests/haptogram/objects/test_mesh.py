@@ -105,6 +105,12 @@ def test_a_thin_surface_has_no_gaps(width_m, resolution_m):
     assert gaps.max() < 2.5 * resolution_m
 
 
+def test_a_thread_that_is_too_long_is_refused():
+    corners = [[0, 0, 0], [20.0, 0, 0], [20.0, 1e-9, 0]]
+    with pytest.raises(ConfigurationError, match="points at this resolution, must be 200000"):
+        MeshSurface(trimesh.Trimesh(corners, [[0, 1, 2]])).sample(1e-5)
+
+
 def test_bodies_apart_are_joined_by_few_jumps():
     points = MeshSurface(two_balls()).sample(0.003)
     gap_m = 0.06 - 0.03 - 0.01
