@@ -178,6 +178,15 @@ def test_a_right_drive_passes_and_its_mirror_fails(target, weights, changes):
     assert not judge(MODEL, target, weights.reshape(10, 12)[::-1].ravel(), **changes)
 
 
+@pytest.mark.parametrize("code", [0, 31, 127, 128, 254])
+def test_an_amplitude_between_two_codes_passes(code):
+    """Half of full amplitude is one: what it rounds to does not hang on the phase."""
+    levels = np.full(MODEL.array.count, (code + 0.5) / 255.0)
+    for turn in np.linspace(0.0, 6.0, 5):
+        verdict = judge(MODEL, TARGET, levels * np.exp(1j * (PHASES + turn)), amplitudes=levels)
+        assert verdict.passed
+
+
 @pytest.mark.parametrize(
     ("target", "drive", "changes", "message"),
     [
@@ -192,6 +201,8 @@ def test_a_right_drive_passes_and_its_mirror_fails(target, weights, changes):
         (TARGET, WEIGHTS, {"amplitudes": [1.0]}, "amplitudes has shape"),
         (TARGET, WEIGHTS, {"amplitudes": TAPER - 0.5}, "amplitudes is -0.3, must be 0 to 1"),
         (TARGET, WEIGHTS, {"solver": "best"}, "solver"),
+        (TARGET, WEIGHTS, {"tolerance": 0.5}, "tolerance is 0.5, must be a Tolerance"),
+        (TARGET, WEIGHTS, {"uncertainty": 3}, "uncertainty is 3, must be an Uncertainty"),
         (TARGET, WEIGHTS, {"tolerance": Tolerance(miss_mm=10.0)}, "half of that at most"),
     ],
 )
