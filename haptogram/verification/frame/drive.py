@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Sequence
-from types import NoneType
 from typing import Any, Final, cast
 
 import numpy as np
@@ -86,8 +85,8 @@ def judge(
     """
     check_argument_kind("model", model, AcousticModel, "an AcousticModel")
     check_choice("solver", solver, METHODS)
-    check_argument_kind("tolerance", tolerance, (Tolerance, NoneType), "a Tolerance")
-    check_argument_kind("uncertainty", uncertainty, (Uncertainty, NoneType), "an Uncertainty")
+    check_argument_kind("tolerance", tolerance, (Tolerance, type(None)), "a Tolerance")
+    check_argument_kind("uncertainty", uncertainty, (Uncertainty, type(None)), "an Uncertainty")
     latched = drive if isinstance(drive, Drive) else _judged_weights(drive, phase_bits)
     if latched.count != model.array.count:
         raise ConfigurationError(f"drive of {latched.count}, array of {model.array.count} elements")
