@@ -153,7 +153,7 @@ class TransducerArray:
         Its digest is that of these numbers, though normals of another length become unit vectors.
         """
         given = as_point_array("normals", normals)
-        check_array_magnitudes("normals", given, 2.0 * _WIRE_UNIT)
+        check_array_magnitudes("normals", given, _WIRE_UNIT + 1.0)
         array = cls.from_positions(as_float_array("positions_um", positions_um) / 1e6, given)
         kept = given.astype(np.int16)
         read_only_array(kept)
