@@ -137,7 +137,7 @@ def arrivals_kernel(places: F8, point: F8, medium: F8) -> tuple[float, float, fl
         im += sine
         p += size * cosine
         q += size * sine
-        loud += size
+        loud += abs(size)  # below 0 in a side lobe of opposite sign
     return math.atan2(im, re) / (2.0 * math.pi), math.sqrt(p * p + q * q), loud
 
 
@@ -168,7 +168,7 @@ def mean_outer_kernel(
     for n in range(px.size):
         dx, dy, dz = x - px[n], y - py[n], z - pz[n]
         _, inverse, size = wave_kernel(dx, dy, dz, medium)
-        w = size if loud else 1.0
+        w = abs(size) if loud else 1.0
         dx, dy, dz = dx * inverse - mx, dy * inverse - my, dz * inverse - mz
         total += w
         sx += w * dx
