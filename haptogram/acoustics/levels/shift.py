@@ -237,8 +237,9 @@ def climb_to_pressure_peak(
             least = math.exp(_LEAST_CLIMB * min(float(here.gradient @ part), 1.0))
             if there is not None and there.level > least * here.level:
                 break
-        else:  # at the top, as far as rounding errors can tell
-            return offset if float(np.linalg.norm(step)) < AT_TOP_M else None
+        else:  # at the edge of the field, or at the top, as far as rounding errors can tell
+            is_top = there is not None and float(np.linalg.norm(step)) < AT_TOP_M
+            return offset if is_top else None
         offset, here = offset + part, there
     return None
 
@@ -261,9 +262,10 @@ class PressureLevel:
 
         A wave is q = g m, the gain g by direction and m = e^{(jk - absorption) r} / r by distance.
         """
+        around_m = place_m + _STENCIL_M * np.concatenate([0.0 * axes[:1], axes, -axes])
         try:
-            reference.check_field_points(model, place_m[None, :])
-        except ConfigurationError:  # within 1 mm of an element, or behind the array
+            reference.check_field_points(model, around_m)
+        except ConfigurationError:  # within 1 mm of an element, at the plane of the array or behind
             return None
         rays_m = place_m - model.array.positions_m
         r = np.sqrt(np.einsum("ni,ni->n", rays_m, rays_m))

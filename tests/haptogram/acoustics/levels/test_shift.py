@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import (
     AcousticModel,
+    CircularPiston,
     Medium,
     NumpyEngine,
     PointSource,
+    RectangularPiston,
     Transducer,
     TransducerArray,
     focus_phases,
@@ -139,6 +141,17 @@ def test_a_single_element_has_no_maximum_in_front_of_it():
     model = AcousticModel.default(1, 1)
     with pytest.raises(ConfigurationError, match="rises up to the array"):
         find_pressure_peak(NumpyEngine(model), [1.0], (0.0, 0.0, 0.05))
+
+
+@pytest.mark.parametrize(
+    "piston", [RectangularPiston(0.0054, 0.0044, (0.6, 0.8, 0.0)), CircularPiston(0.002)]
+)
+@pytest.mark.parametrize("target", [(-0.269, -0.024, 0.028), (-0.284, -0.03, 0.023)])
+def test_the_plane_of_an_array_is_no_maximum(piston, target):
+    """There the baffle cuts off a field that rises up to it, level on both sides."""
+    model = AcousticModel(TransducerArray.grid(5, 4), Medium(321.0, 1.2, 3.0), Transducer(piston))
+    with pytest.raises(ConfigurationError, match="rises up to the array"):
+        find_pressure_peak(NumpyEngine(model), focus(model, target), target)
 
 
 def test_silence_has_no_maximum():
