@@ -275,6 +275,6 @@ def _causes_of(error: BaseException | None) -> Iterator[BaseException]:
 
 
 def _system_error_code(error: BaseException) -> int | None:
-    """Return the errno of an OSError or a termios.error."""
+    """Return the errno of an OSError or a termios.error; None for other errors."""
     code = error.errno if isinstance(error, OSError) else next(iter(error.args), None)
     return code if isinstance(code, int) else None

@@ -37,7 +37,7 @@ def main(
 
 
 def _answer_signals(handler: Handlers | Callable[..., object]) -> None:
-    """Install a handler for termination signals; keep SIGHUP ignored if it was."""
+    """Install a handler for SIGINT, SIGTERM and SIGHUP; an ignored SIGHUP stays ignored."""
     for number in _ENDINGS:
         # SIGHUP stays ignored below nohup; SIGINT ends a board that a script started beside it.
         if number != _signal.SIGHUP or _signal.getsignal(number) is not _signal.SIG_IGN:
@@ -51,7 +51,7 @@ def _leave(*_: object) -> NoReturn:
 
 
 def _leave_after_callback(unraisable: UnraisableHookArgs) -> None:
-    """Repeat a signal that arrived in a callback, such as of an import, where exits are lost."""
+    """End the program anew if a callback of Python swallowed the exit that a signal asked for."""
     import threading
 
     if unraisable.exc_type is SystemExit:

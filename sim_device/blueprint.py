@@ -84,7 +84,7 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
 
 
 def _with_checked_faults(blueprint: Blueprint) -> Blueprint:
-    """Return *blueprint*, or refuse a fault that its array or its clock cannot have."""
+    """Return *blueprint*; raise if its array or clock cannot have one of its faults."""
     if blueprint.faults.faults:
         from .faults.injector import FaultInjector
 
@@ -120,13 +120,13 @@ def _foreign_blueprint(config: BoardConfig, name: str) -> Blueprint:
 
 
 def _first_given(config: BoardConfig, names: Sequence[str]) -> str | None:
-    """Return the first of *names* that the user has set to another value than its default."""
+    """Return the first of the options *names* that differs from its default; None if none does."""
     given = config.non_default()
     return next((name for name in names if name in given), None)
 
 
 def _check_blueprint(config: BoardConfig, name: str) -> None:
-    """Refuse what acts only on our own firmware, on its wire or on a grid."""
+    """Raise if an option or fault is given that a board of the dialect *name* cannot have."""
     given = config.non_default()
     if own := _first_given(config, _OF_OUR_FIRMWARE):
         raise ConfigurationError(

@@ -58,12 +58,12 @@ class BoardNoticeLog:
         _LOG.info("%s, at %d us", describe_board_notice(notice), notice.t_us)
 
     def _is_optional(self, notice: events.Notice) -> bool:
-        """Return True for notices that the log may omit."""
+        """Return True for frequent notices, which a log that is not complete may omit."""
         is_fault = isinstance(notice, events.StateChange) and notice.state is OutputState.FAULT
         return isinstance(notice, _FREQUENT) and not is_fault and not self._is_complete
 
     def _is_within_rate(self, t_us: int) -> bool:
-        """Count a message against the rate limit; return False if it is exceeded."""
+        """Count a message; return False if there were too many of them lately."""
         self._room_us = min(self._room_us + max(t_us - self._last_us, 0), _ROOM_US)
         self._last_us = t_us
         if self._room_us < _SECOND_US:
@@ -112,16 +112,19 @@ def _logged_board_counts(notice: events.Counted) -> str:
 
 
 def _logged_board_state(change: events.StateChange) -> str:
+    """Return a state and its reason as text."""
     why = "" if change.reason is MuteReason.NONE else f": {_logged_board_reason(change)}"
     return change.state.name.lower() + why
 
 
 def _logged_board_playback(ended: events.PlaybackEnd) -> str:
+    """Return as text which sequence ended, after how many frames and loops."""
     played = f"{ended.frames} frames, {ended.loops} whole loops"
     return f"playback of sequence {ended.sequence} ended: {played}"
 
 
 def _logged_board_reason(notice: events.StateChange | events.RampBegan) -> str:
+    """Return the reason of a mute or ramp in words."""
     return notice.reason.name.lower().replace("_", " ")
 
 

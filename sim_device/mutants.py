@@ -101,7 +101,7 @@ def mutant_parts(name: str | None) -> BoardAssembly:
 
 
 def _assembly_with(part: Part, name: str) -> BoardAssembly:
-    """Return the assembly of a board with one part replaced; refuse a class that is no part."""
+    """Return a board's parts with one replaced by *part*; raise if it is derived from none."""
     for kind in getattr(part, "__mro__", ()):
         if kind in _NAMES:
             return BoardAssembly(**{_NAMES[kind]: part})
@@ -135,7 +135,7 @@ class CrcUnchecked(FrameDecoder):
 
 
 def _decoded_with_right_crc(encoded: bytes) -> bytes:
-    """Decode a frame and make its CRC right, whatever it was."""
+    """Return the body of a COBS frame, its CRC replaced by the right one."""
     body = cobs_decode(encoded)[:-CRC_BYTES]
     return body + crc32(body).to_bytes(CRC_BYTES, "little")
 

@@ -127,7 +127,7 @@ class Serial(serial.SerialBase):
             _SHARED[self.shared_as] = self
 
     def _join(self, name: str) -> None:
-        """Attach this port to the board of another open port, found by name."""
+        """Share the board of the open port *name* of this program; raise if there is none."""
         owner = _SHARED.get(name)
         if owner is None or not owner.is_open:
             raise ConfigurationError(
@@ -248,9 +248,9 @@ class Serial(serial.SerialBase):
             self._worker.pump()
 
     def _pass_time(self, until_ns: int | None) -> None:
-        """Advance virtual time to the next event, at most to *until_ns*; sleep on a wall clock.
+        """Advance to the next event of the board or *until_ns*; at a wall clock sleep until then.
 
-        A sleep is short: the event may still be to come.
+        A sleep is short at a wall clock: an event may be added meanwhile.
         """
         next_ns = self.simulation.next_event_ns()
         if self._is_virtual:
@@ -279,7 +279,7 @@ class Serial(serial.SerialBase):
     # --- bytes ---------------------------------------------------------------------------------
 
     def _check_cable(self) -> None:
-        """Fail as a port does whose cable was pulled; see ``line.disconnect``."""
+        """Advance the board to now; raise if a fault has pulled the cable (line.disconnect)."""
         self._catch_up()
         self._check_connected()
 
@@ -343,7 +343,7 @@ class Serial(serial.SerialBase):
         return sent
 
     def _put(self, data: bytes) -> int:
-        """Write bytes to the line; return how many it took."""
+        """Write bytes to the line; return how many it took, which may be fewer."""
         taken = self.simulation.host_write(data, self.simulation.now_ns)
         self._catch_up()
         return taken
@@ -365,7 +365,7 @@ class Serial(serial.SerialBase):
     # --- settings and modem lines, which a virtual line does not have --------------------------
 
     def _reconfigure_port(self) -> None:
-        """Take any setting: the line is that of the URL."""
+        """Do nothing: any setting is taken, the line is that of the URL."""
 
     def _update_break_state(self) -> None:
         pass

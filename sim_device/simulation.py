@@ -252,7 +252,7 @@ class Simulation:
         return None if next_ns == _NEVER_NS else max(next_ns, self.now_ns)
 
     def _first_event_ns(self) -> int:
-        """Return the time of the next event of board or line."""
+        """Return when board, line or a fault next does something; far future if never."""
         first_ns = _NEVER_NS
         if (board_us := self.dialect.next_event_us()) is not None:
             first_ns = self._clock.reached_ns(board_us)
@@ -298,7 +298,7 @@ class Simulation:
                 self._play_on(t_ns)
 
     def _run_ahead(self, t_ns: int) -> None:
-        """Let a simulated board process run ahead to *t_ns*, unless bytes arrive before."""
+        """Let a board that is another process compute up to *t_ns*, or the next byte for it."""
         if self.dialect.ahead is not None:
             up_ns = self._up.next_event_ns(_frame_end)
             until_ns = t_ns if up_ns is None else min(t_ns, up_ns)
@@ -306,7 +306,7 @@ class Simulation:
             self._idle_until_ns = 0
 
     def _play_on(self, t_ns: int) -> None:
-        """Advance a playback up to *t_ns* in large steps, while the line is idle.
+        """Advance a playback towards *t_ns* by at most a second, if no byte is under way.
 
         A second at a time: a playback may be hours long, and its latches are kept until then.
         """
@@ -359,7 +359,7 @@ class Simulation:
                 recorder.latch(latch)
 
     def _send(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
-        """Put bytes on a line, through the fault injector if there is one."""
+        """Put bytes on a line, through the fault injector, if any, which may change them."""
         if self._injector is None:
             self._put(line, direction, data, t_ns, credit_ns)
             return
@@ -367,7 +367,7 @@ class Simulation:
             self._put(line, direction, chunk.data, chunk.t_ns, credit_ns)
 
     def _put(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int) -> None:
-        """Put bytes on a line; announce them to the dialect and record them for a probe."""
+        """Put bytes on a line; announce them to the board's dialect, and to a probe on the line."""
         self._idle_until_ns = 0
         begin_ns = max(t_ns - credit_ns, line.free_ns)
         line.send(data, t_ns - credit_ns)

@@ -172,7 +172,7 @@ class Heartbeat:
             self._counts.update(simulation.dialect.counters, now_ns)
 
     def _advance_to(self, now_ns: int) -> None:
-        """Advance the board to *now_ns*; discount most of the time a simulator takes to compute."""
+        """Advance the board to *now_ns*; slow its clock if a simulator could not keep up."""
         simulation, begin_ns = self._simulation, time.monotonic_ns()
         given_ns = round((now_ns - simulation.now_ns) * self._slow_down)
         simulation.advance_to(now_ns)
@@ -181,7 +181,7 @@ class Heartbeat:
             self._start_ns += taken_ns - given_ns // 2  # half, so that its steps become shorter
 
     def _check_rate(self) -> None:
-        """Warn once of each line rate set by a client that real boards do not support."""
+        """Remark if a client sets a baud rate, not seen before, that real boards do not have."""
         settings = self._simulation.settings
         if settings.wiring is None:
             return
@@ -204,7 +204,7 @@ class Heartbeat:
             self._tap.to_host(now_ns, data)
 
     def _hand_over(self, now_ns: int) -> None:
-        """Send pending records to the worker process at most once per period."""
+        """Send pending records to the worker: once per period, or at once if it is behind."""
         worker = self._worker
         if worker is None or not worker.pending:
             return
@@ -243,18 +243,18 @@ class Heartbeat:
                 self._worker.skip_fields()
 
     def _port_due_ns(self) -> int | None:
-        """Return when the port is due, on the slowed-down clock of the board."""
+        """Return when the port is due by the board's slowed-down clock; None: it is not."""
         due_ns = self._port.due_ns
         return None if due_ns is None else round((due_ns - self._start_ns) / self._slow_down)
 
     def _elapsed_ns(self) -> int:
-        """Return the time since power-up, rounded to whole microseconds."""
+        """Return the board's time since power-up, slowed down, in whole microseconds."""
         elapsed_ns = time.monotonic_ns() - self._start_ns
         return whole_board_us(round(elapsed_ns / self._slow_down))
 
 
 def _heartbeat_timeout_s(wait_ns: int | None) -> float | None:
-    """Return the longest sleep; 0 if waking up would take longer."""
+    """Return how long to sleep for *wait_ns*, limited; 0.0 for short waits; None: for ever."""
     if wait_ns is None:
         return None
     wait_ns = min(wait_ns, _LONGEST_NS)

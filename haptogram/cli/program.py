@@ -89,7 +89,7 @@ def result_of_command(words: Sequence[str]) -> tuple[int, bytes, str]:
 
 
 def _run_command(words: Sequence[str], heard: list[int]) -> int:
-    """Run a command and return its exit status; append received signals to *heard*."""
+    """Run a command, print its error; return the exit status. Signals are added to *heard*."""
     parser = _command_parser(words)
     try:
         arguments = parser.parse_args(words)

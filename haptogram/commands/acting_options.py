@@ -84,7 +84,7 @@ LM: Final = Acting("with the modulation lm", lambda s: _acts_on_modulation(s) ==
 
 
 def _acts_on_modulation(settings: Any) -> str | None:
-    """Return the kind of modulation whose options take effect; None without modulation."""
+    """Return the kind of modulation, on which its options act; None if there is none."""
     kind: str | None = settings.kind if hasattr(settings, "kind") else settings.modulation
     return kind
 

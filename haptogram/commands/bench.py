@@ -10,7 +10,7 @@ from typing import Any
 from haptogram.campaigns.bench.config import BenchConfig
 from haptogram.settings.command_line import add_command_options, settings_of
 from haptogram.settings.option import Settings, option, options_of
-from haptogram.settings.parser import Parser
+from haptogram.settings.parser import Parser, add_flag
 from haptogram.settings.run.files import output_options
 
 from .acting_options import refuse_idle_options
@@ -33,7 +33,7 @@ def set_up_bench(parser: Parser) -> None:
     parser.main_options = "port rate_hz seconds baud lead_ms spin_us realtime json html compare"
     parser.set_defaults(run=run_bench)
     add_command_options(parser, options_of(BenchConfig).values())
-    parser.add_argument("--quiet", action="store_true", help="print changes and errors only")
+    add_flag(parser, "--quiet", help="print changes and errors only")
     result = parser.add_argument_group("result", FILE_HELP)
     add_command_options(result, output_options("json html summary stamp record"))
     add_command_options(result, options_of(BenchFiles).values())

@@ -64,7 +64,7 @@ def run_budget(arguments: argparse.Namespace) -> int:
 
 
 def _run_own_budget(config: BudgetConfig) -> int:
-    """Print the measured budget of every frame format; 1 if the rate is out of reach."""
+    """Print the measured budget of each frame format; return 1 if it cannot hold the rate."""
     from haptogram.campaigns.bench import frame_budget
 
     wake_ns = frame_budget.measure_budget_wake_ns(config.rate_hz)
@@ -80,7 +80,7 @@ def _run_own_budget(config: BudgetConfig) -> int:
 
 
 def _run_dialect_budget(arguments: argparse.Namespace) -> int:
-    """Print the frames per second over the line of other boards; 0 if the usual rate suffices."""
+    """Print the frames per second that the line of other boards carries; return 1 if too few."""
     from haptogram.driver.line.budget import highest_line_rate_hz, line_transmission_ns
     from haptogram_protocol.dialects.table import DIALECTS
 
@@ -155,7 +155,7 @@ def _budget_table(budgets: list[frame_budget.FrameBudget], wake_ns: int) -> str:
 
 
 def _answer_budget(baudrate: int) -> str:
-    """Return the cost of a USB adapter's latency timer, on the way from the board alone."""
+    """Return how long a PING takes, and how well the clock is known, by USB latency timer."""
     from haptogram.driver.line.budget import frame_bytes_on_line, line_round_trip_ns
     from haptogram.report.formats.console import console_table
     from haptogram_protocol.messages import Ping, Pong

@@ -17,7 +17,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.machine.files import STANDARD_OUTPUT
 from haptogram.settings.command_line import add_command_options, settings_of
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Parser
+from haptogram.settings.parser import Parser, add_flag
 from haptogram.settings.run.files import OutputConfig, output_options
 
 from .acting_options import refuse_idle_options
@@ -59,7 +59,7 @@ def set_up_soak(
     sitting = parser.add_argument_group("sitting and result", FILE_HELP)
     add_command_options(sitting, options_of(SittingConfig).values())
     add_command_options(sitting, output_options("json junit html summary stamp"))
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_flag(parser, "--quiet", help="no progress")
 
 
 def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], MakeBoard]) -> int:
@@ -100,7 +100,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
 
 
 def _make_soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
-    """Return a new soak, or the one of the checkpoint file."""
+    """Return a new soak, or that of the file --resume, with the same settings."""
     from haptogram.campaigns.soak.campaign import SoakCampaign
 
     setup = settings_of(arguments, SoakSetup)
@@ -110,6 +110,7 @@ def _make_soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
 
 
 def _resume_hint(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
+    """Return what an interrupted soak has kept, and how to go on with it."""
     if not campaign.done:
         minutes = campaign.setup.segment_s / 60
         return (

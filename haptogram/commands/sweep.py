@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from haptogram.machine.files import Kind, kind_of_file
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting, Parser, add_file_option
+from haptogram.settings.parser import Acting, Parser, add_file_option, add_flag
 from haptogram.settings.run.files import OutputConfig
 
 from .acting_options import refuse_idle_options
@@ -61,7 +61,7 @@ def set_up_sweep(parser: Parser, parser_of: ParserOf, run_words: RunWords) -> No
     add_file_option(parser, "file", help="the points, as TOML (docs/sweep.md)")
     group = parser.add_argument_group("workers and result", FILE_HELP)
     add_command_options(group, options_of(WorkersConfig).values())
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_flag(parser, "--quiet", help="no progress")
 
 
 def run_sweep(arguments: argparse.Namespace, parser_of: ParserOf, run_words: RunWords) -> int:
@@ -112,6 +112,7 @@ def _open_sweep_workers(arguments: argparse.Namespace) -> OpenWorkers:
 
 
 def _sweep_resume_hint(campaign: SweepCampaign) -> str:
+    """Return how many points an interrupted sweep has run, and how to go on with it."""
     done = f"haptogram sweep: interrupted after {len(campaign.rows)} of {len(campaign.plan)} points"
     if campaign.journal is None:
         return f"{done}; with --rows FILE a sweep can be gone on with"
@@ -119,7 +120,7 @@ def _sweep_resume_hint(campaign: SweepCampaign) -> str:
 
 
 def _sweep_exit_status(campaign: SweepCampaign) -> int:
-    """Return the exit status: fail before interrupted, error, inconclusive, pass."""
+    """Return the worst exit status: fail, then interrupted, error, inconclusive; else pass."""
     verdicts = {row["verdict"] for row in campaign.rows.values()}
     if "fail" in verdicts:
         return FAIL

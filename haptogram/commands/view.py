@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from haptogram.errors import ConfigurationError
-from haptogram.settings.parser import Acting, Parser, add_file_option, checked_option_type
+from haptogram.settings.parser import Acting, Parser, add_file_option, add_flag, checked_option_type
 
 from .acting_options import refuse_idle_options
 from .shell.exit_status import PASS, USAGE
@@ -63,9 +63,9 @@ def set_up_view(parser: Parser) -> None:
         default=None,
         help="open the page in a browser [where there is a desktop]",
     )
-    parser.add_argument(
+    add_flag(
+        parser,
         "--until-eof",
-        action="store_true",
         help="end when standard input ends: with the program that started this one",
     )
     add_file_option(
@@ -136,7 +136,7 @@ def _serve_view(
     outputs: CommandOutputs,
     live: tuple[LiveViewerScene, BackdoorReader] | None = None,
 ) -> int:
-    """Serve the page, and new records of a live board, until the user or starter ends it."""
+    """Serve a page, live with new records, until Ctrl-C or the starting program ends it."""
     from haptogram.report.formats.html import render_document_page
     from haptogram.report.viewer.server import ViewServer
 
@@ -162,7 +162,7 @@ def _serve_view(
 def _follow_view(
     server: ViewServer, scene: LiveViewerScene, stream: BackdoorReader, *, is_started: bool
 ) -> None:
-    """Pass new records to the view server; do nothing once the board has ended."""
+    """Pass new records to the view's server; once the board has ended, do nothing."""
     if scene.ended:
         return
     records = stream.read()
@@ -173,7 +173,7 @@ def _follow_view(
 
 
 def _is_starter_there() -> bool:
-    """Return True unless standard input, of the program that started the view, has ended."""
+    """Return False if standard input has ended: the program that started the view is gone."""
     if sys.stdin is None:
         return False
     while select.select([sys.stdin], [], [], 0.0)[0]:

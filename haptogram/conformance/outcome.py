@@ -187,7 +187,7 @@ def _different_drives(got: bytes, due: bytes, due_word: str) -> Iterator[str]:
 
 
 def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
-    """Return the number of differing bytes, and the first of them, as text."""
+    """Return how many bytes differ, and the first of them, as text; '' if none do."""
     if len(got) != len(due):
         pairs = enumerate(zip_longest(got, due, fillvalue=_MISSING))
         n, (one, other) = next((n, pair) for n, pair in pairs if pair[0] != pair[1])
@@ -200,6 +200,7 @@ def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
 
 
 def _is_sequence(value: object) -> bool:
+    """Return True for a list or tuple; text and bytes are none."""
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 

@@ -327,6 +327,7 @@ class DialectDriver(ClosedByWith):
         return DialectReport(total, lateness_us, late, tuple(refused))
 
     def _builder(self) -> dialect_frames.DialectFrameBuilder:
+        """Return the maker of frames for the boards' layout and phases."""
         return dialect_frames.DialectFrameBuilder(self.model, self._display, self._channels)
 
     def _show(self, frame: dialect_frames.DialectFrame) -> Intended:
@@ -347,14 +348,14 @@ class DialectDriver(ClosedByWith):
         return intended
 
     def _send(self, frame: dialect_frames.DialectFrame) -> list[int | None] | None:
-        """Send a frame, and return the codes that its bytes show."""
+        """Send a frame; return its phase codes as decoded from its bytes, None if not known."""
         self._wake()
         seen = self._line.send(self._display.frame(frame.codes))
         self._shown_ns = self._line.now_ns()
         return seen
 
     def _wake(self) -> None:
-        """Send the off-frame ahead of another one if the boards may lose the beginning of it."""
+        """Send silence first if the boards were idle so long that they lose bytes that follow."""
         silent_ns = self._line.now_ns() - self._shown_ns
         if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:
             self._line.send(self._display.off())

@@ -470,4 +470,5 @@ class Driver(ClosedByWith):
         return self.status()
 
     def _builder(self) -> FrameBuilder:
+        """Return the maker of frames for this model and board."""
         return FrameBuilder(self.model, self.identity)

@@ -68,7 +68,7 @@ def model_of_identity(
 
 
 def _check_model(model: AcousticModel, identity: HelloReply) -> list[str]:
-    """Return the differences of model and board with which both can still work together.
+    """Return a note if board and model have transducers at other places; [] if not.
 
     Raises
     ------

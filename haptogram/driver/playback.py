@@ -240,7 +240,7 @@ class DriverPlayback:
         return score.t0_us, end
 
     def _start(self, timing: PlaybackTiming) -> int:
-        """Start playback and return when: unwrapped device time."""
+        """Send PLAY, due a lead from now; return its start in unwrapped device time."""
         now_us = self._pinger.clock.to_device_us(self._link.now_ns())
         t0_us = next_boundary_on_device_clock_us(now_us + timing.lead_us, self._identity.carrier_hz)
         play = messages.Play(_SEQUENCE_ID, timing.period_us, timing.loops, timing.unattended_ms)
@@ -250,7 +250,7 @@ class DriverPlayback:
     def _follow(
         self, score: _PlaybackScore, progress: Progress | None
     ) -> messages.PlaybackEnded | None:
-        """Wait for the end of playback, and keep the lease meanwhile."""
+        """Wait for the end of playback, keeping the lease; return its report, None if none came."""
         total, end_us = score.total, score.due_us(score.total)
         last_ns = self._pinger.clock.to_host_ns(end_us) + self._link.timeout_ns
         while (end := self._ended()) is None and (now_ns := self._link.now_ns()) < last_ns:
@@ -265,7 +265,7 @@ class DriverPlayback:
         return end
 
     def _ended(self) -> messages.PlaybackEnded | None:
-        """Return the board's report of the end, among its events since the start."""
+        """Return PLAYBACK_ENDED if it has come since the start; else None."""
         news = (event.message for event in self._events.since(self._news))
         return next((m for m in news if isinstance(m, messages.PlaybackEnded)), None)
 

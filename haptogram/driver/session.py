@@ -1,28 +1,154 @@
-"""A session with a board: its identity, clock, configuration and output state, and its events."""
+"""A session with a board: its identity, clock, configuration and output state, events and latches.
+
+Latches are what the board reports: trace events, trace ring and read-back. All of it is the own
+word of the firmware, and marked so (:attr:`Evidence.SELF_REPORTED`).
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import random
 from collections.abc import Callable, Iterable
 from typing import Any, Final, TypeAlias
 
-from haptogram.acoustics import AcousticModel, Calibration, Medium
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, Calibration, Drive, Medium
 from haptogram.driver.frames.frame import Frame
 from haptogram.driver.identity import assumed_model_of_identity
-from haptogram.driver.line.link import NS_PER_S, Link, open_line_session
+from haptogram.driver.line.link import NS_PER_S, Link, open_line_session, request_parts
 from haptogram.driver.timing.clock import ClockEstimate
 from haptogram.driver.timing.pings import Pinger
-from haptogram.driver.trace import DriverTraceReader
 from haptogram.errors import ConfigurationError, HaptogramError, LinkError, WrongProtocolError
-from haptogram.records.frame import Intended, Observation
+from haptogram.records.frame import Evidence, FrameKey, Intended, Observation
 from haptogram.records.kept import KeptRecords
 from haptogram.settings.arguments import MOST_SEED, check_argument_kind, check_whole
 from haptogram_protocol import LocalProtocolError, messages
 from haptogram_protocol.connection import EventReceived, FrameDropped, ReplyReceived
 from haptogram_protocol.messages import DriveKind, MuteReply, Status, TraceMode, unwrap
 from haptogram_protocol.state import MuteReason, OutputState
+
+_READ_TRIES = 3  # tries to read a drive that is replaced meanwhile
+_RING_READ = 0xFFFF  # latches asked for at a time; the board sends as many as fit
+_HALF_TURN_NS = 2_100_000_000_000  # of the device clock: what is read back is in the past
+
+
+class DriverTraceReader:
+    """Turns the reports of the board into observations.
+
+    Parameters
+    ----------
+    link : Link
+        The open session.
+    transducers : int
+        Length of a drive.
+    clock : ClockEstimate
+        Unwraps the times.
+    """
+
+    def __init__(self, link: Link, transducers: int, clock: ClockEstimate) -> None:
+        self._link = link
+        self._transducers = transducers
+        self._clock = clock
+        self._next_in_ring = 0
+
+    def take(self, event: EventReceived) -> Observation | None:
+        """Return the latch that *event* reports, None if it reports something else."""
+        message = event.message
+        shown: bytes | int
+        if isinstance(message, messages.Trace):
+            key, shown = messages.LatchKey(0, 0, message.index), message.crc
+        elif isinstance(message, messages.TracePlayback):
+            key, shown = message.key, message.crc
+        elif isinstance(message, messages.TraceDrive):
+            key, shown = message.key, message.data
+        else:
+            return None
+        header = event.header
+        return self._latch(key, header.time_us, event.t_rx_us * 1000, shown, header.flags)
+
+    def read_ring(self) -> tuple[list[Observation], int]:
+        """Return the latches that were not read before, oldest first, as far as the ring has them.
+
+        And the number of those that it has not.
+        """
+        found, first = list[Observation](), self._next_in_ring
+        while True:
+            reply = self._link.request(
+                messages.ReadTrace(self._next_in_ring, _RING_READ), messages.TraceReply
+            )
+            near_ns = self._link.now_ns() - _HALF_TURN_NS
+            found += [
+                self._latch(record.key, record.t_latch_us, near_ns, record.crc, record.flags)
+                for record in reply.records
+            ]
+            if not reply.records or reply.records[-1].number < self._next_in_ring:
+                break
+            self._next_in_ring = reply.records[-1].number + 1
+            if self._next_in_ring >= reply.next:
+                break
+        return found, max(0, self._next_in_ring - first - len(found))
+
+    def read_drive(self, kind: messages.DriveKind) -> Observation:
+        """Return the drive at the transducers now, latched or radiated.
+
+        Raises
+        ------
+        DeviceError
+            The board cannot read it back, or nothing was latched.
+        WrongProtocolError
+            Every reading was overtaken by another latch.
+        """
+        for _ in range(_READ_TRIES):
+            replies = request_parts(
+                self._link,
+                self._transducers,
+                functools.partial(messages.ReadDrive, kind),
+                messages.DriveReply,
+                lambda part: len(part.data) // 2,
+            )
+            if len({(reply.key, reply.t_latch_us) for reply in replies}) == 1:
+                halves = [(r.data[: len(r.data) // 2], r.data[len(r.data) // 2 :]) for r in replies]
+                data = b"".join(b"".join(part) for part in zip(*halves, strict=True))
+                key, t_us = replies[0].key, replies[0].t_latch_us  # a read-back tells no lateness
+                return self._latch(key, t_us, self._link.now_ns() - _HALF_TURN_NS, data)
+        raise WrongProtocolError(
+            f"{self._link.url}: the drive changed during each of {_READ_TRIES} read-backs"
+        )
+
+    def _latch(
+        self, key: messages.LatchKey, wire_us: int, near_ns: int, shown: bytes | int, flags: int = 0
+    ) -> Observation:
+        """Return the observation of a latch, with the drive or the CRC-32 that was traced."""
+        drive = self._drive(shown) if isinstance(shown, bytes) else None
+        crc = shown if isinstance(shown, int) else None
+        return Observation(
+            key=FrameKey(self._link.connection.session, key.sequence, key.loop, key.index),
+            t_latch_us=messages.unwrap(wire_us, self._clock.to_device_us(near_ns), 32),
+            late=bool(flags & messages.Flag.LATE),
+            evidence=Evidence.SELF_REPORTED,
+            drive=drive,
+            drive_crc=drive.digest() if drive is not None else crc,
+        )
+
+    def _drive(self, data: bytes) -> Drive:
+        """Return the drive of N phase codes and N amplitude codes, or raise."""
+        codes = np.frombuffer(data, dtype=np.uint8)
+        count = len(codes) // 2
+        if count != self._transducers:
+            raise WrongProtocolError(
+                f"a drive of {count} transducers; the board has {self._transducers}"
+            )
+        try:
+            return Drive(codes[:count], codes[count:])
+        except ConfigurationError as error:
+            raise WrongProtocolError(f"a drive that cannot be: {error}") from error
+
+
+# --- Configuration, output and session -----------------------------------------------------------
+
 
 _TIMEOUTS: Final = (MuteReason.HOLD_EXPIRED, MuteReason.HOST_SILENT)
 _AT_ONCE_US: Final = 2_000  # longest time from a request to the latch of the next frame
@@ -108,7 +234,7 @@ class SessionControl:
         return min(self.known.hold_ms, self.known.host_timeout_ms) * 1_000_000 // _REFRESHES
 
     def _fresh_status(self) -> messages.StatusReply:
-        """Return the status; ask again if the host was delayed before it read the reply."""
+        """Return the status; ask again, some times, if the answer was read too late to be true."""
         for _ in range(_REFRESHES):
             asked_ns = self._link.now_ns()
             status = self._link.request(messages.GetStatus(), messages.StatusReply)
@@ -311,14 +437,14 @@ class DriverSession:
         return unwrap(event.header.time_us, self.clock.to_device_us(event.t_rx_us * 1000), 32)
 
     def _take(self, event: EventReceived | ReplyReceived | FrameDropped) -> None:
-        """Process a message that no request awaits."""
+        """Take what no request awaits: a PONG for the clock, an event; drops are ignored."""
         if isinstance(event, ReplyReceived):
             self.pinger.take(event)
         elif isinstance(event, EventReceived):
             self._take_event(event)
 
     def _take_event(self, event: EventReceived) -> None:
-        """Keep the newest STATUS, a traced latch as an observation, and other events."""
+        """Keep an event: STATUS as the newest one, a trace as observation, others in a list."""
         if isinstance(event.message, Status):
             self.last_status = event.message
             return

@@ -219,9 +219,9 @@ class Streamer:
         )
 
     def _start_us(self, schedule: Schedule, count: int) -> int:
-        """Return when the first frame is due: after the time to encode the first 256 frames.
+        """Return when the first frame is due: after preparation and lead, on a carrier boundary.
 
-        Nor before what an earlier stream left in the queue; if the clock has jumped, nobody knows.
+        Not before frames that an earlier stream has queued, unless the clock has jumped since.
         """
         begin_ns = self.link.now_ns() + stream_preparation_ns(count)
         begin_us = self.pinger.clock.to_device_us(begin_ns)
@@ -245,7 +245,7 @@ class Streamer:
         latest_us: int | None = None,
         sent_us: int | None = None,
     ) -> Intended:
-        """Record the intended drive of a sent frame, and return it."""
+        """Keep a sent frame as intended, with its times, and return it."""
         key, number = FrameKey.of_stream(self._identity.nonce, index), self._intended.total
         intended = frame.intended(number, key, due_us, t_latest_us=latest_us, t_sent_us=sent_us)
         self._intended.append(intended)
@@ -292,7 +292,7 @@ class _StreamRun:
         self._deadline_ns, self._wake_ns = deadline_ns, self._loop.wait(deadline_ns)
 
     def _send_ns(self, due_us: int) -> int:
-        """Return when to send a frame, the lead before it is due; raise if the clock jumped."""
+        """Return the host time, a lead ahead, to send a frame; raise if the clock jumped."""
         clock = self._pinger.clock
         if clock.jumps != self._jumps and abs(clock.jump_us) > _TOLERATED_JUMP_US:
             raise LinkError(
@@ -339,7 +339,7 @@ class _StreamRun:
         self._link.run_until(end_ns)
 
     def _read_status(self) -> None:
-        """Pass each reported arrival margin, once, to safety margin and trim of the lead."""
+        """Adapt safety margin and lead to the margins of a new STATUS; each is used once."""
         status = self._status()
         if status is None or status is self._seen:
             return

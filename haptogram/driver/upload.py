@@ -131,9 +131,9 @@ def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:
 
 
 def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
-    """Send chunks until the upload is complete or one is refused; return the bytes received.
+    """Send chunks from *offset* on, until all are answered; return the bytes received.
 
-    The link repeats the lost one.
+    A chunk lost on the line is repeated by the link; INCOMPLETE ends the sending.
     """
     waiting: list[int] = []
     received = 0
@@ -156,7 +156,7 @@ def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
 
 
 def _may_send_chunk(link: Link, size: int) -> bool:
-    """Return True if window and line have room; queued chunks must not delay a MUTE."""
+    """Return True if window and line have room for a chunk: more would delay a MUTE."""
     unsent = link.line.unsent_bytes(link.now_ns())
     return link.connection.chunks_free > 0 and unsent <= size
 

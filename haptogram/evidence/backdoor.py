@@ -87,7 +87,7 @@ def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
 
 
 def _parse_directivity(written: str) -> CircularPiston | PointSource:
-    """Return the directivity that a record names by its repr."""
+    """Return the directivity whose repr a record has as text."""
     if written == repr(PointSource()):
         return PointSource()
     if (piston := _PISTON.fullmatch(written)) is None:
@@ -163,7 +163,7 @@ def why_observations_incomplete(
 
 
 def _lacked_latches(records: Sequence[Mapping[str, Any]], session: int | None) -> int:
-    """Return the number of latch records missing from a session."""
+    """Return how many latch records are missing: gaps in a session's numbers, or dropped ones."""
     numbers = [record["number"] for record in _latch_records_of(records, session)]
     end = _end_record(records)
     gaps = max(numbers) + 1 - len(numbers) if numbers and session is not None else 0
@@ -171,7 +171,7 @@ def _lacked_latches(records: Sequence[Mapping[str, Any]], session: int | None) -
 
 
 def _end_record(records: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
-    """Return the last record if it is the end of the board; else None."""
+    """Return the last record if it says that the board has ended; else None."""
     return records[-1] if records and records[-1]["kind"] == _END else None
 
 
@@ -247,11 +247,12 @@ def _times_of_frames(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[Fra
 
 
 def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
+    """Return the key of the stream frame that a record of a drop names."""
     return FrameKey.of_stream(record["session"], record["index"])
 
 
 def _wrap_shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:
-    """Return the whole wraps by which two counts of device time differ, by a frame in both."""
+    """Return how many µs of 32-bit wraps to add to latch times to count as *intended*; else 0."""
     frames = ((frame.key, frame.t_apply_us) for frame in intended)
     due_us: dict[FrameKey, int] = {}
     for latched_key, t_us in latched:
@@ -281,7 +282,7 @@ def observed_reconstruction_of(fields: Mapping[str, Any] | None) -> Reconstructi
 
 
 def _observed_value(value: Any) -> Any:
-    """Convert a JSON value back: lists to tuples, null to infinity."""
+    """Convert a value read from JSON: lists to tuples, null to infinity."""
     if isinstance(value, list):
         return tuple(_observed_value(item) for item in value)
     return math.inf if value is None else value
@@ -362,7 +363,7 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         self._input.close()
 
     def _record(self, line: bytes) -> dict[str, Any]:
-        """Parse a line as a record, or raise."""
+        """Return a line of the back door as a record; raise if it is none."""
         self._lines += 1
         try:
             record: dict[str, Any] = json.loads(line)
@@ -401,7 +402,7 @@ class _BackdoorSocketReader:
 
 
 def _open_backdoor_reader(path: str, flags: int) -> int:
-    """Open a file, or a pipe whether or not a board has begun to write to it."""
+    """Open a file for reading, or a pipe without waiting for a board that writes to it."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 

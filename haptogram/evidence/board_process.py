@@ -92,7 +92,7 @@ class BoardProcess:
             time.sleep(_POLL_S)
 
     def _step(self) -> str:
-        """Return the current start-up step from the last line of the log."""
+        """Return what the starting process does now, by the last line of its log."""
         *_, last = ["", *self.log().splitlines()]
         return last.rpartition(_STARTING)[2] or _INTERPRETER
 

@@ -225,7 +225,7 @@ class InProcessBoardUnderTest(BoardUnderTest):
 
 
 def _last_latch_due_ns(driver: Driver, now_ns: int) -> int:
-    """Return the due time of the last frame on the host's clock, not much later than *now_ns*."""
+    """Return when the last frame is due on the host's clock, at most a full queue from now."""
     due_us = driver.intended[-1].t_apply_us if driver.intended else None
     due_ns = now_ns if due_us is None else driver.clock.to_host_ns(due_us) + _AFTER_LAST_NS
     return min(due_ns, now_ns + _LONGEST_QUEUE_NS)
@@ -287,7 +287,7 @@ class PortBoardUnderTest(BoardUnderTest):
         self._dropped_before = driver.status().counters.trace_dropped
 
     def _best_trace(self, features: Feature) -> TraceMode | None:
-        """Return the most detailed supported trace mode; None without trace."""
+        """Return the most detailed trace mode that serves this run; None without trace."""
         by_feature = {
             Feature.TRACE: TraceMode.CRC,
             Feature.TRACE_DRIVE: TraceMode.DRIVE,
@@ -299,7 +299,7 @@ class PortBoardUnderTest(BoardUnderTest):
 
     @staticmethod
     def _gaps_of(mode: TraceMode, divider: int) -> str | None:
-        """Return the gaps in the trace as text, if any."""
+        """Return as text which latches a trace mode leaves out; None if it shows them all."""
         if mode is TraceMode.OFF:
             return "the board has no trace in force, and its last drive only was read back"
         if mode is TraceMode.DRIVE and divider > 1:
@@ -310,7 +310,7 @@ class PortBoardUnderTest(BoardUnderTest):
         return None
 
     def _divider(self, identity: HelloReply) -> int:
-        """Return the trace divider that leaves half of the line free."""
+        """Return N so that tracing the drive of every N-th latch leaves half of the line free."""
         if self._baudrate is None:
             return 1
         size = frame_bytes_on_line(TraceDrive.LAYOUT.size + 2 * identity.transducers)

@@ -51,12 +51,13 @@ def verified_board(request: pytest.FixtureRequest) -> Iterator[VerifiedBoard]:
         if board.is_virtual:
             patch.setattr(time, "sleep", _sleep_on_board(board))
         yield board
-        if _is_board_held_by_fixture(request.node) and not _has_test_failed(request.node):
+        has_failed = request.node.stash.get(_FAILED, False)
+        if _is_board_held_by_fixture(request.node) and not has_failed:
             _check_verified_board(board)
 
 
 def _sleep_on_board(board: VerifiedBoard) -> Callable[[float], None]:
-    """Return a :func:`time.sleep` that advances the board's time in the main thread only."""
+    """Return a :func:`time.sleep` that advances the board's time; in other threads it sleeps."""
     asleep = time.sleep
 
     def sleep(seconds: float) -> None:
@@ -81,10 +82,6 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, o
 
 
 _FAILED = pytest.StashKey[bool]()
-
-
-def _has_test_failed(item: Any) -> bool:
-    return bool(item.stash.get(_FAILED, False))
 
 
 def _is_board_held_by_fixture(item: Any) -> bool:

@@ -21,7 +21,6 @@ from haptogram.evidence.boards import AnyDriver, BoardUnderTest
 from haptogram.evidence.dialects.latches import upload_loss_text
 from haptogram.machine.terminal import printable_on_terminal
 from haptogram.objects import run_frames
-from haptogram.objects.modulation import FocusFrames
 from haptogram.records.frame import STREAM, Intended, Observation
 from haptogram.records.kept import only_kept_records
 from haptogram.records.losses import BoardLosses
@@ -158,10 +157,8 @@ def measure_run(
         sink=sink,
     )
     known = board.model or driver.model
-    found = RunRecord(
-        board.label, known, _identity_of_run(driver.identity), warnings=driver.warnings
-    )
-    found.intended = driver.intended
+    about = _identity_of_run(driver.identity)
+    found = RunRecord(board.label, known, about, driver.intended, warnings=driver.warnings)
     total = shown.count * config.pace.repeat
     growth: dict[str, int] = {}
     lease_us = math.inf
@@ -172,7 +169,11 @@ def measure_run(
         before = driver.status().counters
         board.prepare(driver)
         with _interrupted_run(found, driver, total):
-            frames = _frames_of_run(config, driver, shown)
+            frames = driver.frames(
+                run_frames.targets_of_run(config, shown),
+                mode=cast("Mode", config.frame_kind),
+                solver=cast("Method", config.solver_of_host),
+            )
             driver.arm()  # now: the lease would run out while a solver is at work
             found.report = _display_run(config, driver, frames, progress)
         board.finish(driver)  # after an interrupt as well: the board is there
@@ -219,7 +220,7 @@ def recorded_port_of_run(
 
 
 def _calibration_of_run(config: VerifyConfig) -> Calibration | None:
-    """Return the calibration of the elements; None: they are taken for equal."""
+    """Return the calibration of the elements; None if no file is named: all are equal."""
     file = config.elements.calibration
     return None if file is None else Calibration.from_file(file)
 
@@ -250,7 +251,7 @@ def _checked_run(
     points_m: FloatArray,
     elements: Calibration | None,
 ) -> Iterator[None]:
-    """Check the run before its first frame; close the driver after the last one.
+    """Check tolerance and calibration before the first frame; close the driver after the last.
 
     A board that does not answer then is a warning, and not the end of the results.
     """
@@ -285,7 +286,7 @@ def _observe_run(
 
 @contextlib.contextmanager
 def _interrupted_run(found: RunRecord, driver: AnyDriver, total: int) -> Iterator[None]:
-    """Convert an interrupt into the end of the run; the board is muted at once."""
+    """On Ctrl-C, mute the board and note after how many frames the run was cut."""
     try:
         yield
     except KeyboardInterrupt:
@@ -299,7 +300,7 @@ def _interrupted_run(found: RunRecord, driver: AnyDriver, total: int) -> Iterato
 
 
 def _earliest_mute_us(driver: Driver) -> int:
-    """Return the device time before which no frame can have been cancelled by a MUTE sent now.
+    """Return the least device time of frames that a MUTE sent now may still cancel.
 
     A frame latches at the first carrier boundary at or after its time, and the clock is estimated.
     """
@@ -311,9 +312,9 @@ def _earliest_mute_us(driver: Driver) -> int:
 def _cut_of_run(
     found: RunRecord, driver: AnyDriver, board: BoardUnderTest, total: int, *, faulty: bool
 ) -> Iterator[None]:
-    """Convert a broken link or an interrupt into the end of the run.
+    """On a broken link or Ctrl-C, note where the run was cut; wait for frames on the board.
 
-    A board that the host has lost still latches what it was sent.
+    An error of the board ends the run so only if it is *faulty*; else it is raised.
     """
     try:
         with _interrupted_run(found, driver, total):
@@ -336,7 +337,7 @@ def _counter_growth(driver: Driver, before: Counters) -> dict[str, int]:
 
 
 def _effective_lease_us(driver: Driver, config: VerifyConfig) -> int:
-    """Return how long the board continues without host traffic, less the clock error."""
+    """Return the lease, or unattended time of a sequence, less the error of the clock."""
     is_played = config.drive.mode == "sequence"
     played_ms = default_unattended_ms(driver.identity)
     lease_ms = played_ms if is_played else driver.config().host_timeout_ms
@@ -346,7 +347,7 @@ def _effective_lease_us(driver: Driver, config: VerifyConfig) -> int:
 def _pause_timeouts_us(
     driver: Driver, timeouts_us: Iterable[int], lease_us: float
 ) -> tuple[int, ...]:
-    """Return the timeouts that a pause of the host explains."""
+    """Return the timeouts that fall where the host was silent for longer than the lease."""
     silences = [(begin + lease_us, end + _UNDER_WAY_US) for begin, end in driver.silences_us()]
     return tuple(t for t in timeouts_us if any(low <= t <= high for low, high in silences))
 
@@ -354,7 +355,7 @@ def _pause_timeouts_us(
 def _unexpected_run_counters(
     driver: Driver, growth: dict[str, int], expected: Iterable[str]
 ) -> dict[str, dict[str, int]]:
-    """Return unexpected error counters of board and host."""
+    """Return error counters that grew and are not *expected*, of "board" and "host"."""
     fine = GROWING_COUNTERS.union(expected)
     sides = {"board": growth, "host": driver.link_counters}
     bad = {
@@ -364,27 +365,13 @@ def _unexpected_run_counters(
     return {side: counts for side, counts in bad.items() if counts}
 
 
-def _frames_of_run(config: VerifyConfig, driver: Driver, shown: FocusFrames) -> list[Frame]:
-    """Return the frames of the object, solved as configured."""
-    solver = cast("Method", config.solver_of_host)
-    mode = cast("Mode", config.frame_kind)
-    return driver.frames(run_frames.targets_of_run(config, shown), mode=mode, solver=solver)
-
-
 def _display_run(
     config: VerifyConfig, driver: Driver, frames: list[Frame], progress: Progress | None
 ) -> StreamReport | PlayReport:
     """Play the frames from the board's memory, or stream them, at the configured rate."""
     lead_us = None if config.pace.lead_ms is None else round(config.pace.lead_ms * 1e3)
-    if config.drive.mode == "sequence":
-        return driver.play(
-            frames,
-            config.pace.rate_hz,
-            loops=config.pace.repeat,
-            lead_us=lead_us,
-            progress=progress,
-        )
-    return driver.stream(
+    display = driver.play if config.drive.mode == "sequence" else driver.stream
+    return display(
         frames,
         config.pace.rate_hz,
         loops=config.pace.repeat,
@@ -394,7 +381,7 @@ def _display_run(
 
 
 def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
-    """Return the latches without playback latches after the interruption."""
+    """Return the latches; of those of a playback only the ones of intended frames."""
     wanted = {intended.key for intended in found.intended}
     return only_kept_records(
         found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted
@@ -485,8 +472,8 @@ def measure_run_of_dialect(
         "transducers": boards.array.count,
         "carrier_hz": model.frequency_hz,
     }
-    found = RunRecord(board.label, board.model or driver.model, about, warnings=driver.warnings)
-    found.intended = driver.intended
+    known = board.model or driver.model
+    found = RunRecord(board.label, known, about, driver.intended, warnings=driver.warnings)
     total = shown.count * config.pace.repeat
     with (
         _checked_run(found, driver, config, shown.points_m, elements),

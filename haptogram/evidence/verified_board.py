@@ -147,7 +147,7 @@ class VerifiedBoard(ClosedByWith):
     # --- verdict -------------------------------------------------------------------------------
 
     def _judge(self) -> Iterator[str]:
-        """Yield the verdict, then each fault, as lines."""
+        """Yield the verdict and each problem as lines; nothing if there is no problem."""
         if not self._frames_m:
             raise ConfigurationError(
                 "verified_board: the test did not say which foci it expects: call "
@@ -182,7 +182,7 @@ class VerifiedBoard(ClosedByWith):
         return self._board.records()
 
     def _watched(self, records: Sequence[Mapping[str, Any]]) -> tuple[WatchResult, int]:
-        """Return the verdict on all latches, and the number of sounding ones."""
+        """Return the verdict on all latches against the expected foci, and how many sounded."""
         board = WatchedBoard(records[0])
         frames_m = [board.ours_m(frame) for frame in self._frames_m]
         expected = Expectation(board.model, frames_m, tolerance=self._tolerance)
@@ -198,7 +198,7 @@ class VerifiedBoard(ClosedByWith):
 def _verified_focus_problems(
     result: WatchResult, count: int, frames: int, rounds: int | None
 ) -> Iterator[str]:
-    """Yield a line for foci off target, and for a wrong number of latched frames."""
+    """Yield a line for foci off target, and one if not *rounds* x *count* frames latched."""
     if result.verdict is not Verdict.PASS:
         yield "foci      not all are where they were expected"
     if rounds is not None and frames != rounds * count:
@@ -246,5 +246,6 @@ def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[s
 
 
 def _indices_text(indices: Sequence[int]) -> str:
+    """Return the first indices as text, and how many more there are."""
     more = f" and {len(indices) - _SHOWN} more" if len(indices) > _SHOWN else ""
     return f"index {', '.join(map(str, indices[:_SHOWN]))}{more}"

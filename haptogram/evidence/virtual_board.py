@@ -31,14 +31,7 @@ from haptogram.machine.closing import ClosedByWith
 from haptogram.machine.working_folder import WorkingFolder
 from haptogram.records.frame import FrameKey, Intended, Observation, check_intended
 from haptogram.records.losses import BoardLosses
-from haptogram.settings.arguments import (
-    check_argument_kind,
-    check_callable,
-    check_choice,
-    check_number,
-    check_texts,
-    check_whole,
-)
+from haptogram.settings import arguments
 from haptogram.settings.board import BOARD_OPTIONS, DEFAULT_ARRAY, BoardConfig
 from haptogram.settings.command_line import written_options
 from haptogram.settings.faults.plan import parse_faults
@@ -140,12 +133,12 @@ class VirtualBoard(ClosedByWith):
         clock: str | None = None,
     ) -> None:
         if clock is not None:
-            check_choice("clock", clock, ("virtual", "wall"))
+            arguments.check_choice("clock", clock, ("virtual", "wall"))
         self.is_virtual = clock == "virtual" or (clock is None and dialect is None)
         if baudrate is not None:
-            check_whole("baudrate", baudrate, 1, MAX_BAUD)
-        check_argument_kind("reconstruct", reconstruct, bool, "True or False")
-        check_texts("dialect_options", dialect_options, "boards=2")
+            arguments.check_whole("baudrate", baudrate, 1, MAX_BAUD)
+        arguments.check_argument_kind("reconstruct", reconstruct, bool, "True or False")
+        arguments.check_texts("dialect_options", dialect_options, "boards=2")
         elements = None if calibration is None else Calibration.of(calibration)
         config = BoardConfig.of(
             array=array,
@@ -184,10 +177,9 @@ class VirtualBoard(ClosedByWith):
             copy = self._folder.path / "calibration.csv"
             elements.to_file(copy)
             config = dataclasses.replace(config, calibration=copy)
-        start = self._start_in_program if self.is_virtual else self._start_process
         with contextlib.ExitStack() as undo:
             undo.callback(self._folder.remove)
-            self._process = start(config, reconstruct=reconstruct)
+            self._process = self._started(config, reconstruct=reconstruct)
             undo.callback(self._process.kill)
             undo.callback(self._process.close_pipe)
             self._records = BoardRecords(self.backdoor, self._process)
@@ -198,14 +190,12 @@ class VirtualBoard(ClosedByWith):
                 self.model = backdoor.board_model_of_evidence(self._records.read()[0])
             undo.pop_all()
 
-    def _start_in_program(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram:
-        """Start the board in this program, and take over its URL."""
-        board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
-        self.url = board.url
-        return board
-
-    def _start_process(self, config: BoardConfig, *, reconstruct: bool) -> BoardProcess:
-        """Start the board as a process that listens at a link in the working folder."""
+    def _started(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram | BoardProcess:
+        """Start the board in this program, or in a process that listens at a link."""
+        if self.is_virtual:
+            board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
+            self.url = board.url
+            return board
         self.url = str(self._folder.path / "board")
         port = [f"--link={self.url}", f"--backdoor={self.backdoor}"]
         if not reconstruct:
@@ -217,7 +207,7 @@ class VirtualBoard(ClosedByWith):
 
     def sleep(self, seconds: float) -> None:
         """Let time pass on the clock of the board."""
-        check_number("seconds", seconds, 0.0, _LONGEST_WAIT_S)
+        arguments.check_number("seconds", seconds, 0.0, _LONGEST_WAIT_S)
         self._process.sleep(seconds)
 
     # --- evidence ------------------------------------------------------------------------------
@@ -228,14 +218,14 @@ class VirtualBoard(ClosedByWith):
 
     def wait_for(self, latches: int, timeout_s: float = 60.0) -> bool:
         """Wait until the back door has shown *latches* latches; return whether it has."""
-        check_whole("latches", latches, 0, _MOST_LATCHES)
-        check_number("timeout_s", timeout_s, 0.0, _LONGEST_WAIT_S)
+        arguments.check_whole("latches", latches, 0, _MOST_LATCHES)
+        arguments.check_number("timeout_s", timeout_s, 0.0, _LONGEST_WAIT_S)
         return self._records.wait_for_latches(latches, timeout_s)
 
     def observations(self, session: int | None = None) -> list[Observation]:
         """Return the latches of one session or of all of them."""
         if session is not None:
-            check_whole("session", session, 0, 0xFFFF)
+            arguments.check_whole("session", session, 0, 0xFFFF)
         return backdoor.observations_of_backdoor(self.records(), session)
 
     @property
@@ -276,8 +266,8 @@ class VirtualBoard(ClosedByWith):
         skip_fields : bool
             True: the last records come at once, without their fields.
         """
-        check_callable("progress", progress)
-        check_argument_kind("skip_fields", skip_fields, bool, "True or False")
+        arguments.check_callable("progress", progress)
+        arguments.check_argument_kind("skip_fields", skip_fields, bool, "True or False")
         if skip_fields:
             self._process.close_pipe()
         else:

@@ -67,6 +67,7 @@ def is_standard_output(path: Path) -> bool:
 
 
 def _is_file_open_as(descriptor: int, path: Path) -> bool:
+    """Return True if the descriptor is open on the file *path*; the null device does not count."""
     with contextlib.suppress(OSError):
         found = path.stat()
         nothing = os.stat(os.devnull)  # takes everything, from everybody
@@ -179,7 +180,7 @@ def check_files_writable(outputs: Mapping[str, Path], *, in_place: bool = False)
 
 
 def _check_folder_takes_files(path: Path, target: Path) -> None:
-    """Raise unless a file can be created in the folder of *target*."""
+    """Raise unless a file can be made in the nearest folder above *target* that exists."""
     folder = next(parent for parent in target.parents if parent.exists())
     _refuse_folder_in_root(path, folder)
     if not folder.is_dir():
@@ -212,7 +213,7 @@ def make_folder_of(path: Path, purpose: str = "what is written") -> None:
 
 
 def _make_output_folder(path: Path, target: Path) -> None:
-    """Make the folder of *target*, which *path* leads to."""
+    """Make the folders above *target*; an error names *path*, as the user gave it."""
     found = next((parent for parent in target.parents if parent.exists()), target)
     _refuse_folder_in_root(path, found)
     try:
@@ -269,16 +270,19 @@ def check_distinct_files(
 
 
 def _is_same_file(path: Path, other: Path) -> bool:
+    """Return True if both paths are the same file, also by a link."""
     return path.is_file() and other.is_file() and path.samefile(other)
 
 
 def _write_stream_or_pipe(stream: TextIO, content: bytes) -> None:
+    """Write bytes to a text stream, behind what was printed before."""
     stream.flush()
     stream.buffer.write(content)
     stream.buffer.flush()
 
 
 def _replace_file(target: Path, content: bytes) -> None:
+    """Write *content* to a temporary file, then rename it to *target*: never half a file."""
     temporary = _temporary_file(target.parent)
     try:
         with temporary.open("xb") as file:
@@ -292,4 +296,5 @@ def _replace_file(target: Path, content: bytes) -> None:
 
 def _temporary_file(folder: Path) -> Path:
     # In the folder of the target: a rename is atomic within one file system only.
+    """Return a random path in *folder*, in which a rename to the target is atomic."""
     return folder / f".haptogram-{os.urandom(8).hex()}.tmp"

@@ -60,26 +60,31 @@ def fingerprint_cpu_share(before: dict[str, int], after: dict[str, int]) -> dict
 
 
 def _machine_cpu_model() -> str:
+    """Return the processor's name, or its architecture where the system has no name."""
     text = _read_machine_file(_PROC / "cpuinfo") or ""
     names = (line.split(":", 1)[1].strip() for line in text.splitlines() if "model name" in line)
     return next(names, "") or platform.processor() or platform.machine()
 
 
 def _machine_kernel() -> str:
+    """Return name, release and architecture of the system."""
     return f"{platform.system()} {platform.release()} {platform.machine()}"
 
 
 def _machine_python() -> str:
+    """Return implementation and version of Python."""
     return f"{platform.python_implementation()} {platform.python_version()}"
 
 
 def _machine_preemption() -> str | None:
+    """Return the kernel's preemption model, such as PREEMPT_RT; None if it names none."""
     version = platform.version()
     found = [word for word in version.split() if word.startswith("PREEMPT")]
     return found[0] if found else None
 
 
 def _machine_virtualisation() -> str | None:
+    """Return "virtual machine", with its vendor, or "none"; None if it is not known."""
     if not sys.platform.startswith("linux"):
         return None
     text = _read_machine_file(_PROC / "cpuinfo") or ""
@@ -90,6 +95,7 @@ def _machine_virtualisation() -> str | None:
 
 
 def _read_machine_file(path: Path) -> str | None:
+    """Return the text of a file of the system; None if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:

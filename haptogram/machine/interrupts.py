@@ -63,7 +63,7 @@ class DelayedInterrupts:
                 signal.signal(number, handler)
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
-        """Defer a signal inside the critical section, else pass it to its handler."""
+        """Keep a signal for later inside the critical section; else call its handler."""
         if self._is_inside:
             self._came.append(number)
         else:

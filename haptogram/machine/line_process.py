@@ -107,7 +107,7 @@ class LineProcess:
 
 
 def _end_of(answer: bytearray) -> str:
-    """Return the last line of an incomplete answer."""
+    """Return ", after '...'" with the last line of a broken answer; '' if there is none."""
     lines = answer[-_LAST_WORDS:].decode(errors="replace").splitlines()
     return f", after {lines[-1][-60:]!r}" if lines else ""
 
@@ -121,6 +121,7 @@ def _kill_line_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _end_line_process(process: subprocess.Popen[bytes], words: IO[bytes]) -> None:
+    """Kill the process, and close its pipes and the file of its messages."""
     _kill_line_process(process)
     for stream in (process.stdin, process.stdout, words):
         if stream is not None:

@@ -69,6 +69,7 @@ class TerminalProcesses:
 
 
 def _threads_behind_terminal(number: str) -> list[Path]:
+    """Return /proc folders of the threads that hold the other end of pseudo-terminal *number*."""
     wanted, threads = f"tty-index:\t{number}\n", []
     for process in _PROCESSES.glob("[0-9]*"):
         with contextlib.suppress(OSError):  # of another user, or at its end
@@ -79,6 +80,7 @@ def _threads_behind_terminal(number: str) -> list[Path]:
 
 
 def _is_terminal_master(descriptor: Path) -> bool:
+    """Return True if a descriptor below /proc is the master of a pseudo-terminal."""
     try:
         return os.readlink(descriptor).endswith("ptmx")
     except OSError:

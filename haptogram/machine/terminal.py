@@ -69,4 +69,5 @@ def paint_verdicts_on_terminal(text: str, stream: TextIO) -> str:
 
 
 def _painted_on_terminal(text: str, colour: str) -> str:
+    """Return *text* bold in a colour, between escape sequences."""
     return f"\x1b[1;{colour}m{text}\x1b[0m"

@@ -49,7 +49,7 @@ class DescriptorWaiter:
 
 
 def _polled_descriptors(selector: selectors.BaseSelector, timeout_s: float | None) -> _Ready:
-    """Poll for the whole milliseconds of *timeout_s*, and nap through the rest."""
+    """Return descriptors ready within *timeout_s*: poll in whole ms, sleep for the rest."""
     if timeout_s is None:
         return selector.select()
     left_s, end_s = timeout_s, time.monotonic() + timeout_s

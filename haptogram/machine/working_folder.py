@@ -58,12 +58,13 @@ class WorkingFolder:
             self._lock = None
 
     def _remove_unowned(self, folder: Path) -> None:
+        """Remove *folder* if no living process owns it."""
         if (lock := self._own(folder)) is not None:
             shutil.rmtree(folder, ignore_errors=True)
             os.close(lock)
 
     def _own(self, folder: Path) -> int | None:
-        """Return the lock of *folder*; None if another process owns or removed it."""
+        """Lock *folder* and return the lock; None if another process owns or removed it."""
         fcntl = self._fcntl
         with contextlib.suppress(OSError):
             lock = os.open(folder / _OWNER, os.O_RDWR | os.O_CREAT, 0o600)

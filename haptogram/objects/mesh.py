@@ -153,7 +153,7 @@ def _mesh_neighbour_graph(points: FloatArray) -> csr_array:
 def _mesh_bridges(points: FloatArray, bodies: list[Indices]) -> Iterator[tuple[int, int]]:
     """Yield an edge that joins each body after the first to the nearest earlier body.
 
-    The nearest by their centres, and then by their points.
+    The nearest body is the one with the nearest centre; the edge joins their nearest points.
     """
     from scipy.spatial import cKDTree
 

@@ -104,7 +104,7 @@ def _shape_of_run(config: ShapeConfig) -> tactile.TactileObject:
 
 
 def _check_mesh_size(mesh: tactile.MeshSurface, config: ShapeConfig) -> None:
-    """Refuse a mesh whose file is most likely in another unit."""
+    """Refuse a mesh too small or large to be in the unit *config* names; suggest another."""
     size_m = float(np.ptp(mesh.mesh.bounds, axis=0).max())
     size = size_m / UNITS_M[config.unit]
     if LEAST_MESH_M <= size_m <= MOST_MESH_M:

@@ -239,7 +239,7 @@ class MeshSurface:
 
 
 def _shape_there_and_back(count: int) -> list[int]:
-    """Return 0 .. count-1 so that neighbours, and last and first, are two apart at the most."""
+    """Return 0, 2, 4 ... and back over 5, 3, 1: each number is at most two from the next."""
     return [*range(0, count, 2), *reversed(range(1, count, 2))]
 
 
@@ -301,6 +301,7 @@ def _check_shape_resolution(resolution_m: float, extent_m: float) -> None:
 
 
 def _check_shape_point(name: str, point: Point3) -> None:
+    """Refuse a point that is not three numbers in metres, or is too far away."""
     try:
         values = np.asarray(point)
     except ValueError:  # rows of different lengths

@@ -41,6 +41,7 @@ def check_positive(name: str, value: Any) -> float:
 
 
 def _argument_as_float(value: numbers.Real) -> float:
+    """Return a number as float; infinity if it is too large for one."""
     try:
         return float(value)
     except OverflowError:  # a whole number beyond every float
@@ -62,7 +63,7 @@ def check_whole(name: str, value: Any, low: int, high: int, unit: str = "") -> i
 
 
 def _argument_with_type(value: Any) -> str:
-    """Format *value* as :func:`shown_argument` does; floats keep their ".0" in type errors."""
+    """Return *value* as an error about its type shows it: a float keeps its ".0"."""
     return repr(float(value)) if isinstance(value, float) else shown_argument(value)
 
 

@@ -63,7 +63,7 @@ class _FrozenMethods:
 
 
 def _frozen_class(cls: Any, *, eq: bool, **options: Any) -> Any:
-    """Make a frozen dataclass with shared methods instead of generated ones."""
+    """Make *cls* a frozen dataclass; its methods are shared ones, which are not generated."""
     names = ["__repr__", "__setattr__", "__delattr__"]
     names += ["__eq__", "__hash__"] if eq else []
     names += ["__getstate__", "__setstate__"] if options.get("slots") else []

@@ -243,7 +243,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def _in_short(action: argparse.Action) -> argparse.Action:
-    """Return a copy of *action* with the first clause of its help, and its default."""
+    """Return a copy of *action* whose help is the first clause and the default."""
     found = _CLAUSES.fullmatch(action.help or "")
     short = copy.copy(action)
     short.help = "".join(part or "" for part in found.groups()) if found else action.help
@@ -296,6 +296,11 @@ def add_file_option(group: argparse._ActionsContainer, word: str, help: str, **m
     """Add an option, or an argument without one, that names a file."""
     more.setdefault("metavar", "FILE")
     group.add_argument(word, type=file_name_option, help=help, **more)
+
+
+def add_flag(group: argparse._ActionsContainer, *words: str, help: str) -> None:
+    """Add an option without a value, which is off unless it is given."""
+    group.add_argument(*words, action="store_true", help=help)
 
 
 def name_option(text: str, what: str = "the name of a file") -> str:

@@ -70,12 +70,12 @@ def drive_fault_candidates(model: AcousticModel, intended: Intended) -> Iterator
 
 
 def _drive_fault_phases(drive: Drive) -> Codes:
-    """Return phase codes scaled to the largest number of bits."""
+    """Return the phase codes, scaled to the largest number of bits that a phase can have."""
     return drive.phase_codes.astype(np.int64) << (MAX_PHASE_BITS - drive.phase_bits)
 
 
 def _signed_drive_difference(difference: Codes) -> Codes:
-    """Return a difference of phases within half a turn."""
+    """Return differences of phase codes wrapped to -half a turn up to half a turn."""
     return (difference + TURN // 2) % TURN - TURN // 2
 
 
@@ -270,7 +270,7 @@ def _are_lines(model: AcousticModel, off: NDArray[np.bool_]) -> bool:
 
 
 def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid) -> list[str]:
-    """Name parts of the array that are each off by one phase, if that explains all errors."""
+    """Name parts of the array that each share one error; [] if chance could explain that."""
     values, counts = np.unique(difference, return_counts=True)
     relative = _signed_drive_difference(difference - values[counts.argmax()])
     relative = _merge_rounding_errors(relative, grid.step)

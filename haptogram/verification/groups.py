@@ -99,7 +99,7 @@ def groups_of_elements(
 def _shared_lag(
     members: Sequence[int], lags_rad: Mapping[int, float], spread_rad: float
 ) -> float | None:
-    """Return the lag common to all *members*, or None."""
+    """Return the lag within *spread_rad* of that of all *members*; None if there is none."""
     lags = np.array([lags_rad[element] for element in members])
     lags = lags[np.isfinite(lags)]
     if len(lags) < _FEWEST:
@@ -112,7 +112,7 @@ def _shared_lag(
 def _classes_of_elements(
     elements: Sequence[int], channels: Mapping[int, str]
 ) -> Iterator[_Classes]:
-    """Yield ways to divide the elements: by the names of their channels, remainders, blocks."""
+    """Yield ways to group elements: by the port in their channel's name, remainder, block."""
     by_port: _Classes = defaultdict(list)
     for element, channel in channels.items():
         stem = _NUMBERED.fullmatch(channel)
@@ -129,7 +129,7 @@ def _classes_of_elements(
 
 
 def _classes(elements: Sequence[int], names: Sequence[str]) -> _Classes:
-    """Group the elements by name."""
+    """Return the elements grouped by their names."""
     found: _Classes = defaultdict(list)
     for element, name in zip(elements, names, strict=True):
         found[name].append(element)
@@ -137,7 +137,7 @@ def _classes(elements: Sequence[int], names: Sequence[str]) -> _Classes:
 
 
 def _lag_text(lag_rad: float, limit_rad: float, steps: int, base: str) -> str:
-    """Return a phase lag in words: inverted, in steps, or in degrees."""
+    """Return a phase lag in words: inverted, in steps, or in degrees after *base*."""
     degrees = math.degrees(lag_rad)
     count = round(lag_rad * steps / math.tau)
     step_rad = math.tau / steps

@@ -90,7 +90,7 @@ class LossJudge:
         return dataclasses.replace(missed, status=status, faults=faults, note=note)
 
     def _loss(self, wanted: Intended, due: DueFrame) -> tuple[FrameStatus, str, str]:
-        """Return status, fault and reason of a lost frame."""
+        """Return status, fault and reason of a frame that was not latched."""
         known, drop = self._known, self._known.drops.get(wanted.key)
         latest_us, sent_us = wanted.t_latest_us, wanted.t_sent_us
         if latest_us is not None and wanted.is_held_up:
@@ -118,11 +118,12 @@ class LossJudge:
 
     @property
     def _first_due_us(self) -> float:
-        """Return the time from which frames are due on this board: after the last latch."""
+        """Return the last latch's time or, if later, the first lost frame's earliest due time."""
         return max(self._last_us, -math.inf if self._first is None else self._first[0].earliest_us)
 
 
 def _loss_ms(time_us: int) -> str:
+    """Return a time in µs as text in ms."""
     return f"{time_us / 1e3:.1f} ms"
 
 

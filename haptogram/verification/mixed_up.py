@@ -88,7 +88,7 @@ def mixed_up_drives(
 
 
 def _drive_fault_orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
-    """Yield the drive in other orders of the elements."""
+    """Yield wrong orders of the elements by name, each with the phases it would show."""
     if model.array.grid_shape is None:
         yield "order of the elements reversed", wanted[::-1]
     else:
@@ -153,13 +153,13 @@ def shaped_drive_fault(
 
 
 def _code_range(codes: NDArray[np.float64]) -> float:
-    """Return the range of the codes after removal of their common phase."""
+    """Return max - min of the phase codes after their common phase is removed."""
     common = np.angle(np.exp(2j * np.pi * codes / TURN).sum()) * TURN / (2.0 * np.pi)
     return float(np.ptp((codes - common + TURN / 2.0) % TURN))
 
 
 def _is_half_plane(difference: Codes, around: NDArray[np.float64]) -> bool:
-    """Return True if the codes differ by pi on the two sides of a line."""
+    """Return True if half the codes, on one side of a line through the centre, are inverted."""
     turned = (difference - difference[0]) % TURN == TURN // 2
     if not turned.any() or ((difference - difference[0]) % (TURN // 2)).any():
         return False

@@ -173,7 +173,7 @@ def verify_run(
 
 
 def _no_drive_yet() -> None:
-    """Return None: no drive was latched yet."""
+    """Return None: the drive in force before the first latch is not known."""
 
 
 def check_run_judgement(
@@ -198,7 +198,7 @@ def check_run_judgement(
 
 
 def _observations_to_verify(entries: Iterable[Observation]) -> Iterator[Observation]:
-    """Yield the observations; refuse other objects."""
+    """Yield the observations; raise if an object is none."""
     for number, entry in enumerate(entries):
         if not isinstance(entry, Observation):
             check_argument_kind(
@@ -208,14 +208,14 @@ def _observations_to_verify(entries: Iterable[Observation]) -> Iterator[Observat
 
 
 def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
-    """Return *entries* if they are already a bounded record; else a new, empty one."""
+    """Return *entries* if it is a bounded record, which counts what it drops; else an empty one."""
     return entries if isinstance(entries, KeptRecords) else KeptRecords()
 
 
 def _without_earlier(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
-    """Yield *observations* from the first intended frame on."""
+    """Yield what is of intended frames, or of later stream frames: earlier ones are not kept."""
     wanted = {frame.key for frame in intended}
     streamed = [key.index for key in wanted if key.sequence == STREAM]
     first = min(streamed, default=None)
@@ -244,7 +244,7 @@ def _frames_by_drive(intended: Sequence[Intended]) -> dict[int, list[int]]:
 def _named_by_other_frame(
     verdict: FrameVerdict, latch: Observation, drives: Mapping[int, Sequence[int]]
 ) -> FrameVerdict:
-    """Return *verdict*, with the nearest frame of the same drive named as its fault, if any."""
+    """Return *verdict* with the nearest frame of the latched drive as fault, if there is one."""
     crc = latch.drive_crc if latch.drive is None else latch.drive.digest()
     numbers = () if crc is None else drives.get(crc, ())
     if not numbers:
@@ -269,7 +269,7 @@ def _conclude_run_verdict(
     not_kept: int,
     losses: BoardLosses | None,
 ) -> RunVerdict:
-    """Return the verdict of a run from its frames, losses and cut."""
+    """Return the verdict of a run: FAIL if frames are wrong, INCONCLUSIVE if too few are known."""
     not_sent = 0 if cut is None else cut.not_sent
     counts = _run_verdict_counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
     effect = RunConsequences.of(frames, quiet_us)
@@ -316,6 +316,7 @@ _FAILURES: Final = {
 
 
 def _run_verdict_counts(frames: list[FrameVerdict], unexpected: list[FrameKey]) -> dict[str, int]:
+    """Return how many frames were sent, latched, verified, late, and of each status."""
     by_status = Counter(frame.status for frame in frames)
     return {
         "sent": len(frames),

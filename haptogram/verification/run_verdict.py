@@ -93,7 +93,11 @@ class RunVerdict(Judged):
     @property
     def odd_frames(self) -> list[FrameVerdict]:
         """Frames that are not on target, or not in time."""
-        return [f for f in self.frames if f.status not in NOTHING_WRONG or _has_timing_error(f)]
+        return [
+            f
+            for f in self.frames
+            if f.status not in NOTHING_WRONG or f.late or f.early or f.latches > 1
+        ]
 
     def findings(self) -> Iterator[tuple[str, list[FrameVerdict]]]:
         """Yield a line for each odd frame; of many, one for all with the same thing wrong."""
@@ -141,7 +145,7 @@ class RunVerdict(Judged):
         return max(found, key=lambda one: one.total, default=None)
 
     def _uncertainty_dict(self) -> dict[str, float] | None:
-        """Return the parts of the position uncertainty and their total."""
+        """Return the parts of the position uncertainty and their total; None if not known."""
         found = self.place_uncertainty
         return None if found is None else {**found._asdict(), "total": found.total}
 
@@ -243,13 +247,8 @@ def cut_run_verdict_text(counts: Mapping[str, int]) -> str:
     return "".join(said)
 
 
-def _has_timing_error(frame: FrameVerdict) -> bool:
-    """Return True if a frame was late, early or latched more than once."""
-    return frame.late or frame.early or frame.latches > 1
-
-
 def _run_verdict_error_line(result: dict[str, Any]) -> str:
-    """Return the line of position errors, and of the smallest miss that would show."""
+    """Return the line of position errors, and of the smallest miss that would be noticed."""
     lateral, axial = result["lateral_error_mm"], result["axial_error_mm"]
     along = "along the beam: not observable"
     if axial["max"] is not None:
@@ -302,7 +301,7 @@ def _run_verdict_foci_line(result: dict[str, Any]) -> str:
 
 
 def _wrong_in_run_verdict(frame: FrameVerdict) -> tuple[str, ...]:
-    """Return status, timing errors and faults of a frame, to group equal frames."""
+    """Return status, timing errors and faults of a frame: frames with equal ones share a line."""
     times = {"late": frame.late, "early": frame.early, "latched more than once": frame.latches > 1}
     note = frame.note if frame.status is FrameStatus.NOT_VERIFIED else ""
     words = [str(frame.status), *(word for word, is_so in times.items() if is_so)]
@@ -310,7 +309,7 @@ def _wrong_in_run_verdict(frame: FrameVerdict) -> tuple[str, ...]:
 
 
 def _run_verdict_group_line(what: tuple[str, ...], frames: list[FrameVerdict]) -> str:
-    """Return the common fault of frames, and its worst consequence."""
+    """Return the line on a fault that *frames* share, with its worst consequence."""
     numbers = ", ".join(str(frame.number) for frame in frames[:_NAMED_FRAMES])
     more = ", ..." if len(frames) > _NAMED_FRAMES else ""
     worst = "; ".join(frame_verdict_measures(worst_frame_of(frames)))
@@ -356,11 +355,12 @@ def _run_verdict_spread(values: np.ndarray) -> dict[str, float | None]:
 
 
 def _min_or_none(values: np.ndarray) -> float | None:
+    """Return the least value; None if there are none."""
     return float(values.min()) if len(values) else None
 
 
 def _frame_in_run_verdict(frame: FrameVerdict) -> dict[str, Any]:
-    """Return the known fields of one frame."""
+    """Return the fields of one frame for JSON, without those that are empty."""
     fields = dataclasses.asdict(frame) | {"status": str(frame.status)}
     fields["evidence"] = None if frame.evidence is None else str(frame.evidence)
     fields["lateness_us"] = frame.lateness_us

@@ -15,27 +15,15 @@ import numpy as np
 from haptogram.acoustics import Medium
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.medium import air_speed_uncertainty
+from haptogram.settings import tolerance as limits
 from haptogram.settings.arguments import check_number
 from haptogram.settings.frozen import dataclass, fields, replace
-from haptogram.settings.tolerance import (
-    GUESS_C,
-    GUESS_HUMIDITY_PERCENT,
-    GUESS_PHASE_RAD,
-    GUESS_POSITION_MM,
-    MOST_MISS_MM,
-    MOST_OFF_C,
-    MOST_OFF_HUMIDITY_PERCENT,
-    MOST_OFF_PHASE_RAD,
-    MOST_OFF_POSITION_MM,
-    ToleranceConfig,
-    UncertaintyConfig,
-)
 
 
 def _check_uncertain_air(temperature_c: float, humidity_percent: float) -> None:
     """Refuse tolerances of temperature or humidity outside their limits."""
-    check_number("temperature_c", temperature_c, 0.0, MOST_OFF_C)
-    check_number("humidity_percent", humidity_percent, 0.0, MOST_OFF_HUMIDITY_PERCENT)
+    check_number("temperature_c", temperature_c, 0.0, limits.MOST_OFF_C)
+    check_number("humidity_percent", humidity_percent, 0.0, limits.MOST_OFF_HUMIDITY_PERCENT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +55,7 @@ class Tolerance:
     humidity_percent: float = 0.0
 
     def __post_init__(self) -> None:
-        check_number("miss_mm", self.miss_mm, 0.0, MOST_MISS_MM)
+        check_number("miss_mm", self.miss_mm, 0.0, limits.MOST_MISS_MM)
         _check_uncertain_air(self.temperature_c, self.humidity_percent)
 
     @property
@@ -80,8 +68,7 @@ class Tolerance:
         if offset_m is None:
             return 0.0
         length_m = max(float(np.linalg.norm(offset_m)), 1e-12)
-        left: FloatArray = np.abs(offset_m) * max(0.0, 1.0 - self.miss_mm / 1e3 / length_m)
-        return left
+        return np.abs(offset_m) * max(0.0, 1.0 - self.miss_mm / 1e3 / length_m)
 
     def speed_share(self, medium: Medium) -> float:
         """Return the relative difference of the speed of sound that is tolerated."""
@@ -126,8 +113,8 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         _check_uncertain_air(self.temperature_c, self.humidity_percent)
-        check_number("position_mm", self.position_mm, 0.0, MOST_OFF_POSITION_MM)
-        check_number("phase_rad", self.phase_rad, 0.0, MOST_OFF_PHASE_RAD)
+        check_number("position_mm", self.position_mm, 0.0, limits.MOST_OFF_POSITION_MM)
+        check_number("phase_rad", self.phase_rad, 0.0, limits.MOST_OFF_PHASE_RAD)
 
     def speed_share(self, medium: Medium) -> float:
         """Return the relative standard uncertainty of the speed of sound, by both together."""
@@ -137,7 +124,11 @@ class Uncertainty:
 
 #: Uncertainty of a real board until the user states a better one.
 REAL_BOARD: Final = Uncertainty(
-    GUESS_C, GUESS_HUMIDITY_PERCENT, GUESS_POSITION_MM, GUESS_PHASE_RAD, is_guess=True
+    limits.GUESS_C,
+    limits.GUESS_HUMIDITY_PERCENT,
+    limits.GUESS_POSITION_MM,
+    limits.GUESS_PHASE_RAD,
+    is_guess=True,
 )
 
 
@@ -151,12 +142,12 @@ def tolerance_text(tolerance: Tolerance) -> str:
     return ", ".join(filter(None, parts)) or "none"
 
 
-def tolerance_of(config: ToleranceConfig) -> Tolerance:
+def tolerance_of(config: limits.ToleranceConfig) -> Tolerance:
     """Return the tolerance of the settings."""
     return Tolerance(config.tolerance_mm, config.tolerance_c, config.tolerance_humidity)
 
 
-def uncertainty_of(config: UncertaintyConfig, *, at_port: bool) -> Uncertainty:
+def uncertainty_of(config: limits.UncertaintyConfig, *, at_port: bool) -> Uncertainty:
     """Return the uncertainty of air and elements that the settings state.
 
     An uncertainty that is not given is 0 for the virtual board that is started here, whose air and

@@ -106,7 +106,10 @@ def _next_unnumbered_pair(
 
 
 def _has_drive(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> bool:
-    """Return True if the latched drive is that of *frame*, or off by less than a step of it."""
+    """Return True if a latch has the drive of *frame* up to a common lag.
+
+    Codes may be off by one; if *is_near*, by a step of the frame's phases.
+    """
     found, wanted = latch.drive, frame.drive
     sounding = wanted.amplitude_codes > 0
     if not np.array_equal(found.amplitude_codes > 0, sounding):
@@ -114,7 +117,7 @@ def _has_drive(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> boo
     if not sounding.any():
         return True
     error = _channel_lags(found, wanted)[sounding]
-    off = _signed_lags(error - error[0])
+    off = (error - error[0] + _TURN // 2) % _TURN - _TURN // 2  # within half a turn
     if is_near:  # outputs that are late, by a step or between two
         return bool(np.ptp(off) <= max(1, _TURN // frame.steps))
     return bool(np.abs(off).max() <= 1)
@@ -141,7 +144,7 @@ def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> O
 
 
 def _common_lag(found: Drive, wanted: Drive) -> int:
-    """Return the lag that most channels share: an effect of the pulse shape."""
+    """Return the most frequent lag of the channels that sound in both, as a phase code."""
     sounding = (found.amplitude_codes > 0) & (wanted.amplitude_codes > 0)
     if not sounding.any():
         return 0
@@ -151,11 +154,6 @@ def _common_lag(found: Drive, wanted: Drive) -> int:
 def _channel_lags(found: Drive, wanted: Drive) -> NDArray[np.int64]:
     """Return the difference of the phase codes in each channel."""
     return found.phase_codes.astype(np.int64) - wanted.phase_codes.astype(np.int64)
-
-
-def _signed_lags(lags: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return lags within half a turn."""
-    return (lags + _TURN // 2) % _TURN - _TURN // 2
 
 
 def _unnumbered_without_lag(drive: Drive, lag: int) -> Drive:

@@ -52,7 +52,7 @@ def cobs_encode(data: bytes) -> bytes:
 
 
 def _cobs_piece_by_piece(data: bytes) -> bytes:
-    """Encode the pieces between zeros, one by one: quick while they are few."""
+    """Encode as COBS each piece between zeros; quick for few pieces."""
     pieces = data.split(_ZERO)
     out = b"".join([_CODES[len(p)] + p if len(p) < BLOCK else _cobs_blocks(p) for p in pieces])
     # A full block at the very end implies no zero, so no code byte follows it.
@@ -61,14 +61,14 @@ def _cobs_piece_by_piece(data: bytes) -> bytes:
 
 
 def _cobs_blocks(piece: bytes) -> bytes:
-    """Return the code of bytes without zero, in blocks of at most 254."""
+    """Return bytes without a zero as COBS blocks of up to 254, a code byte before each."""
     whole = len(piece) - len(piece) % BLOCK
     full = [_CODES[BLOCK] + piece[at : at + BLOCK] for at in range(0, whole, BLOCK)]
     return b"".join([*full, _CODES[len(piece) - whole], piece[whole:]])
 
 
 def _cobs_all_at_once(data: bytes) -> bytes:
-    """Encode with long-integer arithmetic."""
+    """Encode as COBS by arithmetic on long integers; quick for many zeros."""
     out = []
     rest = data + _ZERO  # the phantom zero that ends the last piece
     start, end = 0, len(rest)
@@ -143,7 +143,10 @@ def cobs_decode(encoded: bytes) -> bytes:
 def _walk_cobs_codes(
     encoded: bytes, at: int, stop: int, out: bytearray, without_zero: list[int]
 ) -> int:
-    """Go from code byte to code byte up to *stop*; return the place of the next one."""
+    """Decode COBS up to *stop*: put a zero in place of each code byte; return the next one's.
+
+    Code bytes that stand for no zero are added to *without_zero*.
+    """
     code = 1
     while at < stop:
         code = encoded[at]

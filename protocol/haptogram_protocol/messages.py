@@ -395,6 +395,7 @@ def drive_codes(message: Message, transducers: int) -> tuple[bytes, bytes] | Non
 
 @functools.cache
 def _full_amplitudes(transducers: int) -> bytes:
+    """Return the amplitude code 255 for each transducer."""
     return bytes([_FULL_AMPLITUDE]) * transducers
 
 

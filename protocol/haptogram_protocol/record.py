@@ -298,7 +298,7 @@ def _unpack_wire_tail(form: WireTail, data: bytes, start: int) -> Any:
 
 
 def _wire_fields(made: Any) -> tuple[dict[str, WireField], WireTail | None]:
-    """Return the wire form of the fields of a dataclass: the fixed ones and the tail."""
+    """Return the wire form of a dataclass: its fixed fields by name, and its tail (or None)."""
     fixed: dict[str, WireField] = {}
     offset = 0
     for field in dataclasses.fields(made):
@@ -311,7 +311,7 @@ def _wire_fields(made: Any) -> tuple[dict[str, WireField], WireTail | None]:
 
 
 def _record_getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]]:
-    """Return a function that gets all attributes *names* of a record."""
+    """Return a function that returns all attributes *names* of a record as a tuple."""
     if len(names) > 1:
         return operator.attrgetter(*names)
     if not names:

@@ -115,7 +115,7 @@ class BackdoorPinCapture:
             self._queue_change(notice.t_us, None)
 
     def _record_radiated_change(self, notice: events.RadiatedAnew) -> None:
-        """Record the radiated drive after a change of settings."""
+        """Queue the drive that changed settings radiate, for the next carrier period."""
         if self._ramp is not None:
             self._follow_ramp(notice.t_us)
             begin_us, end_us, *_ = self._ramp
@@ -135,7 +135,7 @@ class BackdoorPinCapture:
             line.cut(t_us)
 
     def _follow_ramp(self, until_us: int) -> None:
-        """Queue the steps of the ramp up to *until_us*."""
+        """Queue the amplitudes of the running ramp, in steps, up to *until_us*."""
         if self._ramp is None:
             return
         begin_us, end_us, full, cut = self._ramp
@@ -156,7 +156,7 @@ class BackdoorPinCapture:
         is_latch: bool = True,
         carrier: CarrierState = CarrierState.STEADY,
     ) -> None:
-        """Queue a change of the pins at *t_us*, if within the capture."""
+        """Queue a change of the pins at *t_us* (None: silence), unless the capture is full."""
         if weights is None and self._is_silent:
             return
         if not self._begin_or_is_within(t_us):
@@ -238,7 +238,7 @@ class BackdoorPinCapture:
             yield times[order], channels[order], levels[order]
 
     def _line_edges(self, first_us: float, samples: float) -> Edges:
-        """Return the edges of the lines of the UART, in order."""
+        """Return the edges of both UART lines as sample, channel and level, sorted by time."""
         found = [
             line.edges(_SIGNALS + self._count + number, first_us, samples / self._period_us)
             for number, line in enumerate(self._lines.values())
@@ -279,7 +279,7 @@ class BackdoorPinCapture:
     def _late_pins(
         self, before: PinWaveformPulses, after: PinWaveformPulses, behind: FloatArray
     ) -> Iterator[tuple[float, PinWaveformPulses]]:
-        """Yield intervals in which late pins still show the old drive, with the mixed waveform.
+        """Yield (length in periods, pulses) of intervals in which late pins show the old drive.
 
         *behind*: delay of each pin against the board, in microseconds.
         """

@@ -120,7 +120,7 @@ class PinWaveformSampler:
     def _periodic(
         self, pulses: PinWaveformPulses, begin: float, end: float, starts: FloatArray
     ) -> Iterator[tuple[FloatArray, Samples, NDArray[np.bool_]]]:
-        """Yield the edges of pulses that repeat from each of *starts*, in pieces."""
+        """Yield the edges, in pieces, of pulses that repeat in each period from *starts* on."""
         sounding = np.flatnonzero(pulses.duties > 0.0)
         rises, duties = pulses.rises[sounding], pulses.duties[sounding]
         for offsets, level in ((rises, True), (rises + duties, False)):

@@ -75,7 +75,7 @@ class BackdoorEstimator:
         return _remembered(self._patterns, latch, self._classified)
 
     def _classified(self, latch: events.PulseLatch) -> Pattern:
-        """Return the pattern of a pulse latch."""
+        """Return the pattern that the pulses of a latch form, in their phase steps."""
         from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 
         steps = self._coarsest_steps(latch)
@@ -84,12 +84,12 @@ class BackdoorEstimator:
         return self._classifiers[steps].classify(latch.weights())
 
     def _coarsest_steps(self, latch: events.PulseLatch) -> int:
-        """Return the least number of phase steps that latch, board or pulses have."""
+        """Return the smallest known number of phase steps: of the latch, board or pulses."""
         known = (latch.pulses.steps, self._phase_steps, latch.phase_steps)
         return min(steps for steps in known if steps is not None)
 
     def _reconstruct(self, latch: events.PulseLatch) -> Reconstruction:
-        """Return the field of a pulse latch."""
+        """Return the focus that the pulses of a latch form, or that they form none."""
         return self._reconstructor.reconstruct_weights(
             latch.weights(), step_rad=math.tau / self._coarsest_steps(latch)
         )
@@ -100,7 +100,7 @@ def _remembered(
     latch: events.PulseLatch,
     estimate: Callable[[events.PulseLatch], _Estimate],
 ) -> _Estimate:
-    """Return the cached estimate of a drive."""
+    """Return the estimate for the drive of a latch: made before, or by *estimate* and kept."""
     key = _drive_key_of_latch(latch)
     if key not in known:
         _forget_oldest(known)
@@ -115,7 +115,7 @@ def _forget_oldest(known: dict[Hashable, Any]) -> None:
 
 
 def _drive_key_of_latch(latch: events.AnyLatch) -> tuple[Hashable, ...]:
-    """Return a key that is equal for latches with equal drives, latched and radiated."""
+    """Return a key that is equal for latches whose latched and radiated drives are equal."""
     if isinstance(latch, events.PulseLatch):
         return latch.weights().tobytes(), latch.pulses.steps
     drives = [latch.radiated] if latch.radiated is latch.drive else [latch.radiated, latch.drive]
@@ -227,7 +227,7 @@ class InlineReconstructionWorker:
         return text
 
     def _defer_reconstruction(self, latch: events.Latch) -> None:
-        """Write the record of a latch; reconstruct its field later, in batches."""
+        """Write a latch's record without its field, which follows later, in batches."""
         record = records.backdoor_brief_record(latch)
         self._write(record)
         self._owed.append((latch, record))

@@ -138,7 +138,7 @@ def backdoor_output_record(notice: events.Notice) -> Record:
 
 
 def _backdoor_value(value: Any) -> Any:
-    """Return a value of a notice as JSON has it: texts, and the names of states and reasons."""
+    """Return a value as JSON can hold it: plain text, and states and reasons by name."""
     if isinstance(value, str):
         return str(value)
     return value.name if isinstance(value, enum.Enum) else value
@@ -184,4 +184,5 @@ def backdoor_drive_text(latch: events.Latch, reconstruction: Reconstruction | No
 
 
 def _backdoor_base64(data: bytes) -> str:
+    """Return bytes as base64 text."""
     return base64.b64encode(data).decode()

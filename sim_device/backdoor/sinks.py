@@ -39,7 +39,7 @@ def open_backdoor_sink(
 
 
 def _opened_backdoor(path: str, wait: Callable[[], bool] | None) -> int:
-    """Open the file at *path* to append to it; a FIFO as soon as somebody reads it."""
+    """Open the file at *path* to append to it; at a FIFO, *wait* until somebody reads it."""
     if wait is None or not Path(path).is_fifo():
         return os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
     while True:
@@ -138,7 +138,7 @@ class SocketSink:
 
 
 def _send_backdoor_records(client: int, unsent: bytearray) -> bool:
-    """Send buffered records to a client; return False if it has disconnected."""
+    """Send what a client takes without waiting; return False if it has disconnected."""
     try:
         while unsent:
             del unsent[: os.write(client, unsent)]

@@ -147,7 +147,7 @@ class ReconstructionWorker:
             self._queue(notice)
 
     def _queue(self, item: object) -> None:
-        """Queue a record; send in batches."""
+        """Queue a record; send the queue once it is a batch, if the worker takes it."""
         self._waiting.append(item)
         if len(self._waiting) >= BATCH and not self.is_refusing:
             self.pump()
@@ -217,7 +217,7 @@ class ReconstructionWorker:
         self._unsent, self._batch = b"", 0
 
     def _await_ready(self) -> None:
-        """Read the answer of the worker to its job; kill one that takes too long."""
+        """Wait until the worker is ready; kill it if it takes too long, raise if it is not."""
         killing = threading.Timer(START_TIMEOUT_S, self._process.kill)
         killing.start()
         try:
@@ -297,7 +297,7 @@ def packed_worker_batch(items: list[object]) -> bytes:
 
 
 def _worker_reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...]]:
-    """Return a recipe to pickle a dataclass by its values: a third of the time of the usual one."""
+    """Return a function that pickles a dataclass by its fields' values, thrice as fast."""
     values = operator.attrgetter(*(field.name for field in dataclasses.fields(kind)))
     return lambda item: (kind, values(item))
 
@@ -309,7 +309,7 @@ def _drive_at_worker(phases: bytes, amplitudes: bytes, phase_bits: int) -> Drive
 
 
 def _drive_for_worker(drive: Drive) -> tuple[Any, ...]:
-    """Return a recipe to pickle a drive as its codes."""
+    """Return how to pickle a drive: as a call of _drive_at_worker with its codes."""
     codes = drive.phase_bytes, drive.amplitude_codes.tobytes()
     return _drive_at_worker, (*codes, drive.phase_bits)
 

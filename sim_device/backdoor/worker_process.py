@@ -66,7 +66,7 @@ def run_reconstruction_worker() -> None:
 
 
 def _is_board_alive() -> bool:
-    """Wait briefly; return False once the board has closed the pipe."""
+    """Wait a few ms for the end of the pipe from the board; return False if it has ended."""
     input_end = select.poll()
     input_end.register(0, 0)
     return not input_end.poll(_LOOK_MS)
@@ -81,7 +81,7 @@ def _send_to_board(to: int, text: bytes) -> None:
 def _record_batches(
     batches: Iterator[list[Any]], recorder: InlineReconstructionWorker, sink: FileSink | SocketSink
 ) -> None:
-    """Write the records of all batches to the sink, latches together."""
+    """Write all records to the sink, latches in a row together; note if the board never ended."""
     for batch in batches:
         for kind, items in itertools.groupby(batch, type):
             if kind is Latch:

@@ -147,7 +147,7 @@ def _trace_readout_of(latch: Latch) -> m.TraceRecord:
 
 
 def _tail_room(reply: type[m.Message]) -> int:
-    """Return the bytes that one frame leaves for the tail of *reply*."""
+    """Return how many bytes of variable length one frame of the type *reply* can carry."""
     return MAX_BODY_BYTES - HEADER_BYTES - reply.LAYOUT.size
 
 
@@ -165,25 +165,30 @@ def _readout_span(
 
 
 def _clip_readout_i32(value: int) -> int:
+    """Return *value* limited to a signed integer of 32 bits."""
     return max(-(2**31), min(2**31 - 1, value))
 
 
 def _arm(board: Board, _: m.Arm) -> m.ArmReply:
+    """Arm the board; return the reply with its state."""
     board.arm()
     return m.ArmReply(board.output.state)
 
 
 def _disarm(board: Board, _: m.Disarm) -> m.DisarmReply:
+    """Disarm the board; return the reply with its state."""
     board.disarm()
     return m.DisarmReply(board.output.state)
 
 
 def _stop(board: Board, _: m.Stop) -> m.StopReply:
+    """Stop the playback; return the reply with the state."""
     board.stop()
     return m.StopReply(board.output.state)
 
 
 def _begin_upload(board: Board, begin: m.UploadBegin) -> m.UploadBeginReply:
+    """Begin an upload; return the largest chunk and how many may be under way."""
     board.begin_upload(begin)
     return m.UploadBeginReply(board.settings.max_chunk, board.settings.upload_window)
 

@@ -150,7 +150,7 @@ class Board:
             raise ValueError(f"board is at {self.output.now_us} µs, cannot go back to {t_us} µs")
 
     def _next_due(self) -> Due | None:
-        """Return the next due action; latches precede timers at equal times."""
+        """Return what is due next, a latch before a timer of the same time; None if nothing is."""
         due = self.output.next_timer()
         if self._playback is not None:
             due_us = self.output.boundary_us(self._playback.due_us)
@@ -242,7 +242,10 @@ class Board:
         return self._queue.last_apply_us
 
     def _refuse(self, frame: StreamFrame) -> Drop | None:
-        """Return why a stream frame is dropped: state, order, room or time; None if accepted."""
+        """Return why a stream frame is dropped (state, order, room, time); None: it is accepted.
+
+        The margin of a frame with a time is counted either way.
+        """
         if self.output.state is not OutputState.ARMED or self._playback is not None:
             return Drop.STATE
         if frame.t_apply_us is None:
@@ -258,14 +261,14 @@ class Board:
         return Drop.LATE if -margin_us > self.output.config.late_window_us else None
 
     def _ready_us(self, content: Content) -> int:
-        """Return the earliest latch time of a frame that arrives now (HG-5.8)."""
+        """Return the earliest latch time of a frame that arrives now, POINTS computed (HG-5.8)."""
         begins_us, settings = max(self.output.now_us, self._computed_us), self.settings
         if isinstance(content, Drive):
             return begins_us + settings.latch_lead_us
         return begins_us + len(content) * settings.point_time_us + settings.latch_lead_us
 
     def _entry(self, frame: StreamFrame) -> QueueEntry:
-        """Return the queue entry of a frame: its registers, and when it is due."""
+        """Return a frame as queue entry; its latch is due at its time or, without one, at once."""
         drive, bits = self._focuser.registers(frame.content)
         ready_us = self._ready_us(frame.content)
         t_apply_us = ready_us if frame.t_apply_us is None else frame.t_apply_us
@@ -397,7 +400,7 @@ class Board:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["period_us"].offset)
 
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
-        """Refuse a PLAY with a wrong unattended time or start."""
+        """Refuse a PLAY unless its unattended time is in limits, its start in lead and horizon."""
         limits = self.settings
         if not 1 <= unattended_ms <= limits.max_unattended_ms:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["unattended_ms"].offset)

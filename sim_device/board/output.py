@@ -158,7 +158,7 @@ class BoardOutput:
                 self._end_ramp_if_restored()
 
     def _enter(self, event: OutputInput, reason: MuteReason, *, requested: bool = True) -> None:
-        """Change the output state; refuse an invalid transition."""
+        """Change the output state and note it; raise BAD_STATE if the event is not allowed."""
         try:
             state = next_output_state(self.state, event)
         except LocalProtocolError as error:
@@ -190,13 +190,13 @@ class BoardOutput:
         return (begin_us, self._begin_ramp) if begin_us < NEVER_US else None
 
     def _begin_ramp(self) -> None:
-        """Begin the ramp of the timer that has expired, and note it."""
+        """Begin to fade because the first timer has expired, and note the ramp's reason and end."""
         self._ramping = True
         ramp, reason = self._timers.begin_ramp(self.config), self._timers.first().reason
         self._new_notices.append(RampBegan(self.now_us, reason, ramp.ends_us))
 
     def _end_ramp_if_restored(self) -> None:
-        """Note the end of the ramp if no timer demands it any more."""
+        """Note that the output is restored if the timers have ended the ramp."""
         if self._timers.ramp is None:
             self._ramping = False
             self._new_notices.append(RampEnded(self.now_us, restored=True))

@@ -37,6 +37,7 @@ def full_amplitude_registers(phase_codes: bytes) -> Drive:
 
 @functools.cache
 def _full_register_codes(count: int) -> bytes:
+    """Return the amplitude code 255 for each of *count* transducers."""
     return bytes([255]) * count
 
 

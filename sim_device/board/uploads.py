@@ -131,7 +131,7 @@ class BoardUploads:
         return Upload(pending.begin, bytes(pending.data), self._frame_size(pending.begin))
 
     def _expect(self) -> _BoardUpload:
-        """Return the pending upload."""
+        """Return the pending upload; the caller has refused requests without one."""
         assert self._pending is not None  # the board refuses it without a `target`
         return self._pending
 
@@ -145,7 +145,7 @@ class BoardUploads:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.UploadBegin.WIRE["target"].offset)
 
     def _check_size(self, begin: m.UploadBegin, room: int) -> None:
-        """Refuse a size of no whole frames, or of too many."""
+        """Refuse a size that is not 1 or more whole frames, or has more than there is room."""
         limits, frame = self._settings, self._frame_size(begin)
         frames, rest = divmod(begin.size, frame)
         if not frames or rest or (begin.kind is m.UploadKind.CORRECTION and frames > 1):
@@ -157,7 +157,7 @@ class BoardUploads:
             raise RefusalError(m.ErrorCode.TOO_LARGE, limit)
 
     def _frame_size(self, begin: m.UploadBegin) -> int:
-        """Return the bytes of one frame of an upload."""
+        """Return the bytes of a frame: a code for each transducer, or its focal points."""
         if begin.kind is m.UploadKind.POINTS:
             return begin.points_per_frame * m.FocalPoint.LAYOUT.size
         return self._settings.count

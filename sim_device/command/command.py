@@ -66,6 +66,7 @@ def main(
 
 
 def _start_board_log(options: argparse.Namespace) -> None:
+    """Log to standard error, warnings alone if --quiet."""
     logging.basicConfig(
         level=logging.WARNING if options.quiet else logging.INFO,
         format="%(asctime)s %(message)s",
@@ -74,7 +75,7 @@ def _start_board_log(options: argparse.Namespace) -> None:
 
 
 def _log_start_step(options: argparse.Namespace, step: str) -> None:
-    """Log a start-up step for the waiting parent process."""
+    """Log a start-up step for the program that started this one and waits (--until-eof)."""
     if options.until_eof:
         _LOG.info("starting: %s", step)
 
@@ -163,7 +164,7 @@ def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None
 
 
 def _board_error(ends: Sequence[HaptogramError]) -> HaptogramError:
-    """Return one error that names all failures; an output error hides no lost port."""
+    """Return one error with the texts of all; a ConfigurationError only if all are."""
     is_refusal = all(isinstance(error, ConfigurationError) for error in ends)
     return (ConfigurationError if is_refusal else HaptogramError)("; ".join(map(str, ends)))
 
@@ -188,7 +189,7 @@ def _start_line_tap(
 def _start_pin_capture(
     options: argparse.Namespace, settings: BoardSettings
 ) -> BackdoorPinCapture | None:
-    """Return the recorder of the drive pins, if a capture is wanted."""
+    """Return the recorder of the drive pins; None without --capture."""
     config = board_options.pin_capture_config_of(options)
     if config is None:
         return None

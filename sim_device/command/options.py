@@ -15,7 +15,7 @@ from haptogram.settings.command_line import add_setting_options, given_options
 from haptogram.settings.faults.kinds import described_faults
 from haptogram.settings.line import LineSettings
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import Parser, name_option
+from haptogram.settings.parser import Parser, add_flag, name_option
 
 if TYPE_CHECKING:
     from ..backdoor.line_tap import OpenRecording
@@ -47,9 +47,9 @@ def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) ->
         type=functools.partial(name_option, what="the name of a port"),
         help="real serial port, at its far end; --baud is 3000000 there, or that of the dialect",
     )
-    where.add_argument(
+    add_flag(
+        where,
         "--as-device",
-        action="store_true",
         help="start COMMAND, behind --, which finds the board as a serial device (Linux)",
     )
     parser.add_argument(
@@ -65,9 +65,7 @@ def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) ->
         type=name_option,
         help="radiated drives, as JSON lines",
     )
-    parser.add_argument(
-        "--no-reconstruct", action="store_true", help="leave the field out of the back door"
-    )
+    add_flag(parser, "--no-reconstruct", help="leave the field out of the back door")
     if open_recording is not None:
         parser.add_argument(
             "--record",
@@ -76,25 +74,21 @@ def set_up_board(parser: Parser, open_recording: OpenRecording | None = None) ->
             help="write the bytes in both directions and the latches, as MCAP",
         )
     add_setting_options(parser.add_argument_group("drive pins"), _CAPTURE.values())
-    parser.add_argument(
-        "--view",
-        action="store_true",
-        help="show what is radiated, live, in a browser (see haptogram view)",
+    add_flag(
+        parser, "--view", help="show what is radiated, live, in a browser (see haptogram view)"
     )
-    parser.add_argument(
+    add_flag(
+        parser,
         "--until-eof",
-        action="store_true",
         help="end when standard input ends: with the program that started this one",
     )
     log = parser.add_mutually_exclusive_group()
-    log.add_argument("--quiet", action="store_true", help="log warnings only")
-    log.add_argument(
-        "-v", "--verbose", action="store_true", help="log every change, and the counts every second"
-    )
+    add_flag(log, "--quiet", help="log warnings only")
+    add_flag(log, "-v", "--verbose", help="log every change, and the counts every second")
 
 
 def _listed_faults_and_dialects() -> str:
-    """Return the faults with their parameters, and the dialects, whose codecs are loaded here."""
+    """Return the help text on faults with their parameters, and on dialects."""
     from haptogram_protocol.dialects.table import DIALECTS
 
     dialects = "\n".join(f"  {name:<23}{one.title}" for name, one in DIALECTS.items())
@@ -174,7 +168,7 @@ def check_board_outputs(options: argparse.Namespace) -> None:
 
 
 def _board_outputs_of(options: argparse.Namespace) -> dict[str, Path]:
-    """Return the files that the board makes, by option; a socket is none."""
+    """Return the files that the board writes, by option; sockets are left out."""
     given = {
         "--link": options.link,
         "--backdoor": options.backdoor,

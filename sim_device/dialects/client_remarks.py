@@ -211,7 +211,7 @@ class ClientRemarks:
         self._forget()
 
     def _stop(self, unfinished: int, t_us: int) -> None:
-        """Record that a frame stopped with *unfinished* bytes."""
+        """Count and remark a frame that stopped after *unfinished* bytes; not of another wire's."""
         self._is_stopped, self._paused = True, 0
         if not self._is_other:
             self._counters["frames_unfinished"] += 1
@@ -225,7 +225,7 @@ class ClientRemarks:
         return " or ".join(map(str, self._sizes))
 
     def _remark_missing_commits(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Report frames that are not followed by the commit command."""
+        """Remark once if frames follow each other without the command that shows one."""
         if unshown.is_without_commit:
             text = f"frames follow each other without a commit ({unshown.commit}), which shows one"
             self._say_once("commits", About.NO_COMMIT, text, t_us)
@@ -237,13 +237,13 @@ class ClientRemarks:
             self._remark(about, text, t_us)
 
     def _report_wire(self, t_us: int) -> None:
-        """Report whether a client speaks this wire; once more if it is recognised only later."""
+        """Note if the client speaks this wire: once, and again when it turns out to."""
         if self._told_own is None or self._told_own < self._is_own:
             self._told_own = self._is_own
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
     def _compare(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Compare a client's first bytes with all wires; remark if they are of another one."""
+        """Decide by the first bytes if a client speaks this wire; remark if another, or text."""
         if self._is_own or self._is_other or not self._first_bytes:
             return
         names = looks_like_dialect(bytes(self._first_bytes))
@@ -269,13 +269,13 @@ class ClientRemarks:
             self._report_wire(t_us)
 
     def _remark_other_wire(self, text: str, t_us: int) -> None:
-        """Append a remark that the client speaks another wire."""
+        """Remark, count and note for good that the client speaks another wire."""
         self._is_other = True
         self._counters["other_wires"] += 1
         self._remark(About.OTHER_WIRE, text, t_us)
 
     def _are_finer_frames(self) -> bool:
-        """Return True if the first bytes are frames of this wire's size, alike at both ends."""
+        """Return True if the bytes are frames of a right size with equal first and last bytes."""
         data = bytes(self._first_bytes)
         for size in self._sizes:
             frames = [data[at : at + size] for at in range(0, len(data) - size + 1, size)]
@@ -308,7 +308,7 @@ class ClientRemarks:
             self._remark(about, fact, t_us)
 
     def _proven(self) -> str | None:
-        """Return the one kind of clue that all recent frames share, if there is exactly one."""
+        """Return the one clue to another array that all recent frames share; None if not one."""
         if len(self._frames) < _ALIKE or len(set(self._frames)) > 1:
             return None
         size, kinds = self._frames[0]
@@ -320,7 +320,7 @@ class ClientRemarks:
         return kind if fits else None
 
     def _is_of_another_size(self, size: int) -> bool:
-        """Return True if a frame's size is far from every size of this wire."""
+        """Return True if a frame's size differs much from every size of this wire."""
         return all(_FEW * abs(size - whole) > whole for whole in self._sizes)
 
     def _remark(self, about: About, text: str, t_us: int) -> None:

@@ -125,7 +125,7 @@ class DoubleBuffer(LatchingUnit):
         self._written = True
 
     def _swap(self, _: operations.Swap, t_us: int) -> None:
-        """Exchange the shown and the written codes, and latch."""
+        """Show the codes that were written, write to those shown before, and latch."""
         if not self._written:
             self.counters["commits_of_old_codes"] += 1
         self._shown, self._next = self._next, self._shown
@@ -170,5 +170,5 @@ class DoubleBuffer(LatchingUnit):
 def _buffered_values_where_on(
     codes: NDArray[np.uint16], values: NDArray[np.uint16], off: int
 ) -> NDArray[np.uint16]:
-    """Return *values*, set to 0 for channels with the code *off*."""
+    """Return *values*, but 0 where the code in *codes* is *off*."""
     return np.where(codes == off, 0, values).astype(np.uint16)

@@ -164,7 +164,7 @@ class VirtualForeignDialect(VirtualDialect):
             self._output += data[:room]
 
     def _unshown(self) -> UnshownToClient:
-        """Return the counts and bytes of frames that no latch has shown yet."""
+        """Return what came since the last latch: unfinished or uncommitted frames, their kinds."""
         kinds, end = self._counted_since_latch().keys(), self._commits
         if end is None:
             return UnshownToClient(self._end.pending, kinds=kinds)

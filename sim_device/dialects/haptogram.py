@@ -224,7 +224,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         self._link.reply(request, reply, self._first_byte_us)  # before any event of the session
 
     def _answer(self, request: connection.RequestReceived) -> None:
-        """Reply to a request, or refuse it."""
+        """Carry out a request and send the reply, or the ERROR that the board refuses it with."""
         try:
             reply = self._reply_to(request.message, request)
         except RefusalError as refusal:
@@ -239,7 +239,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         return answers.ANSWERS[type(message)](self.board, message)
 
     def _unwrap(self, t_wire_us: int | None) -> int | None:
-        """Return the full device time near now that a wire time of 32 bits means."""
+        """Return the device time nearest to now with these lowest 32 bits; None stays None."""
         return None if t_wire_us is None else m.unwrap(t_wire_us, self.board.output.now_us, 32)
 
     @property
@@ -252,20 +252,24 @@ class VirtualHaptogramDialect(VirtualDialect):
     # --- requests ------------------------------------------------------------------------------
 
     def _mute(self, _: m.Mute, request: connection.RequestReceived) -> m.Message:
+        """Mute the board; a MUTE of another session counts as not requested by the host."""
         self.board.mute(requested=request.renews_lease)  # another session's surprises the host
         return m.MuteReply(self.board.output.state)
 
     def _ping(self, ping: m.Ping, request: connection.RequestReceived) -> m.Message:
+        """Return PONG with the times at which PING came and PONG leaves."""
         t_rx_us, t_tx_us = (t & 0xFFFFFFFF for t in (request.t_rx_us, self._first_byte_us))
         return m.Pong(echo=ping.echo, t_rx_us=t_rx_us, t_tx_us=t_tx_us)
 
     def _set_config(self, message: m.SetConfig, _: connection.RequestReceived) -> m.Message:
+        """Set the configuration; trace divider and STATUS period start anew."""
         self.board.configure(message.config)
         self._traced = 0
         self._schedule_status()
         return m.SetConfigReply(self.board.config_crc, self.board.output.config)
 
     def _play(self, play: m.Play, request: connection.RequestReceived) -> m.Message:
+        """Start a playback at the request's time, or at once if it is IMMEDIATE."""
         self.board.play(
             play.sequence,
             start_us=None if request.immediate else self._unwrap(request.t_wire_us),
@@ -298,7 +302,7 @@ class VirtualHaptogramDialect(VirtualDialect):
             self._trace_dropped += not sent
 
     def _trace_message(self, latch: Latch) -> m.Message | None:
-        """Return the trace event of a latch in the configured mode; None if none is due."""
+        """Return the trace event of a latch; None if the mode has none or the divider skips it."""
         config, key = self.board.output.config, latch.key
         if config.trace_mode is m.TraceMode.DRIVE:
             self._traced += 1

@@ -119,12 +119,12 @@ class InteractlabUnit(LatchingUnit):
         return self._starts_us is None and self._looks_us is None
 
     def _wait_for_frame(self, now_us: int) -> None:
-        """Schedule the clearing of the output in one second, unless a frame arrives."""
+        """Clear the output in one second, unless a frame arrives until then."""
         self._clears_us = now_us + SECOND_US
         self._wakes_us = self._clears_us - 1
 
     def _start(self, now_us: int) -> None:
-        """Latch the off-frame, then schedule the first read of the FIFO."""
+        """Prepare a latch of silence, after which the FIFO is read for the first time."""
         self._starts_us = None
         self._next = PulseLatch(
             self._boundary(now_us + _READ_US), PulseDrive.off(wire.CHANNELS, STEPS), "off-frame"

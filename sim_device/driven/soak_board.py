@@ -126,7 +126,7 @@ class VirtualSoakBoard:
         return self._dialect.take_latches()
 
     def _note(self, event: BoardEvent) -> None:
-        """Record the board's verdict on a frame."""
+        """Keep what became of a frame: its index if streamed, why it was dropped, or REQUEST."""
         if isinstance(event, StreamReceived):
             self._verdicts.append(event.index)
         else:
@@ -175,7 +175,7 @@ class VirtualSoakModel(VirtualSoakBoard):
         return self.receive(sent.wire, t_ns, up_free_ns)[-1]
 
     def _keep_if_in_time(self, sent: SentFrame, drive: m.Phases | m.Drives, t_ns: int) -> bool:
-        """Keep a frame and return True if it is the next one, in time, and the queue has room."""
+        """Keep a frame for later and return True if it is next, in time, and the queue has room."""
         if sent.index != self._next_index or sent.session != self._session:
             return False
         now_us = self.device_us(t_ns)
@@ -230,7 +230,7 @@ class VirtualSoakModel(VirtualSoakBoard):
             self._due.append(DueLatch(*due))
 
     def _update_limits(self) -> None:
-        """Set which frames can be kept from now on, and until when."""
+        """Note which frames the board surely accepts next: session, index, earliest time, room."""
         self._note_latches()
         board = self._dialect.board
         self._session, self._next_index = self.session, self._dialect.next_stream_index

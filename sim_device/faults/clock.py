@@ -52,7 +52,7 @@ def clock_fault_changes(plan: FaultPlan, clock: BoardClock) -> Iterator[tuple[st
 
 
 def _check_clock_faults(plan: FaultPlan, ppm: int, rates: list[ClockChange]) -> None:
-    """Refuse faults that together would stop the device clock or turn it back."""
+    """Refuse rates that together stop the device clock or run it backwards at some time."""
     slowest = min(
         (ppm + sum(c.ppm for c in rates if c.at_ns <= rate.at_ns) for rate in rates),
         default=ppm,
@@ -77,4 +77,5 @@ def _clock_fault_rates(fault: Fault) -> Iterator[ClockChange]:
 
 
 def _listed_faults(faults: Iterable[Fault]) -> str:
+    """Return faults as text, joined by "and"."""
     return " and ".join(map(str, faults))

@@ -63,7 +63,7 @@ def _crc_fault(body: bytes, _: Values, source: random.Random) -> bytes:
 
 
 def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
-    """Return the frame lengthened or cut by some bytes, with a right CRC."""
+    """Return the frame with "bytes" bytes more (or fewer) and a right CRC; None if unchanged."""
     more = round(values["bytes"])
     if more < 0:
         cut = body[: max(framing.HEADER_BYTES, len(body) + more)]
@@ -114,14 +114,14 @@ FRAME_FAULTS: Final[Mapping[str, LineFault]] = MappingProxyType(
 
 
 def _clock_report_fault(body: bytes, values: Values, source: random.Random) -> bytes | None:
-    """Return a frame of the board with shifted times."""
+    """Return a board's frame, its times shifted by "us" and up to "jitter_us"; None if by 0."""
     header, message = messages.parse_body(body)
     by_us = round(values["us"] + values["jitter_us"] * source.uniform(-1, 1))
     return _rebuilt_faulty_report(header, _told_later(message, by_us), by_us) if by_us else None
 
 
 def _told_later(record: Any, by_us: int) -> Any:
-    """Return a record with every time that it tells, and those of its records, shifted."""
+    """Return a message record with every time in it, also in nested records, later by *by_us*."""
     values = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
     times = {name: (values[name] + by_us) & 0xFFFFFFFF for name in _TIMES & values.keys()}
     inner = {
@@ -133,7 +133,7 @@ def _told_later(record: Any, by_us: int) -> Any:
 
 
 def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | None:
-    """Return a status that claims ARMED and no errors; None for other frames."""
+    """Return a STATUS that lies: ARMED, no errors; None for other frames or if that is true."""
     header, message = messages.parse_body(body)
     if not isinstance(message, messages.Status | messages.StatusReply):
         return None

@@ -61,7 +61,7 @@ def fault_on_bytes(edit: Edit) -> LineFault:
 
 
 def _flip_fault(data: bytearray, values: Values, source: random.Random) -> int:
-    """Flip random bits; return their number."""
+    """Flip each bit with probability "ber"; return how many."""
     places = list(_fault_places(8 * len(data), values["ber"], source))
     for place in places:
         data[place // 8] ^= 1 << place % 8
@@ -69,7 +69,7 @@ def _flip_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _drop_fault(data: bytearray, values: Values, source: random.Random) -> int:
-    """Remove random bytes; return their number."""
+    """Remove each byte with probability "p"; return how many."""
     places = list(_fault_places(len(data), values["p"], source))
     for place in reversed(places):
         del data[place]
@@ -77,7 +77,7 @@ def _drop_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _insert_fault(data: bytearray, values: Values, source: random.Random) -> int:
-    """Insert random bytes; return their number."""
+    """Insert a random byte before each byte with probability "p"; return how many."""
     places = list(_fault_places(len(data), values["p"], source))
     for place in reversed(places):
         data.insert(place, source.randrange(256))
@@ -85,7 +85,7 @@ def _insert_fault(data: bytearray, values: Values, source: random.Random) -> int
 
 
 def _burst_fault(data: bytearray, values: Values, source: random.Random) -> int:
-    """Replace runs of bytes by random ones; return the number of runs."""
+    """Make "bytes" bytes from each one on random with probability "p"; return how often."""
     places = list(_fault_places(len(data), values["p"], source))
     for place in places:
         stop = min(len(data), place + round(values["bytes"]))
@@ -94,7 +94,7 @@ def _burst_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _loss_fault(data: bytearray, values: Values, source: random.Random) -> int:
-    """Lose so many bytes from a random one on; all of them, if the fault has no number."""
+    """With probability "p" remove "bytes" bytes (or all) from a random one on; return 0 or 1."""
     fires = source.random() < values["p"]
     if fires:
         first = source.randrange(len(data))
@@ -103,7 +103,7 @@ def _loss_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
-    """Replace all bytes by one zero; return 1 if it did."""
+    """With probability "p" replace the bytes by one zero, as on a line held low; return 0 or 1."""
     fires = data != b"\x00" and source.random() < values["p"]
     if fires:
         data[:] = b"\x00"  # what a receiver makes of a line held low
@@ -119,17 +119,17 @@ def _baud_fault(data: bytearray, values: Values, _: random.Random) -> int:
 
 
 def _no_line_fault(chunks: list[FaultChunk], _: Values, __: random.Random) -> Acted:
-    """Drop all chunks (line disconnected)."""
+    """Lose all chunks, as on a cut wire; return none, and how many they were."""
     return [], len(chunks)
 
 
 def _gone_fault(_: list[FaultChunk], __: Values, ___: random.Random) -> Acted:
-    """Drop all bytes; the unplugged port is counted elsewhere."""
+    """Lose all chunks of an unplugged port; return none, and 0: the unplugging is counted."""
     return [], 0  # it fires once, when the port goes: see FaultInjector.has_left
 
 
 def _duplicate_fault(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
-    """Repeat random chunks; return the chunks and the number of copies."""
+    """Send each chunk twice with probability "p"; return all, and how many are copies."""
     doubled: list[FaultChunk] = []
     for chunk in chunks:
         doubled += [chunk] * (1 + (source.random() < values["p"]))
@@ -137,7 +137,7 @@ def _duplicate_fault(chunks: list[FaultChunk], values: Values, source: random.Ra
 
 
 def _delay_fault(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
-    """Delay all chunks by one random time."""
+    """Delay the chunks by "us" and one random part of "jitter_us"; return them, and how many."""
     late_us = values["us"] + values["jitter_us"] * source.random()
     late_ns = round(late_us * _NS_PER_US)
     late = [FaultChunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks]
@@ -145,7 +145,7 @@ def _delay_fault(chunks: list[FaultChunk], values: Values, source: random.Random
 
 
 def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
-    """Cut chunks into pieces with gaps between them."""
+    """Cut chunks into pieces of "bytes" bytes, "gap_us" apart; return them, and how many more."""
     size, gap_ns = round(values["bytes"]), round(values["gap_us"] * _NS_PER_US)
     cut = [
         FaultChunk(chunk.t_ns + k * gap_ns, chunk.data[start : start + size])
@@ -156,7 +156,7 @@ def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> 
 
 
 def _grid_fault(name: str, unit_ns: int) -> LineFault:
-    """Return a fault that delays chunks to a time grid, whose step is the parameter *name*."""
+    """Return a fault that holds chunks until the next multiple of its parameter *name*."""
 
     def act(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
         grid_ns = round(values[name] * unit_ns) or 1

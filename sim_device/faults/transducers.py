@@ -110,51 +110,50 @@ _Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Shown]
 
 
 def _off_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
-    """Return the drive's phase at zero amplitude."""
+    """Return the phase of the transducer's drive with amplitude 0."""
     return now.drive.turns[now.place], 0.0
 
 
 def _intermittent_fault(now: FaultContext, values: Values, source: random.Random) -> _Shown:
-    """Return the drive, silent at random."""
+    """Return the transducer's drive, with probability "p" at amplitude 0."""
     silent = source.random() < values["p"]
     return now.drive.turns[now.place], 0.0 if silent else now.drive.amplitudes[now.place]
 
 
 def _stuck_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
-    """Return a fixed phase, with the amplitudes as they are."""
+    """Return the phase "code", whatever the drive, with the drive's amplitude."""
     return round(values["code"]) / _CODES, now.drive.amplitudes[now.place]
 
 
 def _delayed_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
-    """Return the drive with its phase shifted by a code."""
+    """Return the transducer's drive with its phase increased by "code"."""
     turned = (now.drive.turns[now.place] + round(values["code"]) / _CODES) % 1.0
     return turned, now.drive.amplitudes[now.place]
 
 
 def _garbage_fault(now: FaultContext, _: Values, source: random.Random) -> _Shown:
-    """Return random phases, with the amplitudes as they are."""
+    """Return a random phase with the drive's amplitude."""
     count = now.place.stop - now.place.start
     codes = np.frombuffer(source.randbytes(count), np.uint8)
     return codes / _CODES, now.drive.amplitudes[now.place]
 
 
 def _ok_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
-    """Return the drive of a healthy transducer."""
+    """Return the transducer's drive without the faults that stand before this one."""
     return now.healthy.turns[now.place], now.healthy.amplitudes[now.place]
 
 
 def _wrong_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
-    """Return the drive of the frame before."""
+    """Return the drive that the transducer had in the frame before; amplitude 0 in the first."""
     if now.before is None:
         return now.drive.turns[now.place], 0.0  # nothing has been there before
     return now.before.turns[now.place], now.before.amplitudes[now.place]
 
 
 def _slow_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
-    """Apply a first-order lag to the drive of a transducer.
+    """Return the drive as a transducer with time constant "us" reaches it within the frame.
 
-    The envelope is the one at the end of the frame, and a frame is taken to last as long as the
-    one before it; the first one is taken to be in steady state.
+    A frame is taken to last as long as the one before it; the first one is taken to be reached.
     """
     target = now.drive.weights()[now.place]
     if now.before is not None and now.reached is not None and values["us"] > 0:

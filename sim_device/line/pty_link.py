@@ -61,7 +61,7 @@ class PtyLink:
         self._lock = -1
 
     def _take_lock(self) -> int:
-        """Open and lock the lock file of the link."""
+        """Return the lock file of the link, locked; raise, naming the process, if it is held."""
         fcntl = posix_module("fcntl", "a pty port", INSTEAD_OF_PTY)
         while True:
             with self._named_errors():
@@ -100,14 +100,14 @@ class PtyLink:
             raise ConfigurationError(f"link '{self._path}' cannot be made: {reason}") from error
 
     def _is_current(self, lock: int) -> bool:
-        """Return True if the lock file at the path is still the one opened as *lock*."""
+        """Return False if the lock file was removed or replaced after *lock* was opened."""
         try:
             return os.path.samestat(os.fstat(lock), os.stat(self._lock_path))
         except FileNotFoundError:
             return False
 
     def _refuse_foreign(self) -> None:
-        """Raise if the path exists and is not a stale pty link."""
+        """Raise if the path exists and is anything but a link to a pty or to nothing."""
         if not os.path.lexists(self._path):
             return
         target = os.readlink(self._path) if self._path.is_symlink() else ""

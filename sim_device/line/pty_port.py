@@ -98,7 +98,7 @@ class PtyPort(BoardPort):
         self._unsent = b""
 
     def _lost(self, error: OSError) -> bytes:
-        """Return no bytes if a client closed the terminal; raise PortLostError otherwise."""
+        """Return no bytes if the error means that a client closed; else raise PortLostError."""
         if error.errno == errno.EIO:  # a client closed: only said where our slave did not count
             return b""
         return super()._lost(error)

@@ -39,7 +39,7 @@ class SerialPort(BoardPort):
 
 
 def _set_vmin(fd: int) -> None:
-    """Set VMIN so that an empty read means a closed port."""
+    """Make a read wait for a byte, so that an empty one means that the port is gone."""
     termios = posix_module("termios", "a serial port of the virtual board", INSTEAD_OF_PTY)
     settings = termios.tcgetattr(fd)
     settings[6][termios.VMIN] = 1

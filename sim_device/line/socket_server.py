@@ -76,7 +76,7 @@ class SocketDoorman:
         return client, address
 
     def _handle_accept_error(self, error: OSError) -> None:
-        """Ignore or delay after a temporary accept error; raise otherwise."""
+        """Ignore the error if no client came, wait if the system lacks resources; else raise."""
         if error.errno in _NO_CLIENT:
             return
         if error.errno not in _SHORTAGE:

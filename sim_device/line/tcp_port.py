@@ -112,6 +112,7 @@ class TcpPort(BoardPort):
         _LOG.info("client %s connected", _tcp_address(*address[:2]))
 
     def _drop_client(self) -> None:
+        """Close the connection of the client, if there is one, with its unsent bytes."""
         if self._client is not None:
             self._client.close()
             self._client, self._fd, self._unsent = None, -1, b""
@@ -119,7 +120,7 @@ class TcpPort(BoardPort):
             _LOG.info("client gone")
 
     def _lost(self, error: OSError) -> bytes:
-        """Treat a lost client as one that has left; raise for other errors."""
+        """Drop a client whose connection is lost and return no bytes; raise for other errors."""
         if error.errno not in _GONE:
             return super()._lost(error)
         self._drop_client()
@@ -127,10 +128,12 @@ class TcpPort(BoardPort):
 
 
 def _tcp_family(host: str) -> socket.AddressFamily:
+    """Return the address family of a host: IPv6 if it has a colon."""
     return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
 def _tcp_address(host: str, port: int) -> str:
+    """Return HOST:PORT as text, with brackets around an IPv6 address."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 

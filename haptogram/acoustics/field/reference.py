@@ -183,7 +183,7 @@ def field_gain(
 
 
 def _point_batch_size(model: AcousticModel) -> int:
-    """Return the number of points whose pairs with all elements fit in one chunk."""
+    """Return how many points are computed at once, so that memory stays bounded."""
     return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 
@@ -219,10 +219,7 @@ def points_in_front(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
 def points_with_field(model: AcousticModel, points_m: ArrayLike) -> BoolArray:
     """Return which of (M, 3) points have a field, (M,): in front, and 1 mm off every element."""
     points = as_point_array("points_m", points_m)
-    result: BoolArray = points_in_front(model, points) & points_clear_of_elements(
-        model, points, MIN_DISTANCE_M
-    )
-    return result
+    return points_in_front(model, points) & points_clear_of_elements(model, points, MIN_DISTANCE_M)
 
 
 def pressure_level_in_front(

@@ -162,13 +162,13 @@ def worst_exposure(
 
 
 def _exposure_directions(model: AcousticModel) -> int:
-    """Return the number of directions that lie half of the narrowest lobe, lambda / 2 a, apart."""
+    """Return how many directions cover a half-sphere at half the width of the narrowest lobe."""
     lobe_rad = model.wavelength_m / max(2.0 * model.array.aperture_radius_m, model.wavelength_m)
     return min(math.ceil(2.0 * math.pi * (2.0 / lobe_rad) ** 2), _MOST_DIRECTIONS)
 
 
 def _exposed_directions_ahead(directions: FloatArray, facing: FloatArray) -> FloatArray:
-    """Return unit vectors; directions behind the array are projected into its plane."""
+    """Return unit vectors; those that point behind the array are projected into its plane."""
     back = np.minimum(directions @ facing, 0.0)
     level = directions - back[:, None] * facing
     unit: FloatArray = level / np.linalg.norm(level, axis=1)[:, None]
@@ -189,5 +189,4 @@ def half_sphere_directions(
     local = np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
     axes = axes_about_normal(axis) if side is None else plane_axes(axis, side)
     assert axes is not None  # *side* has a part across *axis*
-    directions: FloatArray = local @ axes
-    return directions
+    return local @ axes

@@ -65,8 +65,7 @@ def radiation_pressure_pa(
     """
     check_number("reflection", reflection, 1.0, 2.0)
     mean_square = 0.5 * np.abs(as_complex_array("pressure_peak_pa", pressure_peak_pa)) ** 2
-    result: FloatArray = reflection * mean_square / (medium.impedance * medium.sound_speed_m_s)
-    return result
+    return reflection * mean_square / (medium.impedance * medium.sound_speed_m_s)
 
 
 def force_on_disc_n(

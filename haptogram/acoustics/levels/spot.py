@@ -91,7 +91,7 @@ def _lateral_spot(
 def _axial_spot(
     engine: FieldEngine, drive: ArrayLike, target: FloatArray
 ) -> tuple[tuple[float, float], float]:
-    """Return the -3 dB depths on both sides of the axial maximum, and its distance."""
+    """Return the -3 dB depths before and behind the axial maximum, and its offset from target."""
     array = engine.model.array
     ray = target - array.centre_m
     distance = float(np.linalg.norm(ray))

@@ -175,8 +175,7 @@ class Calibration:
     @property
     def heard(self) -> BoolArray:
         """(N,) of bool: which elements radiate at all."""
-        heard: BoolArray = self.gain > 0.0
-        return heard
+        return self.gain > 0.0
 
     def moved(self, array: TransducerArray) -> TransducerArray:
         """Return *array* with its elements where they were measured.
@@ -192,7 +191,7 @@ class Calibration:
             return array.measured(self.positions_m)
 
     def _check(self, array: TransducerArray) -> None:
-        """Raise ConfigurationError unless the calibration has all elements of the array."""
+        """Raise unless the calibration has all of the array's elements, each near its place."""
         elements = f"the array has the elements 0 to {array.count - 1}"
         if self.count < array.count:
             raise ConfigurationError(f"{self.name}: element {self.count} is missing; {elements}")
@@ -227,7 +226,7 @@ class Calibration:
 def _calibration_body(
     path: str | Path, rows: Sequence[tuple[int, list[str]]]
 ) -> list[tuple[int, list[str]]]:
-    """Return the lines below the header, or raise."""
+    """Return the lines below the header; raise if that is wrong, or if there are none."""
     if not rows:
         raise ConfigurationError(f"{path}: the file is empty, must begin with {','.join(HEADER)}")
     (number, header), *body = rows
@@ -242,7 +241,7 @@ def _calibration_body(
 
 
 def _calibration_row(where: str, cells: list[str]) -> tuple[int, list[float]]:
-    """Return element, and gain, phase (rad) and place (mm)."""
+    """Return element, and gain, phase (rad) and place (mm); raise, naming *where* and limit."""
     if len(cells) != len(HEADER):
         raise ConfigurationError(f"{where}: {len(cells)} values, must be {len(HEADER)}")
     element, *others = cells
@@ -260,6 +259,7 @@ def _calibration_row(where: str, cells: list[str]) -> tuple[int, list[float]]:
 
 
 def _calibration_number(name: str, cell: str) -> float:
+    """Return a cell as float; raise ConfigurationError if it is no number."""
     try:
         return float(cell)
     except ValueError as error:

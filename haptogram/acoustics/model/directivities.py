@@ -109,8 +109,7 @@ class RectangularPiston:
         half_turns = wavenumber / (2.0 * np.pi)
         gain = np.sinc(half_turns * self.width_m * u) * np.sinc(half_turns * self.height_m * v)
         ahead = np.einsum("mnk,nk->mn", directions, normals) >= GRAZING
-        result: FloatArray = np.where(ahead, gain, 0.0)
-        return result
+        return np.where(ahead, gain, 0.0)
 
     def side_axes(self, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the unit vectors along width and height of each element, (N, 3) each.

@@ -220,8 +220,7 @@ def dequantise_phase(codes: PhaseCodes, bits: int) -> FloatArray:
     >>> dequantise_phase(np.array([0, 64], dtype=np.uint8), 8).round(3).tolist()
     [0.0, 1.571]
     """
-    phases: FloatArray = np.asarray(codes, dtype=np.float64) * phase_step_rad(bits)
-    return phases
+    return np.asarray(codes, dtype=np.float64) * phase_step_rad(bits)
 
 
 def phase_step_rad(bits: int) -> float:

@@ -228,13 +228,11 @@ class TransducerArray:
 
     def local_m(self, points_m: FloatArray) -> FloatArray:
         """Return (..., 3) points of the world along the array's own axes, from its centre."""
-        local: FloatArray = (points_m - self.centre_m) @ self.axes.T
-        return local
+        return (points_m - self.centre_m) @ self.axes.T
 
     def world_m(self, local_m: FloatArray) -> FloatArray:
         """Return the places in the world of (..., 3) points along the array's own axes."""
-        points: FloatArray = local_m @ self.axes + self.centre_m
-        return points
+        return local_m @ self.axes + self.centre_m
 
     @property
     def is_upright(self) -> bool:
@@ -317,17 +315,19 @@ _Array = TypeVar("_Array", bound=TransducerArray)
 
 
 def _array_with_axes(array: _Array, axes: FloatArray) -> _Array:
-    """Replace the derived own axes of a new *array* by *axes*; return the array."""
+    """Set the own axes of a new *array*, in place of those derived; return the array."""
     read_only_array(axes)
     object.__setattr__(array, "axes", axes)
     return array
 
 
 def _normals_facing_up(count: int) -> FloatArray:
+    """Return (count, 3) normals along +z."""
     return np.tile(np.array([0.0, 0.0, 1.0]), (count, 1))
 
 
 def _check_element_count(count: int) -> None:
+    """Refuse a number of elements below 1 or above the largest array."""
     if not 1 <= count <= MAX_TRANSDUCERS:
         raise ConfigurationError(f"array of {count} transducers, must be 1 to {MAX_TRANSDUCERS}")
 
@@ -344,7 +344,7 @@ def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
 
 
 def _element_fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the plane in front of the elements, for each direction that elements face."""
+    """Return (K, 4) for each direction that elements face the plane in front of them."""
     planes = np.column_stack([normals, _ROUNDING_M - (normals * positions).sum(axis=1)])
     rear_first = planes[np.argsort(-planes[:, 3], kind="stable")]
     _, first = np.unique(np.round(rear_first[:, :3], 9) + 0.0, axis=0, return_index=True)
@@ -390,6 +390,7 @@ def _read_position_rows(path: Path) -> list[list[float]]:
 
 
 def _read_position_row(where: str, cells: list[str], width: int) -> list[float]:
+    """Return the *width* numbers of a row; raise, naming *where*, if it has others."""
     if len(cells) != width:
         raise ConfigurationError(f"{where}: {len(cells)} values, must be {width}")
     try:

@@ -41,8 +41,7 @@ class Lattice:
 
     def spread(self, values: FloatArray) -> FloatArray:
         """Return (..., N) values of the elements as (..., nx, ny), 0 at empty nodes."""
-        nodes: FloatArray = np.where(self.elements >= 0, values[..., self.elements], 0.0)
-        return nodes
+        return np.where(self.elements >= 0, values[..., self.elements], 0.0)
 
 
 def find_lattice(array: TransducerArray) -> Lattice | None:

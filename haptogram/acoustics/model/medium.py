@@ -160,7 +160,7 @@ def air_speed_uncertainty(medium: Medium, temperature_c: float, humidity_percent
 
 
 def _humid_speed_m_s(temperature_c: float, humidity_percent: float) -> float:
-    """Return the speed of sound of air at standard pressure; beyond all ranges too."""
+    """Return the speed of sound at standard pressure; temperature and humidity are not checked."""
     water = _air_water_share(temperature_c, humidity_percent, _P_REFERENCE_PA)
     return _cramer_speed_m_s(temperature_c, _P_REFERENCE_PA, water)
 

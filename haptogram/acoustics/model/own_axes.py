@@ -84,7 +84,7 @@ def grid_rows_and_columns(
 def _levels_along_axis(
     values: FloatArray, tolerance_m: float
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the distinct values, increasing, and which of them each value is."""
+    """Return the increasing distinct values, *tolerance_m* apart, and the index of each value's."""
     order = np.argsort(values)
     steps = np.diff(values[order]) > tolerance_m
     rank = np.zeros(len(values), dtype=np.intp)
@@ -108,7 +108,7 @@ def _face_normal(offsets: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _fallback_axis(normals: FloatArray) -> FloatArray:
-    """Return an axis for normals that sum to zero, pointing upwards."""
+    """Return an axis, pointing upwards, about which normals that sum to zero are arranged."""
     squares, directions = np.linalg.eigh(normals.T @ normals)
     if squares[2] > _ONE_LINE * squares[1]:
         axis = directions[:, 2]
@@ -125,7 +125,7 @@ def _fallback_axis(normals: FloatArray) -> FloatArray:
 def _row_direction(
     positions: FloatArray, face: FloatArray, grid_shape: tuple[int, int]
 ) -> FloatArray:
-    """Return the vector between the first two elements along x; zero for a single element."""
+    """Return the vector from the first element to the next along x; of one column, across it."""
     nx, ny = grid_shape
     if nx > 1:
         along: FloatArray = positions[ny] - positions[0]

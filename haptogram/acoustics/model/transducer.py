@@ -93,12 +93,11 @@ class CircularPiston:
             gain += coefficient
         if size > _SERIES_REACH:
             gain = np.where(quarter > _SERIES_REACH, _large_piston_gain(quarter), gain)
-        result: FloatArray = np.where(cos_theta >= GRAZING, gain, 0.0)
-        return result
+        return np.where(cos_theta >= GRAZING, gain, 0.0)
 
 
 def _large_piston_gain(quarter: FloatArray) -> FloatArray:
-    """Return 2 J1(x) / x from x^2 / 4."""
+    """Return the directivity 2 J1(x) / x; *quarter* is x^2 / 4, 1 at least."""
     from scipy.special import j1  # slow to import, and only pistons larger than usual need it
 
     argument = 2.0 * np.sqrt(np.maximum(quarter, 1.0))

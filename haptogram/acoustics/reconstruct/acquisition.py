@@ -49,7 +49,7 @@ class FocusAcquisition:
             self._phasors = self._phasors * np.exp(1j * lags_rad).astype(np.complex64)
 
     def _subarray_radius(self, active: BoolArray) -> float:
-        """Return the radius of the first subarray to fit, with enough active elements."""
+        """Return the radius about the centre that holds enough active elements for a first fit."""
         nearest = np.sort(self._distance[active])
         radius = min(_SUBARRAY_RADIUS_M, float(nearest[:_SUBARRAY_COUNT][-1]))
         # A sparse array still needs four elements for four unknowns; of one that sounds alone the

@@ -78,7 +78,7 @@ class _VolumeOf:
 
 @functools.lru_cache(_VOLUMES_KEPT)
 def _kept_search_volume(of: _VolumeOf) -> SearchVolume:
-    """Return the cached search cells and phasors."""
+    """Compute the search cells and their phasors; they are cached, and read-only."""
     cells = search_cells(of.model, of.positions)
     phasors = cell_phasors(of.model, cells, of.positions)
     read_only_array(cells)
@@ -156,9 +156,9 @@ def cell_phasors(
 
 
 def _coarse_search_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
-    """Return centres and half-sizes of a division of the steering volume, along the own axes.
+    """Return centres and half-sizes of cells that divide the steering volume, in own axes.
 
-    The origin is that of the world.
+    Their origin is that of the world.
     """
     reach = focus_steering_reach_m(model)
     thin = model.array.half_extent_m < 1e-6

@@ -158,7 +158,7 @@ _NAMES: Final = {
 
 
 def _estimate_fields(kind: str, result: Reconstruction) -> dict[str, object]:
-    """Return the fields by name, like `asdict` without its copies."""
+    """Return the fields of an estimate for JSON, with its kind."""
     return {
         "kind": kind,
         **{name: plain_estimate(getattr(result, name)) for name in _NAMES[type(result)]},

@@ -177,7 +177,7 @@ class Reconstructor:
     def _all_of(
         self, asked: Sequence[DriveToFind], reconstruct: Callable[..., _Found]
     ) -> list[Reconstruction | _Found]:
-        """Return the field of each: beside the last one at once, others by *reconstruct*."""
+        """Return the field of each drive: foci near the last one at once, others one by one."""
         found: list[Reconstruction | _Found] = []
         while len(found) < len(asked):
             beside = self._foci_beside_last(asked[len(found) : len(found) + self._at_once])
@@ -191,7 +191,7 @@ class Reconstructor:
         return found
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
-        """Return the foci of the leading drives that a fit warm-started at the last focus finds."""
+        """Return foci of the first drives, each found from the one before, until that fails."""
         warm = self._warm
         if warm is None or self._last_focus is None:
             return []
@@ -260,10 +260,10 @@ class Reconstructor:
     def _best_of_rivals(
         self, here: PhaseFit, radiated: _ReconstructedDrive
     ) -> tuple[PhaseFit, list[FloatArray]]:
-        """Return the best fit of a focus, and the places of the equally good alternatives.
+        """Return the best fit of a focus, and other places that fit equally well.
 
-        Rounding to a step leaves its twelfth in the mean square, with a deviation of
-        sqrt(1 / 180 / N): three of them above count as equal, and what fits worse is no rounding.
+        Rounding to a step leaves a twelfth of its square in the mean square, with a deviation of
+        sqrt(1 / 180 / N); fits within three deviations above count as equal.
         """
         active, step_rad = radiated.active, radiated.step_rad
         others = self._acquisition_for(active).fits(
@@ -305,7 +305,7 @@ class Reconstructor:
     def _locate_quickly(
         self, radiated: _ReconstructedDrive
     ) -> tuple[Reconstruction | None, list[PhaseFit]]:
-        """Try the compiled search, then a fit from the last focus; return the fits tried."""
+        """Return the focus by compiled search or from the last one, or None; and fits tried."""
         start, way = self._quick_search(radiated)
         if start is not None:
             fit = self._fit(radiated, start, radiated.active)
@@ -328,7 +328,7 @@ class Reconstructor:
 
     @cached_property
     def _tracker(self) -> FocusTracker | None:
-        """The compiled search: needs numba, and four elements for four unknowns."""
+        """The compiled search; None without numba, or with fewer than four elements."""
         if load_kernels() is None or self._heard_count < _MIN_TRACKED:
             return None
         return FocusTracker(self._model)
@@ -336,7 +336,7 @@ class Reconstructor:
     def _quick_search(
         self, radiated: _ReconstructedDrive
     ) -> tuple[FloatArray | None, Literal["warm", "global"]]:
-        """Return the focus of the compiled search, or None, and the kind of its start."""
+        """Return the focus by compiled code, or None; "warm" if it started at the last focus."""
         if self._tracker is None or radiated.codes is None:
             return None, "global"
         limit_rad = float(quick_limits_rad(radiated.limit_rad))
@@ -349,7 +349,7 @@ class Reconstructor:
         return (np.array(fix.position_m) if found else None), "global"
 
     def _search(self, tried: list[PhaseFit], radiated: _ReconstructedDrive) -> Reconstruction:
-        """Search the whole volume; then allow outlier elements."""
+        """Return a focus of all elements, found in the whole volume; else of most; else none."""
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
@@ -367,7 +367,7 @@ class Reconstructor:
         return self._not_single(tried, starts, radiated)
 
     def _all_or_most(self, partial: PhaseFit, radiated: _ReconstructedDrive) -> Reconstruction:
-        """Return a focus fitted to all elements, else to most of them."""
+        """Return a focus of all elements; else *partial* as not single, with its outliers."""
         whole = self._fit(radiated, partial.position_m, radiated.active)
         if self._explains(whole, radiated):
             return self._as_focus(whole, radiated, "global")

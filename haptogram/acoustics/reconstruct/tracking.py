@@ -177,7 +177,7 @@ class FocusTracker:
         self.acquire(np.zeros(self._model.array.count, dtype=np.uint8))
 
     def _set_up_search(self) -> None:
-        """Set the cells of the search volume, and the phasors of the first elements there."""
+        """Set the search cells, and the phasors there of the elements that are fitted first."""
         first = self._order[: self._counts[0]]
         positions = self._model.array.positions_m[first]
         cells, matrix = search_volume(self._model, positions)
@@ -188,7 +188,7 @@ class FocusTracker:
         self._cells = np.ascontiguousarray(cells.T)
 
     def _widening_fit(self, codes: NDArray[np.uint8], start: Point) -> Fix:
-        """Fit a focus to successively more elements."""
+        """Fit a focus to successively more elements; stop where the residual is hopeless."""
         for count in self._counts:
             fix = self._fit(codes, start, count)
             if fix.residual_rms_rad > HOPELESS_RAD:

@@ -104,8 +104,7 @@ class WarmReconstructor:
 
 def quick_limits_rad(limits_rad: ArrayLike) -> FloatArray:
     """Return the residuals that the search in single precision may leave."""
-    limits: FloatArray = np.maximum(limits_rad, _LEAST_QUICK_RAD) + _QUICK_MARGIN_RAD
-    return limits
+    return np.maximum(limits_rad, _LEAST_QUICK_RAD) + _QUICK_MARGIN_RAD
 
 
 def _warm_focus(row: list[float]) -> SingleFocus:

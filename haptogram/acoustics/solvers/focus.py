@@ -89,7 +89,7 @@ def check_focus_targets(model: AcousticModel, targets_m: FloatArray) -> None:
 
 
 def _coordinate_names(model: AcousticModel) -> list[str]:
-    """Return the names of the position limits; for a rotated array with its axes."""
+    """Return what errors call x, y and z; for a rotated array the names give its axes."""
     names = ["offset |x|", "offset |y|", "height z"]
     if model.array.is_upright:
         return names

@@ -178,8 +178,7 @@ def focus_phase_response(
 
 def wrapped_phases(phases_rad: FloatArray) -> FloatArray:
     """Return phases modulo 2 pi, in [-pi, pi]."""
-    wrapped: FloatArray = phases_rad - 2.0 * np.pi * np.rint(phases_rad / (2.0 * np.pi))
-    return wrapped
+    return phases_rad - 2.0 * np.pi * np.rint(phases_rad / (2.0 * np.pi))
 
 
 class PhaseProblem:
@@ -220,8 +219,7 @@ class PhaseProblem:
         values, vectors, kept = _focus_fit_spectrum(slopes)
         seen = vectors[:, kept]
         wanted = seen.T @ (slopes.T @ residual)
-        step: FloatArray = -seen @ (wanted / (values[kept] * (1.0 + damping)))
-        return step
+        return -seen @ (wanted / (values[kept] * (1.0 + damping)))
 
     def residual(self, position: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         """Return the wrapped residuals, their common phase, and their slopes."""

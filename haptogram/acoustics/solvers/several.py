@@ -149,7 +149,7 @@ def frame_weights(model: AcousticModel, foci: Sequence[Focus], method: Method) -
 def _iterative_backpropagation(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Back-propagate the wanted pressures, clipped to full amplitude."""
+    """Repeatedly back-propagate the wanted pressures, clipped to full amplitude."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     scale = _reachable_foci_levels(matrix, wanted)
     for _ in range(rounds):
@@ -185,7 +185,7 @@ def _weighted_gerchberg_saxton(
 def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
-    """Return the drive from a compiled solver for parallel pistons; None if not applicable."""
+    """Return the drive from compiled code; None if elements are no parallel pistons."""
     pistons = _pistons_to_solve(model)
     if pistons is None:
         return None
@@ -202,7 +202,7 @@ def _solved_for_pistons(
 
 @lru_cache(maxsize=8)
 def _pistons_to_solve(model: AcousticModel) -> ParallelPistons | None:
-    """Return the cached kernel data of parallel pistons; None if not applicable."""
+    """Return the kernels' data of the array; None if elements are no parallel pistons."""
     is_served = model.calibration is None and ParallelPistons.why_not(model) is None
     return ParallelPistons.of(model) if is_served else None
 
@@ -238,7 +238,7 @@ def weighted_gerchberg_saxton(
 def _gs_pat(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Iterate on the F foci alone: the elements appear only in the F x F matrix G B."""
+    """Iterate (GS-PAT) on the F foci alone: elements appear only in the F x F matrix G B."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     between = matrix @ back
     scale = _reachable_foci_levels(matrix, wanted)
@@ -309,7 +309,7 @@ def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
 
 
 def _reachable_foci_levels(matrix: ComplexArray, wanted: FloatArray) -> float:
-    """Return the factor by which the wanted levels use the full power, without interference."""
+    """Return the factor that scales the wanted levels to full power, interference ignored."""
     largest = np.abs(matrix).sum(axis=1)
     return float(1.0 / np.sqrt(((wanted / largest) ** 2).sum()))
 
@@ -317,11 +317,9 @@ def _reachable_foci_levels(matrix: ComplexArray, wanted: FloatArray) -> float:
 def _solver_phasor(values: ComplexArray) -> ComplexArray:
     """Return complex *values* with magnitude 1; zero stays zero."""
     level = np.abs(values)
-    phasors: ComplexArray = values / np.where(level > 0.0, level, 1.0)
-    return phasors
+    return values / np.where(level > 0.0, level, 1.0)
 
 
 def _clip_solved_drive(drive: ComplexArray) -> ComplexArray:
     """Return *drive* with magnitudes of at most 1."""
-    clipped: ComplexArray = drive / np.maximum(np.abs(drive), 1.0)
-    return clipped
+    return drive / np.maximum(np.abs(drive), 1.0)

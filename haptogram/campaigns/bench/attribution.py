@@ -137,18 +137,16 @@ def bench_lateness_shares(parts: BenchLatenessParts) -> Times:
     found += carried
     found[:, CAUSES.index(Cause.LINE)] += parts.queue - old_queue
     found[:, CAUSES.index(Cause.BOARD)] += parts.board
-    whole: Times = np.rint(found).astype(np.int64)
-    return whole
+    return np.rint(found).astype(np.int64)
 
 
 def _lateness_proportions(before: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return the share of each latency stage in the lateness."""
+    """Return the share of each cause in *before*, the lateness carried over; all WORK if none."""
     total = 0.0 if before is None else float(before.sum())
     if before is None or total <= 0.0:
         # Work that ran into the tick without being a tick is host work: the loop served the port.
         return np.array([cause is Cause.WORK for cause in CAUSES], dtype=np.float64)
-    proportions: NDArray[np.float64] = before / total
-    return proportions
+    return before / total
 
 
 def attribute_bench_lateness(parts: BenchLatenessParts) -> NDArray[np.int64]:

@@ -179,7 +179,7 @@ def _bench_stages(
     transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the host's stages of every frame; NaN after the wake of a skipped frame."""
+    """Return the host's stages of each frame in µs; NaN after the wake if it was not sent."""
     unsent = np.where(sent, 0.0, np.nan)
     return {
         "wake": lateness_us,
@@ -193,7 +193,7 @@ def _bench_stages(
 def _bench_misses(
     parts: attribution.BenchLatenessParts, stalled: NDArray[np.bool_]
 ) -> dict[str, list[attribution.LatenessMisses]]:
-    """Count late frames at port and board, by cause, for each limit of lateness."""
+    """Return the late frames at port and board, by cause, for each limit of lateness."""
     return {
         place: [
             attribution.count_late_bench_frames(

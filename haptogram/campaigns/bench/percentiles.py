@@ -67,10 +67,10 @@ def percentiles_with_missed_ticks(
     each = 1 + np.floor(np.maximum(lateness_us, 0.0) / period_us).astype(np.int64)
     ends = np.cumsum(each)
     place = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - each, each)
-    late: NDArray[np.float64] = np.repeat(lateness_us, each) - place * period_us
-    return late
+    return np.repeat(lateness_us, each) - place * period_us
 
 
 def _percentile_levels(values: NDArray[np.float64]) -> dict[str, float]:
+    """Return the percentiles by name, such as p99; each is one of the values."""
     found = np.percentile(values, LEVELS, method="inverted_cdf")
     return {f"p{level:g}": float(value) for level, value in zip(LEVELS, found, strict=True)}

@@ -122,7 +122,10 @@ class SoakComparison:
         return frames
 
     def _judge(self, verdict: int | str, t_ns: int, up_free_ns: int) -> bool:
-        """Compare the board's verdict with the model's; return True if the frame ends output."""
+        """Report if the board took or dropped a frame unlike the model.
+
+        Returns True if the frame, a HELLO or MUTE, ends the output.
+        """
         sent = self._line.next_sent(verdict)
         if sent is None:
             return False
@@ -140,7 +143,7 @@ class SoakComparison:
         return sent.type in (m.Hello.TYPE, m.Mute.TYPE) and due == "request"
 
     def _judge_lateness(self, sent: Sent, index: int, t_ns: int) -> None:
-        """Attribute a late frame to the fault that delayed it, or report a violation."""
+        """Attribute a late frame to its fault; report a violation if it has none."""
         late_us = m.signed_difference(self._board.device_us(t_ns), sent.due_us, 32)
         if late_us <= 0:
             return
@@ -200,7 +203,7 @@ class SoakComparison:
             self._tally.violate("torn latch", f"frame {index} is not the drive that was sent")
 
     def _compare_silence(self, t_ns: int, *, requested: bool) -> None:
-        """Report a violation if board and model no longer agree whether the output is silent."""
+        """Report a violation if only one of board and model is silent; once per change."""
         before, self._silent = self._silent, (self._board.is_silent, self._model.is_silent)
         silent, due = self._silent
         if silent == due or before == self._silent:

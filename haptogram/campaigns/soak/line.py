@@ -46,7 +46,7 @@ def _flip_damage(wire: bytes, source: random.Random) -> Pieces:
 
 
 def _replaced(wire: bytes, source: random.Random, gone: int, new: int) -> Pieces:
-    """Return *wire* with some bytes replaced by random ones."""
+    """Return *wire* with *gone* bytes at a random place replaced by *new* random ones."""
     place = source.randrange(len(wire) - gone + 1)
     return [(0, wire[:place] + source.randbytes(new) + wire[place + gone :])]
 
@@ -183,7 +183,7 @@ class SoakLine:
             self._tally.request_hits.append(hit)
 
     def _harm(self, sent: Sent) -> Pieces:
-        """Apply random line faults to a frame; return its remaining bytes, each with a delay."""
+        """Return a frame's pieces, with delays, after a random fault, an outage or none."""
         if self.cut:
             kind, pieces = "outage", []
         elif self.calm or self._source.random() >= self._share:
@@ -205,7 +205,7 @@ class SoakLine:
         self.arriving.append((-(-self.free_ns // 1000) * 1000, data))
 
     def _expect(self, data: bytes, sent: Sent) -> None:
-        """Register the frames that complete delimited runs of *data*."""
+        """Note which frame, and which fault, each delimited run that *data* completes is of."""
         if data is sent.wire and not self._partial:  # as nearly all of them
             self._runs.append((sent, sent.hit))
             return
@@ -239,7 +239,7 @@ class SoakLine:
         return sent
 
     def _explain_damage(self, hit: SoakHit | None, verdict: int | str) -> None:
-        """Count damage under the fault that caused it, or report a violation."""
+        """Count damage to the fault *hit*; report a violation if none did, or it was taken."""
         if hit is None:
             self._tally.violate(UNEXPLAINED, f"damage at {self._end} without a fault: {verdict}")
         elif verdict not in DAMAGE:

@@ -58,7 +58,7 @@ class SoakHost(HostConnection):
         return event
 
     def _explain_drop(self, sent: Sent, reason: str) -> None:
-        """Attribute a dropped copy to its fault or to a retry of the host; see HG-3.7/3."""
+        """Attribute a copy that the host drops to a fault or a retry; else report (HG-3.7/3)."""
         self._tally.totals[f"the host: {reason}"] += 1
         if reason == "duplicate" and sent.hit is not None:
             self._tally.find(sent.hit, reason)
@@ -69,7 +69,7 @@ class SoakHost(HostConnection):
             self._tally.violate("undamaged frame dropped", text)
 
     def _compare_event(self, event: events.EventReceived, sent: Sent) -> None:
-        """Report a violation for events lost without a fault, or if the board leaks memory."""
+        """Report a violation if events are missing that the line did not lose, or memory is."""
         lost = self._line.explain_gap(sent)
         if event.gap != lost:
             text = f"the host misses {event.gap} events, and {lost} were lost"
@@ -202,7 +202,7 @@ class SoakRig:
         return data
 
     def _carry(self, deadline_ns: int) -> bool:
-        """Carry bytes to the board until it answers; return False at the deadline."""
+        """Carry bytes both ways until some reach the host; return False if none do in time."""
         down, up = self.down.arriving, self.up.arriving
         while True:
             down_ns = down[0][0] if down else _NEVER_NS
@@ -228,7 +228,7 @@ class SoakRig:
         """Do nothing: the board stays."""
 
     def _note_request(self, wire: bytes) -> None:
-        """Note a request; attribute its repetition to a fault, or report a violation."""
+        """Note a request; if it repeats the last one, name the fault, or report a violation."""
         hits = self.tally.request_hits
         if wire != self._last_request:
             hits.clear()

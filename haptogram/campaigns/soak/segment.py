@@ -148,7 +148,7 @@ class _SoakSegment:
         self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * NS_PER_S)) // NS_PER_MS)
 
     def _wait_idle(self) -> None:
-        """Stream without faults until board and model have reported all frames."""
+        """Stream without faults until both ends are idle; raise if they never are."""
         rig = self._rig
         rig.down.calm = rig.up.calm = True
         self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
@@ -185,9 +185,9 @@ class _SoakSegment:
         self._resume(since_ns)
 
     def _outage(self) -> None:
-        """Disconnect both directions while streaming continues.
+        """Stream for a while with both directions cut, then go on.
 
-        It may outlast the five tries of a request: then only another session helps.
+        A request that fails five times meanwhile is given up: only another session helps.
         """
         rig, hits = self._rig, self._tally.request_hits
         self._due_us = 0
@@ -212,9 +212,9 @@ class _SoakSegment:
         return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * NS_PER_MS
 
     def _resume(self, since_ns: int) -> None:
-        """Rearm the board if a timer has muted it, or will before the first latch.
+        """Rearm the board, after silence if a timer may just be muting it.
 
-        *since_ns*: when the silence began; the last latch was a lead later.
+        *since_ns*: when the host fell silent; the last latch was a lead later.
         """
         quiet_ns = self._rig.now_ns() - since_ns + _MARGIN_NS
         end_ns = self._timers_ms * NS_PER_MS
@@ -231,7 +231,7 @@ class _SoakSegment:
     # --- the end -------------------------------------------------------------------------------
 
     def _watch_memory(self) -> None:
-        """Compare the memory blocks in use between equal states."""
+        """Report a violation if Python holds many more memory blocks than after the first burst."""
         blocks = sys.getallocatedblocks()
         self._blocks = self._blocks or blocks
         if (grown := blocks - self._blocks) > _BLOCKS:

@@ -148,7 +148,7 @@ class SoakTally:
 
     @property
     def _row(self) -> dict[str, int]:
-        """Return the counters of the current time interval."""
+        """Return the counters of the present interval of time, 0 at first."""
         return self.course.setdefault(int(self.interval), dict.fromkeys(_COUNTED, 0))
 
     def found(self) -> dict[str, dict[str, int]]:

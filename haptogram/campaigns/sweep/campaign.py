@@ -122,7 +122,7 @@ class SweepCampaign:
         file: TextIO | None,
         show: Callable[[], None],
     ) -> None:
-        """Give points to idle workers; a point that may kill its worker runs alone."""
+        """Run all points on workers; while one is suspected to kill its worker, that one alone."""
         while left or self._suspects or running:
             count = 1 if self._suspects else workers.count
             while (self._suspects or left) and len(running) < count:
@@ -137,7 +137,7 @@ class SweepCampaign:
     def _keep(
         self, number: int, future: Future[tuple[int, bytes, str]], file: TextIO | None
     ) -> None:
-        """Write the result of a finished point; raise if its worker or the scheduler died."""
+        """Write the row of a finished or crashed point; raise if its worker or scheduler died."""
         try:
             error = future.exception()
         except CancelledError:

@@ -159,7 +159,7 @@ class SweepPlan:
         return SweepPoint(number, shown, [*self.fixed, *words])
 
     def _at_place(self, number: int) -> list[Any]:
-        """Return the values of the grid at *number*."""
+        """Return the value of each axis at point *number* of the grid."""
         values: list[Any] = []
         for axis in reversed(self.axes):
             number, place = divmod(number, len(axis.values))

@@ -101,7 +101,7 @@ def _first_row_columns(point: SweepPoint) -> Row:
 
 
 def _row_figures(command: str, columns: Row) -> tuple[float | None, ...]:
-    """Return the figures of :data:`MEASURES`."""
+    """Return the figures of :data:`MEASURES`; None where a command has none."""
     if command == "verify":
         miss_mm = max((columns[name] for name in _MISSES if name in columns), default=None)
         return miss_mm, columns["frames.sent"] - columns["frames.on_target"]
@@ -164,6 +164,7 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
 
 
 def _csv_bytes(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
+    """Return rows as a CSV file in UTF-8; a missing value is an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -172,6 +173,7 @@ def _csv_bytes(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
 
 
 def _parquet_bytes(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
+    """Return rows as a Parquet file; a missing value is null."""
     import pyarrow
     from pyarrow import parquet
 

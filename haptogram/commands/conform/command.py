@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import functools
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
-from haptogram.errors import ConfigurationError, LinkError
+from haptogram.errors import ConfigurationError, LinkError, refusing_other_content
 from haptogram.machine.files import check_files_writable
+from haptogram.records.frame import Evidence
 from haptogram.settings.arguments import did_you_mean
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import settings_of
 from haptogram.settings.parser import Parser
 
 from ..acting_options import refuse_idle_options
-from ..shell.captures import judge_captures_at_port, read_channel_maps
+from ..shell.captures import judge_captures_at_port, read_capture_arguments, read_channel_maps
 from ..shell.exit_status import PASS, USAGE
 from ..shell.output_files import CommandOutputs, announce_interrupted_output
 from ..shell.progress import progress_bar
-from .captures import conform_by_captures, recorded_suite
 from .options import (
     PULSE,
     PinConfig,
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from haptogram.conformance.verdict import SuiteResult
     from haptogram.evidence.recordings.tap import RecordedBoards
     from haptogram.evidence.recordings.writer import RecordingWriter
+    from haptogram.settings.run.files import CaptureConfig
 
 #: Given URL (None: the default board), line rate, seed and the recording of its boards or None,
 #: returns a board in this program.
@@ -171,7 +174,7 @@ def _run_conform_cases(
 
 
 def _expected_to_conform(arguments: argparse.Namespace) -> dict[str, str]:
-    """Return the failures that the baseline expects, by case or clause."""
+    """Return the failures that --baseline expects, by case or clause; {} without it."""
     from haptogram.conformance.cases import all_cases
     from haptogram.conformance.pins.cases import PIN_CASES
     from haptogram.conformance.run.baseline import load_suite_baseline
@@ -182,6 +185,7 @@ def _expected_to_conform(arguments: argparse.Namespace) -> dict[str, str]:
 
 
 def _conform_depth(arguments: argparse.Namespace) -> Depth:
+    """Return how thorough the cases are, by the options."""
     from haptogram.conformance.case import Depth
 
     if arguments.quick:
@@ -190,7 +194,7 @@ def _conform_depth(arguments: argparse.Namespace) -> Depth:
 
 
 def _conform_seed(arguments: argparse.Namespace) -> int:
-    """Return the seed; random at a port, to avoid a nonce that is still open."""
+    """Return --seed, else 0 for the virtual board, random at a port: no nonce comes twice."""
     if arguments.seed is not None:
         return int(arguments.seed)
     return 0 if asks_to_conform_virtual_board(arguments) else int.from_bytes(os.urandom(4))
@@ -211,7 +215,7 @@ def _conform_access(
 
 
 def _conform_url(arguments: argparse.Namespace) -> str | None:
-    """Return the URL of a board in this program; None: the usual one."""
+    """Return the URL of the simulated board that the options describe, else --port (or None)."""
     if arguments.simulator is None:
         return None if arguments.port is None else str(arguments.port)
     from haptogram.settings.board_url import PortConfig, write_board_url
@@ -225,6 +229,7 @@ def _conform_url(arguments: argparse.Namespace) -> str | None:
 
 
 def _conform_access_to_port(arguments: argparse.Namespace) -> Access:
+    """Return the way to the board that --spawn starts or that --port names."""
     from haptogram.conformance.run.access import PortAccess
     from haptogram.conformance.run.spawning import DEFAULT_PORT_REGEX, SpawnAccess
 
@@ -251,6 +256,7 @@ def _conform_access_to_port(arguments: argparse.Namespace) -> Access:
 
 
 def _list_conform_cases(cases: tuple[Case, ...]) -> int:
+    """Print each case with its evidence and summary; return 0."""
     for case in cases:
         kind = "" if case.body else " (not observable)"
         print(f"{case.id:<20} {case.evidence.upper():<14} {case.summary}{kind}")
@@ -258,7 +264,7 @@ def _list_conform_cases(cases: tuple[Case, ...]) -> int:
 
 
 def _compare_conform_results(arguments: argparse.Namespace) -> int:
-    """Write the page that compares results of several devices."""
+    """Write the page that compares results of several devices; return the exit status."""
     from haptogram.report.conformance.document import suite_comparison_document
     from haptogram.report.conformance.result import read_suite_json
 
@@ -284,3 +290,57 @@ def _write_conform_results(
         json=lambda path: write_suite_json(path, suite),
         write_baseline=lambda path: write_suite_baseline(path, suite),
     )
+
+
+# --- Captures of the drive pins, of a run at a port or in a recording ----------------------------
+
+
+def conform_by_captures(
+    config: CaptureConfig,
+    suite: SuiteResult,
+    nonces: Collection[int],
+    run: str,
+    expected: dict[str, str],
+    *,
+    simulated: bool = False,
+) -> SuiteResult:
+    """Return the *suite* of a *run*, whose sessions have these *nonces*, with its captures.
+
+    Raises
+    ------
+    ConfigurationError
+        A capture of another run; a capture or a map that cannot be read.
+    """
+    from haptogram.conformance.pins import judge
+
+    records = read_capture_arguments(config)
+    shares = [judge.captured_share_of_run(record, nonces, run) for record in records]
+    judged = judge.judge_clauses_by_pins(records, expected)
+    if simulated:
+        judged = tuple(dataclasses.replace(one, evidence=Evidence.SIMULATED) for one in judged)
+    return judge.suite_with_clauses_by_pins(suite, judged, shares)
+
+
+def recorded_suite(path: Path) -> tuple[SuiteResult, set[int]]:
+    """Return the run in a recording, and the nonces of its sessions.
+
+    Raises
+    ------
+    ConfigurationError
+        A recording without a result.
+    """
+    from haptogram.evidence.recordings.channels import SUMMARY
+    from haptogram.evidence.recordings.reader import Recording
+    from haptogram.evidence.recordings.recorded_run import recorded_sessions
+    from haptogram.report.conformance.result import suite_of_conformance_json
+
+    recording = Recording(path)
+    found = [entry.fields for entry in recording.entries((SUMMARY,))]
+    if not found:
+        what = recording.run.get("command", "another program")
+        raise ConfigurationError(
+            f"{path}: the recording (of {what}) holds no result; haptogram conform --record "
+            "writes one that does, at the end of its run"
+        )
+    with refusing_other_content(f"{path}: its result is none of haptogram conform"):
+        return suite_of_conformance_json(found[-1]), recorded_sessions(recording)

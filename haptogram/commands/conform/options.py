@@ -11,7 +11,7 @@ from typing import Final
 from haptogram.errors import ConfigurationError
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting, Parser, add_file_option
+from haptogram.settings.parser import Acting, Parser, add_file_option, add_flag
 from haptogram.settings.run.files import CaptureConfig, output_options
 from haptogram.settings.run.frames import LimitConfig, LinkConfig, PaceConfig
 
@@ -166,22 +166,20 @@ def add_conform_options(parser: Parser) -> None:
 
 def _add_conform_choice(group: argparse._ArgumentGroup) -> None:
     """Add the options that choose cases and their depth."""
-    group.add_argument("--list", action="store_true", help="list the cases and run none")
+    add_flag(group, "--list", help="list the cases and run none")
     add_command_options(group, options_of(ChoiceConfig).values(), explore="a few dialogues")
     depth = group.add_mutually_exclusive_group()
-    depth.add_argument("--quick", action="store_true", help="20 s, for every commit")
-    depth.add_argument(
-        "--full", action="store_true", help="minutes: the longest timers and largest numbers too"
-    )
-    group.add_argument("--strict", action="store_true", help="a SHOULD that is not met: FAILED")
-    group.add_argument("--quiet", action="store_true", help="no progress")
+    add_flag(depth, "--quick", help="20 s, for every commit")
+    add_flag(depth, "--full", help="minutes: the longest timers and largest numbers too")
+    add_flag(group, "--strict", help="a SHOULD that is not met: FAILED")
+    add_flag(group, "--quiet", help="no progress")
 
 
 def _add_conform_results(group: argparse._ArgumentGroup) -> None:
     """Add the options for output files and the baseline."""
     add_command_options(group, output_options("junit json html summary stamp record"))
     add_file_option(group, "--write-baseline", help="write today's failures as expected [none]")
-    group.add_argument("--verbose", action="store_true", help="print every case")
+    add_flag(group, "--verbose", help="print every case")
     add_file_option(
         group,
         "--compare",

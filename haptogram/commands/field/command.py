@@ -9,7 +9,7 @@ from typing import Final
 
 from haptogram.settings.command_line import add_command_options, add_setting_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Acting, Parser
+from haptogram.settings.parser import Acting, Parser, add_flag
 from haptogram.settings.run.verify import VerifyConfig
 from haptogram.settings.shape import ModulationConfig
 
@@ -61,7 +61,7 @@ _PICTURE: Final = ("plane", "quantity", "decibels", "half_width_mm", "step_mm", 
 
 
 def _is_ear_beside_focus(arguments: argparse.Namespace) -> bool:
-    """Return True for --ear-mm beside a single focus: without --object and --drive."""
+    """Return True if --ear-mm is given with a single focus: neither --object nor --drive."""
     return arguments.ear_mm is not None and not arguments.object and not arguments.drive
 
 
@@ -109,6 +109,7 @@ def set_up_field(parser: Parser) -> None:
 
 
 def _add_field_source(parser: Parser) -> None:
+    """Add the options of the source: a focus, an object or a file of drives, with details."""
     group = parser.add_argument_group("source of the field")
     source = group.add_mutually_exclusive_group()
     add_position_option(source, "--focus-mm", help="one focus [0,0,150, or that of the preset]")
@@ -122,6 +123,7 @@ def _add_field_source(parser: Parser) -> None:
 
 
 def _add_field_picture(parser: Parser) -> None:
+    """Add the options of the picture, and of the place and the ear to look at."""
     group = parser.add_argument_group("picture", FILE_HELP)
     rows = options_of(FieldConfig)
     add_command_options(group, [rows[name] for name in _PICTURE])
@@ -139,7 +141,7 @@ def _add_field_picture(parser: Parser) -> None:
         help="also print the levels at an ear [0,-300,400: before the array, bent over it], next "
         "to a guideline; a focus is modulated",
     )
-    group.add_argument("--quiet", action="store_true", help="no progress and no text")
+    add_flag(group, "--quiet", help="no progress and no text")
 
 
 def run_field(arguments: argparse.Namespace) -> int:

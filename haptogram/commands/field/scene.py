@@ -146,7 +146,7 @@ def _field_drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
 
 
 def _field_focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
-    """Return the focus in metres: as asked, else that of the preset, else 150 mm ahead."""
+    """Return the focus in m: --focus-mm, else that of --preset, else 150 mm ahead."""
     if arguments.focus_mm is None and arguments.preset:
         return find_preset(arguments.preset).focus_m
     return metres_of_position(arguments.focus_mm or (0.0, 0.0, 150.0))
@@ -155,7 +155,7 @@ def _field_focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
 def _scene_peak(
     model: acoustics.AcousticModel, weights: ComplexArray
 ) -> tuple[float, float, float]:
-    """Return the loudest point of a coarse grid over the array, along its own axes."""
+    """Return the pressure maximum (m), climbed to from a coarse grid along the array's own axes."""
     reach = float(model.array.half_extent_m[:2].max())
     side = np.linspace(-reach, reach, 25)
     heights = np.linspace(0.03, 0.30, 46)

@@ -134,7 +134,7 @@ def describe_field_scene(scene: FieldScene) -> Iterator[str]:
 def _describe_field_place(
     engine: NumpyEngine, scene: FieldScene, place_m: tuple[float, float, float]
 ) -> str:
-    """Return a line about the pressure at the place to look at."""
+    """Return a line on the RMS pressure at a place; of a sequence, as a slow sensor has it."""
     if scene.is_sequence:
         lag = Resonator.from_bandwidth()
         square = mean_square_pressure(engine, scene.weights, [place_m], scene.frame_s, lag)[0]
@@ -146,7 +146,7 @@ def _describe_field_place(
 
 
 def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
-    """Yield lines about the focus that a drive from a file makes, and its nonlinearity."""
+    """Yield lines on the focus of a drive from a file, or that it has none, and nonlinearity."""
     found = Reconstructor(scene.model, scene.phase_bits).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
         yield f"no focus: {found.reason}"
@@ -207,5 +207,5 @@ def _describe_field_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatA
 
 
 def _extent_text(size_m: float) -> str:
-    """Return a length in mm as text; it may lie beyond the searched volume."""
+    """Return a length in mm as text, or that it goes on beyond the searched volume."""
     return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"

@@ -86,6 +86,7 @@ def set_up_modulation(parser: Parser) -> None:
 
 
 def _add_modulation_object(parser: Parser) -> None:
+    """Add the options of the object that is modulated, and the rate of its frames."""
     shape = parser.add_argument_group("object that is modulated")
     rows = options_of(VerifyConfig)
     add_setting_options(
@@ -98,6 +99,7 @@ def _add_modulation_object(parser: Parser) -> None:
 
 
 def _add_modulation_skin(parser: Parser) -> None:
+    """Add the options of array, air, bandwidth of the skin, and where it feels."""
     skin = parser.add_argument_group("array, air and skin")
     add_array_options(skin)
     add_command_options(skin, [options_of(ModulationResultConfig)["bandwidth_hz"]])
@@ -105,6 +107,7 @@ def _add_modulation_skin(parser: Parser) -> None:
 
 
 def _add_modulation_outputs(parser: Parser) -> None:
+    """Add the options of output files."""
     result = parser.add_argument_group("result", FILE_HELP)
     rows = options_of(ModulationResultConfig)
     add_command_options(result, [rows[name] for name in _OUTPUTS])
@@ -141,7 +144,7 @@ def run_modulation(arguments: argparse.Namespace) -> int:
 
 
 def _modulation_config(arguments: argparse.Namespace) -> VerifyConfig:
-    """Return the settings of a run that would display it."""
+    """Return the settings of a run that shows this modulation, with defaults for its kind."""
     runs_along = arguments.kind in ("stm", HOLD)
     defaults = {
         "object": "circle" if runs_along else "point",

@@ -12,8 +12,7 @@ import numpy as np
 
 from haptogram import acoustics
 from haptogram.acoustics.levels.spot import measure_spot
-from haptogram.objects.modulation import FocusFrames
-from haptogram.objects.signals import FeltSignal, felt_signal_at
+from haptogram.objects.modulation import FeltSignal, FocusFrames, felt_signal_at
 from haptogram.settings.shape import ModulationConfig
 
 from ..shell.positions import position_text
@@ -95,7 +94,7 @@ class ModulationResult:
 
 
 def _modulation_frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None:
-    """Return the frequency that the frames really have: whole periods in the pass."""
+    """Return the frequency that the frames have, whole periods in the pass; None if unmodulated."""
     if config.modulation is None:
         return None
     return round(frames.duration_s * config.modulation_hz) / frames.duration_s
@@ -177,7 +176,7 @@ def _describe_felt_spectrum(felt: ModulationResult) -> Iterator[str]:
 
 
 def _felt_line_name(frequency_hz: float, felt: ModulationResult) -> str:
-    """Return the origin of a spectral line: the modulation, its overtones, or the frame rate."""
+    """Return what makes a spectral line: modulation, frame rate, its images; '' if none does."""
     if felt.frequency_hz is None:
         return ""
     order = frequency_hz / felt.frequency_hz

@@ -8,7 +8,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from haptogram.machine.files import write_json_file
-from haptogram.settings.parser import Parser, add_file_option
+from haptogram.settings.parser import Parser, add_file_option, add_flag
 
 from ..shell.exit_status import INCONCLUSIVE, USAGE
 from ..shell.output_files import CommandOutputs
@@ -23,7 +23,7 @@ def set_up_capture(parser: Parser) -> None:
     add_file_option(parser, "file", help="the capture")
     add_file_option(parser, "--map", required=True, help="TOML of its channels")
     add_file_option(parser, "--json", help="write every drive as JSON")
-    parser.add_argument("--quiet", action="store_true", help="no table, findings only")
+    add_flag(parser, "--quiet", help="no table, findings only")
 
 
 def run_capture(arguments: argparse.Namespace) -> int:
@@ -54,6 +54,7 @@ def run_capture(arguments: argparse.Namespace) -> int:
 
 
 def _capture_elements_rows(document: dict[str, Any]) -> Iterator[str]:
+    """Yield a line for each captured element."""
     titles = f"{'channel':<12}{'element':>8}{'edges':>10}{'duty':>18}"
     yield f"{titles}{'period µs':>12}{'jitter ns':>11}"
     for row in document["elements"]:
@@ -71,6 +72,7 @@ def _capture_elements_rows(document: dict[str, Any]) -> Iterator[str]:
 
 
 def _capture_latches_rows(document: dict[str, Any]) -> Iterator[str]:
+    """Yield a line for each latch of the capture."""
     yield f"{'latch':<7}{'at ms':>12}{'channels':>10}{'within µs':>11}"
     period_us = 1e6 / document["carrier_hz"]
     for number, latch in enumerate(document["latches"]):

@@ -15,7 +15,7 @@ from haptogram.machine.files import write_json_file
 from haptogram.settings.board import DEFAULT_ARRAY, BoardConfig
 from haptogram.settings.command_line import add_command_options
 from haptogram.settings.option import Settings, option, option_of, options_of
-from haptogram.settings.parser import Parser, add_file_option
+from haptogram.settings.parser import Parser, add_file_option, add_flag
 from haptogram.settings.run.files import OutputConfig
 from haptogram.settings.run.frames import LinkConfig
 
@@ -58,9 +58,7 @@ def set_up_replay(parser: Parser, make_board: MakeBoard) -> None:
     board = parser.add_argument_group("board")
     rows = options_of(ReplayConfig)
     add_command_options(board, [rows["port"], rows["baud"]])
-    board.add_argument(
-        "--healthy", action="store_true", help="leave out mutant and faults of the recorded board"
-    )
+    add_flag(board, "--healthy", help="leave out mutant and faults of the recorded board")
     add_command_options(board, [rows["mutant"], rows["array"]])
     result = parser.add_argument_group("result", FILE_HELP)
     add_command_options(result, [rows["json"], rows["show"]])
@@ -90,7 +88,7 @@ def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
 def _changed_replay_options(
     options: Mapping[str, Any], arguments: argparse.Namespace
 ) -> dict[str, Any]:
-    """Return the recorded board's options, overridden by those of the command line."""
+    """Return the recorded board's options, changed by --healthy, --mutant and --array."""
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
     elif ":" in (code := options.get("mutant") or "") and arguments.mutant is None:
@@ -145,6 +143,7 @@ def _replay_lines(result: ReplayResult, shown: int) -> list[str]:
 
 
 def _replay_as_dict(result: ReplayResult) -> dict[str, Any]:
+    """Return the outcome of a replay for JSON."""
     return {
         "exit_status": result.exit_status,
         "exact": result.is_exact,

@@ -41,7 +41,7 @@ def hear_interrupts_in_callbacks() -> Iterator[None]:
 
 
 def _interrupt_main_thread() -> None:
-    """Send a signal to interrupt a blocking call of the main thread; a flag would not."""
+    """Raise Ctrl-C in the main thread by a signal, which also ends a call that blocks there."""
     if sys.platform == "win32" or (main_thread := threading.main_thread().ident) is None:
         _thread.interrupt_main()
     else:

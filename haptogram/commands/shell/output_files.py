@@ -198,7 +198,7 @@ class CommandOutputs:
 
 
 def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
-    """Yield the files that the command reads, with their options."""
+    """Yield the option and path of each file that the command reads."""
     for name, is_file in INPUTS.items():
         value = getattr(settings, name, None)
         for path in value if isinstance(value, list | tuple) else [value]:

@@ -41,6 +41,7 @@ def text_for_standard_stream(text: str, encoding: str, errors: str = "strict") -
 
 
 def _can_standard_stream_encode(text: str, encoding: str, errors: str) -> bool:
+    """Return True if *text* can be written in this encoding."""
     try:
         text.encode(encoding, errors)
     except UnicodeEncodeError:
@@ -90,7 +91,7 @@ class PatientStandardStream:
         self._attempt(self._stream.flush)
 
     def _attempt(self, write: Any) -> None:
-        """Write, unless an earlier write failed; redirect the stream after an error."""
+        """Write, unless it failed before; on an error keep that, and write no more."""
         if self.error is not None:
             return
         try:

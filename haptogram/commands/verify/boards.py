@@ -117,7 +117,7 @@ class RunBoards:
 
     @property
     def _simulated_url(self) -> str | None:
-        """URL of a simulated board with our own wire, judged by its trace; None for others."""
+        """URL of a board that --simulator runs on our own wire; None for any other board."""
         if self.config.link.simulator is None or self.dialect is not None:
             return None
         return write_board_url(PortConfig(board=self.virtual, clock="virtual"))
@@ -172,7 +172,7 @@ def baud_of_verified_port(port: str, baud: int) -> int | None:
 
 
 def _usual_dialect_rates(config: VerifyConfig, boards: DialectBoardsUnderTest) -> dict[str, Any]:
-    """Return the rate of the line, and the highest whole rate of frames that it carries."""
+    """Return the line's baud and the highest whole frame rate it carries, as settings."""
     from haptogram.driver.line.budget import highest_line_rate_hz
 
     if not boards.dialect.bauds:

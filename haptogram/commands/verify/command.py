@@ -230,9 +230,9 @@ def _begin_verify_recording(
 def _broken_by_planned_faults(
     error: LinkError | DeviceError, planned: FaultPlan, board: BoardUnderTest
 ) -> str:
-    """Return how injected faults ended the session; empty: something else did.
+    """Return the text that the fault plan ended the session; "" if something else did.
 
-    It did if the board has died, or no fault has fired.
+    It did if the board gave up and any fault has fired, or this is not known.
     """
     from haptogram.report.run.wording import run_faults_wording
 
@@ -250,6 +250,7 @@ def _broken_by_planned_faults(
 
 
 def _verified_board_dict(found: RunRecord) -> dict[str, object]:
+    """Return what is known of the board under test, for JSON."""
     speed_m_s = found.model.medium.sound_speed_m_s
     return {"is": found.board, **found.about, "sound_speed_m_s": speed_m_s}
 

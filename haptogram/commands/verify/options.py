@@ -9,7 +9,7 @@ from haptogram.settings import command_line
 from haptogram.settings.array import ArrayConfig, ElementConfig
 from haptogram.settings.board import FaultWords
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import Acting, Parser, add_file_option
+from haptogram.settings.parser import Acting, Parser, add_file_option, add_flag
 from haptogram.settings.run.files import CaptureConfig, OutputConfig
 from haptogram.settings.run.frames import LinkConfig
 from haptogram.settings.run.verify import VerifyConfig
@@ -101,7 +101,7 @@ _OF_A_RUN: Final = {"record", "view", *options_of(VerifyConfig)} - {
 
 
 def _acts_on_a_run(row: Acting | None) -> Acting:
-    """Return the option row restricted to live runs, not recordings."""
+    """Return the option's row (None: it always acts), limited to runs without --from-recording."""
     where = "on a run (a recording has its own; not with --from-recording)"
     if row is None:
         return Acting(where, lambda s: s.from_recording is None)
@@ -119,9 +119,9 @@ def add_verify_options(verify: Parser) -> None:
         group = verify.add_argument_group(title, _DESCRIPTIONS.get(title))
         command_line.add_setting_options(group, [rows[name] for name in names])
     add_file_option(verify, "--config", help="TOML file with a [verify] table of these options")
-    verify.add_argument("--quiet", action="store_true", help="no progress bar")
-    verify.add_argument(
+    add_flag(verify, "--quiet", help="no progress bar")
+    add_flag(
+        verify,
         "--view",
-        action="store_true",
         help="show what the virtual board radiates, live, in a browser (see haptogram view)",
     )

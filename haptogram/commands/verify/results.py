@@ -100,7 +100,7 @@ def verify_seen_by_number(
 
 
 def _verify_drive_by_crc(intended: Intended, seen: Observation) -> Observation:
-    """Return *seen* with the intended drive if its CRC matches."""
+    """Return *seen*; with the intended drive as its own if the CRC is equal."""
     return dataclasses.replace(seen, drive=intended.drive) if seen.shows_by_crc(intended) else seen
 
 

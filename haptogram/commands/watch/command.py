@@ -19,7 +19,7 @@ from haptogram.machine.files import STANDARD_OUTPUT, write_json_file
 from haptogram.settings.board import BoardConfig
 from haptogram.settings.command_line import add_setting_options
 from haptogram.settings.option import options_of
-from haptogram.settings.parser import Acting, Parser, name_option
+from haptogram.settings.parser import Acting, Parser, add_flag, name_option
 from haptogram.settings.run.files import output_options
 from haptogram.settings.tolerance import ToleranceConfig
 
@@ -78,9 +78,9 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
         type=name_option,
         help="start a board at this pseudo-terminal [none]",
     )
-    board.add_argument(
+    add_flag(
+        board,
         "--as-device",
-        action="store_true",
         help="start a board and COMMAND, behind --, which finds it as a serial device (Linux)",
     )
     parser.add_argument(
@@ -100,7 +100,7 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
     result = parser.add_argument_group("result", output_files.FILE_HELP)
     add_setting_options(result, [own[name] for name in ("latches", "fail_on", "frames")])
     add_setting_options(result, output_options("json junit html summary stamp"))
-    parser.add_argument("--quiet", action="store_true", help="no line for each latch")
+    add_flag(parser, "--quiet", help="no line for each latch")
 
 
 def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
@@ -119,7 +119,7 @@ def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
 
 
 def _check_watch_source(arguments: argparse.Namespace) -> None:
-    """Refuse contradictory sources; a client's words belong to --as-device."""
+    """Refuse contradictory or missing sources; give the words of --as-device to the client."""
     if arguments.as_device:
         arguments.client = [w for w in (arguments.source, *arguments.client) if w is not None]
         arguments.source = None
@@ -227,7 +227,7 @@ class _WatchRun:
         return self._count != self._arguments.latches or self._watch.frames.waits_for_wire
 
     def _take_event(self, record: Record) -> None:
-        """Process an event about the client."""
+        """Pass on what the board noticed of its client: its wire, its leaving, a remark."""
         from haptogram.records.remark import About
 
         event = record["event"]
@@ -287,7 +287,7 @@ def _assumed_layout(arguments: argparse.Namespace) -> str:
 
 
 def _shows_no_pattern(result: WatchResult) -> bool:
-    """Return True if any latch has no identified pattern."""
+    """Return True if the drive of at least one latch has no known pattern."""
     from haptogram.acoustics.reconstruct.patterns.found import Unnamed
 
     return bool(result.kinds.get(Unnamed.kind, 0))

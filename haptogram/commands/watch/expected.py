@@ -80,6 +80,7 @@ def _read_expected_frames(path: Path) -> list[Foci]:
 
 
 def _expected_watch_focus(where: str, cells: list[str]) -> tuple[float, float, float]:
+    """Return x, y and z of a row in mm; raise, naming *where*, if they are none."""
     try:
         x, y, z = (float(cell) for cell in cells)
     except ValueError as error:

@@ -95,7 +95,7 @@ class WatchedRecords:
         return sum(map(is_watched_latch, self._come))
 
     def _is_over(self, records: list[Record] | None) -> bool:
-        """Return True if no more records will arrive; otherwise sleep briefly."""
+        """Return True if the source has ended; else wait a moment; raise if nothing ever comes."""
         until_s = self._patient_until_s
         is_late = until_s is not None and time.monotonic() > until_s
         if until_s is not None and (records is None or is_late):
@@ -146,7 +146,7 @@ def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> Watched
     from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
     from haptogram.evidence.captures.pin_record import pin_record_of_capture
-    from haptogram.evidence.dialects.captured_latches import records_of_held_drives
+    from haptogram.evidence.dialects.watched_board import records_of_held_drives
     from haptogram.verification.pins.held.drives import held_pin_drives
 
     mapped = ChannelMap.from_file(arguments.channels, "channels")
@@ -167,6 +167,7 @@ def _watched_board_settings(arguments: argparse.Namespace) -> BoardConfig:
 
 
 def _read_watched_bytes(source: str) -> bytes:
+    """Return all bytes of the file *source*."""
     with reading_file(source):
         return Path(source).read_bytes()
 

@@ -200,7 +200,7 @@ class BoardClient:
             self.clock.device_us()
 
     def _prepare_correction(self, reply: m.ConfigReply | m.SetConfigReply) -> None:
-        """Note the configuration in force, and set a correction of 0."""
+        """Keep the configuration of *reply*; upload a zero correction if its CRC shows another."""
         self.config = reply.config
         none = bytes(self.identity.transducers)
         wanted = zlib.crc32(reply.config.pack() + none)
@@ -535,4 +535,5 @@ class BoardClient:
 
 
 def _counts_text(counted: Mapping[str, int]) -> str:
+    """Return counters with their numbers as text."""
     return ", ".join(f"{name} {number}" for name, number in counted.items())

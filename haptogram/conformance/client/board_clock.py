@@ -207,7 +207,7 @@ class ClockClient:
     # --- held up -------------------------------------------------------------------------------
 
     def _begin_exchange(self, t_device_us: int) -> int:
-        """Expect the following frames to arrive before *t_device_us*."""
+        """Note the device time by which the next frames have to arrive, and return it."""
         self._link.in_time_from_us = t_device_us - self.carrier_us
         self._link.in_time_us = NO_TIME_US
         return t_device_us

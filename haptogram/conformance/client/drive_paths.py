@@ -73,7 +73,7 @@ def _play_phases(board: BoardClient) -> m.Message:
 
 
 def _loop_phases(board: BoardClient) -> m.Message:
-    """Return the message of a frame of phases that is played in a loop."""
+    """Play one frame of phases in a loop; return it as a stream message."""
     frame = board.random.randbytes(board.identity.transducers)
     upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, frame)
     play_now(board, _SEQUENCE, loops=0)

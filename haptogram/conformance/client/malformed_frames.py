@@ -61,8 +61,8 @@ def malformed_by_counter(link: RequestClient) -> dict[str, bytes]:
 def _malformed_mute(link: RequestClient, payload: bytes) -> tuple[bytes, int]:
     """Return body and number of a MUTE that carries *payload*.
 
-    A board carries MUTE out with any payload (HG-6.4/1), so that MUTE_REPLY proves that a frame of
-    this length and content was read.
+    A board carries MUTE out with any payload (HG-6.4/1), so MUTE_REPLY proves that it read this
+    frame.
     """
     seq = link.next_seq()
     return link.body(m.Mute.TYPE, payload, seq=seq), seq

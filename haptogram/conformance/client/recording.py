@@ -96,7 +96,7 @@ class DialogueRecording:
         return f"sent between: {self._sent_text(list(sent))}"
 
     def _sent_text(self, sent: Sequence[Annotated]) -> str:
-        """Return the sent frames as text, each with its answer where that is unambiguous."""
+        """Return the frames sent as text, each with its answer if no other has its number."""
         answers: dict[int | None, str] = {
             frame.header.seq: _answer_name(frame)
             for frame in self._frames(TransferDirection.BOARD)
@@ -158,13 +158,14 @@ def _answer_name(frame: Annotated) -> str:
 
 
 def _sent_name(frame: Annotated) -> str:
+    """Return the name of a sent frame, with IMMEDIATE if so flagged; or why it has none."""
     if frame.header is None:
         return frame.text
     return frame.name + " IMMEDIATE" * bool(frame.header.flags & m.Flag.IMMEDIATE)
 
 
 def _stream_numbers(run: Sequence[Annotated]) -> str:
-    """Return the first and last number and time of a run of equal stream frames."""
+    """Return the numbers and due times of equal stream frames as text, '' for other frames."""
     headers = [h for frame in run if (h := frame.header) is not None and h.type in m.STREAM_RANGE]
     if not headers:
         return ""
@@ -175,18 +176,18 @@ def _stream_numbers(run: Sequence[Annotated]) -> str:
 
 
 def _span_text(numbers: Sequence[int]) -> str:
-    """Format the first and last number as a range."""
+    """Return the first and the last number as "A to B", or as one number if they are equal."""
     return " to ".join(map(str, dict.fromkeys([numbers[0], numbers[-1]])))
 
 
 def _seq_of(frame: Annotated) -> int | None:
-    """Return the number of a request; None: the frame is none."""
+    """Return the sequence number of a request; None for any other frame."""
     is_request = frame.header is not None and frame.header.type in m.REQUEST_RANGE
     return frame.header.seq if frame.header is not None and is_request else None
 
 
 def _client_pieces(transfers: Iterable[Transfer]) -> Iterator[tuple[Transfer, list[bytes]]]:
-    """Yield transfers, each with the pieces between delimiters that it completes."""
+    """Yield each transfer with the pieces between delimiters that end in it."""
     partial = dict.fromkeys(TransferDirection, b"")
     for transfer in transfers:
         *ended, partial[transfer.direction] = (partial[transfer.direction] + transfer.data).split(

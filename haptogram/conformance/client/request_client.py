@@ -178,7 +178,7 @@ class RequestClient:
         self.send(self.stream_wire(message, at_us, **header))
 
     def _put(self, wires: Sequence[bytes]) -> None:
-        """Send *wires*; pace them at the line rate if they exceed the receive window."""
+        """Send *wires* and count them as unanswered; paced if longer than the receive window."""
         mark, data = self.mark(), b"".join(wires)
         self._unanswered_bytes += len(data)
         self.wire.send(data, paced=len(data) > self.rx_window)
@@ -202,7 +202,7 @@ class RequestClient:
         self._forget_unanswered()
 
     def _pause(self) -> tuple[int, int]:
-        """Send a PING without session; return its number and the mark before it."""
+        """Send a PING without session; return its number and where its answer may begin."""
         self.pauses += 1
         seq, since = (self.seq - _PAUSE_BEHIND) & 0xFFFF, self.mark()
         ping = m.Ping(self.random.getrandbits(_ECHO_BITS))
@@ -225,7 +225,7 @@ class RequestClient:
         return answer.header.time_us
 
     def _forget_answered(self) -> None:
-        """Forget sent frames up to the last answered request, or older than a limit."""
+        """Drop unanswered frames up to the last that is answered, or must be processed by now."""
         for place in reversed(range(len(self._unanswered))):
             wire, since, sent_us = self._unanswered[place]
             is_old = self.wire.now_us() - sent_us >= self.processed_us
@@ -472,7 +472,7 @@ class RequestClient:
 
 
 def _frame_header(wire: bytes) -> m.Header | None:
-    """Return the header of a frame between delimiters; None if *wire* is none."""
+    """Return the header of an encoded frame; None if the bytes are no valid frame."""
     try:
         return m.Header.of_body(decoded_frame(wire.strip(DELIMITER)))
     except RemoteProtocolError:
@@ -480,7 +480,7 @@ def _frame_header(wire: bytes) -> m.Header | None:
 
 
 def _ordered_request_seq(wire: bytes) -> int | None:
-    """Return the number of a request that is answered in order, None otherwise (a MUTE)."""
+    """Return the number of an encoded request; None for MUTE, which overtakes, and others."""
     header = _frame_header(wire)
     if header is None or header.type not in m.REQUEST_RANGE or header.type == m.Mute.TYPE:
         return None

@@ -57,6 +57,7 @@ def _stream_kind_of_drives(board: BoardClient) -> m.Message:
 
 
 def _stream_kind_of_points(board: BoardClient, number: int) -> StreamKind:
+    """Return the stream kind POINTS, whose frames have *number* random points each."""
     return StreamKind(f"POINTS ({number})", partial(random_points_to_send, board, number))
 
 

@@ -160,7 +160,7 @@ class DialogueGenerator:
         return self._inputs.named(name)
 
     def _damaged(self, action: DialogueAction) -> DialogueAction:
-        """Return the action with random damage to its bytes."""
+        """Return the action with a random kind of damage, unless it has one."""
         (damage,) = self._random.choices(_DAMAGES, _DAMAGE_WEIGHTS)
         return action._replace(damage=action.damage or damage)
 
@@ -177,7 +177,7 @@ class DialogueGenerator:
         ]
 
     def _apart(self, actions: list[DialogueAction]) -> list[DialogueAction]:
-        """Set random delays between frames within a carrier period."""
+        """Delay some actions by up to 25 µs, where bytes take no time on the line."""
         found: list[DialogueAction] = []
         for action in actions if self._exact else ():
             is_first = not found or found[-1].slot != action.slot

@@ -151,7 +151,7 @@ class DialogueHost:
         return self._body(message, flags, seq, time_us, other)
 
     def _body(self, message: m.Message, flags: int, seq: int, time_us: int, other: int) -> bytes:
-        """Return a frame body; *other* is the difference to the open session, or NO_SESSION."""
+        """Return a frame body; *other* is XORed with the open session, NO_SESSION means 0."""
         session = 0 if other == NO_SESSION else self.session ^ other
         return m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
 

@@ -186,7 +186,7 @@ class Lockstep:
         *,
         timed: bool,
     ) -> Played:
-        """Play the slots of a dialogue up to the first difference."""
+        """Play the slots of a dialogue on board and model, up to the first difference."""
         self._memory = DialogueMemory()
         self._session = host.session
         self._near_us = self._least_near_us
@@ -234,9 +234,9 @@ class Lockstep:
         return Played(text, sent, slots, self._board.wire.held_up_us)
 
     def _silent_slots(self, slot: int, slots: int, by_slot: Container[int]) -> int:
-        """Return the number of following slots without actions, which pass together.
+        """Return how many slots in a row after *slot* have no actions; at a wall clock 0.
 
-        A host at a wall clock looks at each by itself: it may be late.
+        At a wall clock each slot is compared by itself, since the host may be late.
         """
         if not self._is_virtual:
             return 0
@@ -246,7 +246,7 @@ class Lockstep:
     # --- time ----------------------------------------------------------------------------------
 
     def _next_slot(self, slot_us: int, *, may_cut: bool) -> int:
-        """Return the start time of the next slot; slots that the host has missed are skipped."""
+        """Return when the next slot starts: soon if *may_cut* and idle; missed ones are skipped."""
         clock = self._board.clock
         now_us = max(clock.device_estimate_us(), self._models.now_us)
         if may_cut and self._is_idle(slot_us):
@@ -255,18 +255,18 @@ class Lockstep:
         return slot_us + SLOT_US * (1 - (-late_us // SLOT_US))
 
     def _is_idle(self, slot_us: int) -> bool:
-        """Return True if no model has an event due for long."""
+        """Return True if no model has an event due soon after the slot."""
         next_us = self._models.next_us()
         return next_us is None or next_us >= slot_us + _IDLE_US
 
     def _settled_us(self) -> int:
-        """Return the time after which an immediate frame has latched."""
+        """Return how many µs after a slot's start a frame without a time has latched."""
         board = self._board
         ready_us = board.clock.ready_us(_SETTLED_US, board.identity.max_points)
         return min(ready_us, SLOT_US - _END_US)
 
     def _early_us(self, line_us: int) -> int:
-        """Return how long before the slot the host sends its bytes."""
+        """Return how long before its slot the host sends bytes that take *line_us*."""
         early_us = self._opening.early_us
         return early_us if self.is_exact else early_us + line_us
 
@@ -285,7 +285,7 @@ class Lockstep:
         may_cut: bool,
         silent: int = 0,
     ) -> str:
-        """Play one slot on board and model; return the first difference."""
+        """Play one slot on board and model; return the first difference as text, or ''."""
         board, models, at_us = self._board, self._models, host.slot_us
         wires = [wire for arrival in arrivals for wire in arrival.wires]
         line_us = board.wire.line_us(sum(map(len, wires)))
@@ -403,7 +403,7 @@ class Lockstep:
         base: tuple[DialogueBase, DialogueBase],
         line_us: int,
     ) -> str:
-        """Return the first difference between the replies of board and model in a slot."""
+        """Compare what board and model sent in a slot; return the first difference, or ''."""
         board = self._board
         pieces = board.wire.received[self._since :]
         self._since += len(pieces)
@@ -437,7 +437,7 @@ def _annotated_text(wire: bytes) -> str:
 
 
 def _slot_arrivals(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:
-    """Group the frames of a slot that arrive together; *end* is last."""
+    """Group frames by arrival: a wait or a fault begins a new group; *end* comes last."""
     found: list[_Arrival] = []
     for action, wire in batch:
         if not found or action.wait_us or found[-1].fails:
@@ -457,5 +457,5 @@ def _count_answers(frames: Iterable[FrameInDialogue | ReceivedByClient]) -> int:
 
 
 def _count_frames(messages: Iterable[m.Message | None]) -> int:
-    """Return the number of messages that a board must send; some are optional."""
+    """Return how many messages a board must send: all but optional ones; None counts too."""
     return sum(message is None or not is_optional_in_dialogue(message) for message in messages)

@@ -228,7 +228,7 @@ class DialogueModels:
         self.receive(at_us, [wire])
 
     def _is_in_time_or_late(self, header: m.Header, early_us: int, late_us: int) -> bool:
-        """Return True if a frame that arrived between two times may be in time, or may be late."""
+        """Return True if a frame is late or not depending on when it came between two times."""
         if header.type not in m.STREAM_RANGE or header.flags & IMMEDIATE:
             return False
         t_us = m.unwrap(header.time_us, early_us, 32)
@@ -279,7 +279,7 @@ class DialogueModels:
 
 
 def _headers_in_dialogue(wire: bytes) -> list[m.Header]:
-    """Return the headers of the frames that *wire* ends."""
+    """Return the header of each undamaged frame in *wire*."""
     return [m.Header.of_body(body) for body in bodies_of_wire(wire)]
 
 

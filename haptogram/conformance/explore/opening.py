@@ -120,7 +120,7 @@ class DialogueOpening:
         return DialogueBase(ours.counters, stored[0]), DialogueBase(theirs.counters, stored[1])
 
     def _learn_time(self) -> int:
-        """Return the device time, accurate to the duration of one answer."""
+        """Return the device time; note how uncertain it is: the duration of one answer."""
         clock, wire = self._board.clock, self._board.wire
         for _ in range(_TRIES):
             sent_us = wire.now_us()

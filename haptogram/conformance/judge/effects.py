@@ -53,7 +53,7 @@ def no_effect(_: BoardClient, __: Held) -> dict[str, object]:
 
 
 def _counted_effect(before: Held, name: str, number: int) -> dict[str, object]:
-    """Return the effect of *number* more counts of a counter."""
+    """Return the name and due value of a counter that counts *number* more."""
     key = f"the counter {name}"
     count = before[key]
     assert isinstance(count, int)  # a counter

@@ -73,7 +73,7 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
 
 
 def _upload_progress(board: BoardClient) -> object:
-    """Return the progress of the upload by a chunk without bytes, or the refusal's code."""
+    """Return the answer to a chunk without bytes: the upload's progress, or the error code."""
     answer = board.link.ask(m.UploadChunk(0, b"")).message
     return ("refused", answer.code) if isinstance(answer, m.Error) else answer
 
@@ -173,7 +173,7 @@ def held_state_changes(before: Held, after: Held, due: Held | None = None) -> st
 
 
 def _is_held_state_change(name: str, due: object, value: object) -> bool:
-    """Return True if a value differs from the one due; a growing counter may be larger."""
+    """Return True if *value* is not as due; counters that always grow may be larger."""
     if due is ANYTHING:
         return False
     if name.removeprefix("the counter ") in _GROWING:

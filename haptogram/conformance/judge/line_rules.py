@@ -74,7 +74,7 @@ class LineRules:
                         self._alone = (header.type, header.seq), t_us, len(data)
 
     def _extra_bytes(self, piece: ReceivedByClient) -> str:
-        """Return extra bytes after the last field, unless a later minor version allows them."""
+        """Return a text on bytes after the last field; '' if a later minor version allows them."""
         if piece.message is None or piece.message.TAIL or self._minor > m.VERSION_MINOR:
             return ""
         size = len(piece.body) - HEADER_BYTES - piece.message.LAYOUT.size
@@ -119,7 +119,7 @@ class LineRules:
         self._alone = None
 
     def _broken_by_junk(self, piece: ReceivedByClient) -> Broken:
-        """Judge undecodable bytes; a lossy line is not the board's fault."""
+        """Yield the clause that undecodable bytes break; on a lossy line only by readable text."""
         is_text = len(piece.piece) >= _SHORTEST_TEXT and piece.piece.isascii()
         is_text = is_text and piece.piece.decode("ascii").strip().isprintable()
         if self._is_lossless or is_text:
@@ -127,7 +127,7 @@ class LineRules:
             yield _DAMAGED.get(piece.reason, "HG-2.2/1"), text
 
     def _broken_by_session(self, piece: ReceivedByClient, header: m.Header) -> Broken:
-        """Judge the session: the open one, or for an event that had to wait the one before."""
+        """Yield HG-3.7/1, broken if a frame is not of the open session (an event: or the last)."""
         due = self._sessions if piece.is_event else self._sessions[:1]
         error = piece.message
         if isinstance(error, m.Error) and error.code == m.ErrorCode.STALE_SESSION:
@@ -136,7 +136,7 @@ class LineRules:
         yield "HG-3.7/1", text if header.session not in due else ""
 
     def _unmatched_response(self, piece: ReceivedByClient, header: m.Header) -> str:
-        """Return a text if a response answers no open request."""
+        """Return a text if a response answers no open request, else ''."""
         if piece.message is None:
             return ""
         kind = header.type - m.RESPONSE_OFFSET
@@ -150,7 +150,7 @@ class LineRules:
         return "this request was answered before" if self._asked[asked] < 0 else ""
 
     def _late_answer(self, piece: ReceivedByClient, header: m.Header) -> Broken:
-        """Judge the response time of a single request, in virtual time."""
+        """Yield HG-4.11/3, broken if a request sent alone is answered after more than 10 ms."""
         alone, line_us = self._alone, self._line_us
         if not (self._is_lossless and alone and line_us and header.seq == alone[0][1]):
             return
@@ -168,7 +168,7 @@ def judge_line_rule(pieces: Iterable[ReceivedByClient], clause: str) -> None:
 
 
 def _unnamed_in_frame(piece: ReceivedByClient) -> str:
-    """Return in words which type, value, code or bit of a frame no table names."""
+    """Return which type, value, code or bit of a frame is in no table, '' if all are."""
     if piece.reason in ("unknown_type", "bad_value"):
         return piece.fault
     message = piece.message

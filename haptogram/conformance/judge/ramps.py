@@ -96,12 +96,12 @@ def judge_straight_ramp(
 
 
 def _ramp_text(ramp: Sequence[RampReading]) -> str:
-    """Return the sequence of amplitude codes of the first transducer as text."""
+    """Return the first transducer's amplitude codes in a ramp as text, with times."""
     runs = itertools.groupby(ramp, lambda reading: reading.amplitudes[0])
     told = [f"{code} from {next(run).from_ms:.0f} ms" for code, run in runs]
     return f"read were {', '.join(told[:_TOLD])}{', ...' * (len(told) > _TOLD)}"
 
 
 def _judged_ramp_left(t_ms: float, ramp_ms: int) -> float:
-    """Return the share of the amplitude that a straight ramp leaves."""
+    """Return the share of the amplitude (1 to 0) that a straight ramp leaves after *t_ms*."""
     return min(1.0, max(0.0, 1 - t_ms / ramp_ms))

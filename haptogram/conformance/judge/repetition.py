@@ -68,7 +68,7 @@ def _mute_between_repetitions(board: BoardClient) -> None:
 
 
 def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead: int) -> Between:
-    """Return a function that sends a MUTE with an unused or an old number."""
+    """Return a function that sends a MUTE of *session*, numbered *ahead* of the last request."""
 
     def send(board: BoardClient) -> None:
         seq = board.link.seq + ahead

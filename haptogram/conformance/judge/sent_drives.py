@@ -65,7 +65,7 @@ class SentDrives:
                     self._note_upload(message)
 
     def _note_upload(self, message: m.Message) -> None:
-        """Track an upload as if every chunk were accepted; its CRC shows if so."""
+        """Assemble an upload as if every chunk were taken; the CRC of the commit tells if so."""
         if isinstance(message, m.UploadBegin):
             is_kept = message.kind is m.UploadKind.PHASES and message.size <= _LONGEST_UPLOAD
             self._begin = message if is_kept else None
@@ -128,7 +128,7 @@ class SentDrives:
         return ""
 
     def _decode(self, piece: bytes, transducers: int) -> None:
-        """Keep the codes of a frame, unless it is damaged or has a wrong length."""
+        """Keep the drive codes of a sent frame, unless it is damaged or of a wrong length."""
         with contextlib.suppress(RemoteProtocolError):
             header, message = m.parse_body(decoded_frame(piece))
             codes = m.drive_codes(message, transducers)
@@ -189,7 +189,7 @@ class UploadRoom:
         return f"room for {left} bytes, it was {before}, {_ROOM_AS_BEFORE}" if left < before else ""
 
     def _commit(self, target: int) -> None:
-        """Record a stored sequence; forget all sizes if its upload is unknown."""
+        """Note the size of a stored sequence; forget all sizes if its upload was not seen."""
         begin, self._open = self._open, None
         if begin is None or begin.target != target:
             self._taken.clear()

@@ -188,7 +188,7 @@ class StandingRules:
         yield "HG-9.2/1", self._decreased_counters(message.counters)
 
     def _wrong_counter_sum(self, counters: m.Counters) -> str:
-        """Return a text if the frame counter is not the sum of its parts."""
+        """Return a text if the frame counter is not the sum of its parts, else ''."""
         lacks, sent = _lacking_parts(counters), +self._since.sent
         self._since.sent.clear()
         before = self._since.counters
@@ -203,7 +203,7 @@ class StandingRules:
         return f"{text}; since the STATUS before: frames {steps['frames']}, {parts}; sent: {named}"
 
     def _decreased_counters(self, now: m.Counters) -> str:
-        """Return a text if a counter has decreased."""
+        """Return a text on the counters that have decreased, or ''."""
         before, self._since.counters = self._since.counters or now, now
         return "; ".join(
             f"{name} {getattr(before, name)}, then {getattr(now, name)}"
@@ -285,7 +285,7 @@ class StandingRules:
             since.ended = None  # what comes next is of another request
 
     def _judge_times(self, piece: ReceivedByClient, _: m.Message) -> Broken:
-        """Judge timestamps against the newest response, within the accuracy of the host clock."""
+        """Yield HG-3.1/1, broken if an event's time does not fit the newest response's."""
         header, newest = piece.header, self._since.response
         assert header is not None  # take
         if newest is None or piece.t_us - newest[1] > _LONG_US:
@@ -310,7 +310,7 @@ class StandingRules:
                 yield "HG-5.8/3", self._wrong_steps((before[0], header.time_us))
 
     def _judge_drives(self, piece: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge a latched stream drive against the frame sent with its number."""
+        """Judge latched drives against the frames that were sent or stored with their number."""
         session, identity = piece.header.session if piece.header else 0, self._since.identity
         if identity is None:
             return
@@ -378,7 +378,7 @@ def _crcs_of_latches(message: m.Message, transducers: int) -> Iterator[tuple[m.L
 
 
 def _lacking_parts(counters: m.Counters) -> int:
-    """Return how far the frame counter exceeds the sum of its parts."""
+    """Return the frame counter minus the sum of the counters of its parts."""
     parts = sum(int(getattr(counters, name)) for name in PARTS_OF_FRAMES)
     return (counters.frames - parts + _WRAP // 2) % _WRAP - _WRAP // 2
 

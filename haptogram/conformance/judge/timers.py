@@ -180,7 +180,7 @@ def judge_mute_time(
 
 
 def _begin_text(board: BoardClient, muted: m.Header, due_ms: int) -> str:
-    """Return a text that names the board's frames after which the timer ran *due_ms*."""
+    """Return a text on the board's frames *due_ms* before the mute, or ''."""
     begun_us = (muted.time_us - due_ms * _MS) & 0xFFFFFFFF
     headers = [piece.header for piece in board.wire.received if piece.header is not None]
     names = {

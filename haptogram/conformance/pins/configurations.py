@@ -99,11 +99,11 @@ class ConfigurationsByPins:
 
 
 def _begin_of_configuration(item: tuple[float, object]) -> float:
-    """Return the time from which a configuration is in force."""
+    """Return the time of a (time, configuration) pair, the key to search by."""
     return item[0]
 
 
 def _last_configuration(known: Sequence[tuple[float, _T | None]], t: float) -> _T | None:
-    """Return the last known configuration before a capture time."""
+    """Return the configuration in force at a capture time; None: none yet, or unknown."""
     place = bisect.bisect_right(known, t, key=_begin_of_configuration) - 1
     return known[place][1] if place >= 0 else None

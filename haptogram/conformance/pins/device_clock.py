@@ -124,7 +124,7 @@ class PinDialogueClock:
         return float(self.within_us + error_us) / self.period_us
 
     def _gap(self, period: float) -> int:
-        """Return the index of the nearest gap between knots."""
+        """Return the index of the gap between knots around a period; beyond them, the last."""
         return min(max(bisect_left(self.knots, period) - 1, 0), len(self.bends) - 1)
 
     def _off_us(self, period: float) -> float:
@@ -155,7 +155,7 @@ def last_mark_before_lost_samples(
 def _mark_lateness(
     marks: Sequence[tuple[float, int]], nominal_us: float
 ) -> tuple[FloatArray, int, FloatArray]:
-    """Return arrivals, the first device time, and by how much the others are later than due."""
+    """Return arrivals, the first device time, and how far all deviate from the nominal rate."""
     arrivals = np.array([arrival for arrival, _ in marks])
     times = [marks[0][1]]
     for (before, _), (arrival, t_us) in pairwise(marks):
@@ -165,7 +165,7 @@ def _mark_lateness(
 
 
 def _robust_rate(arrivals: FloatArray, late: FloatArray) -> float:
-    """Return the median slope between marks that are half the run apart."""
+    """Return the median slope between marks half the run apart; 0.0 if they are too close."""
     half = len(arrivals) // 2
     if not half:
         return 0.0
@@ -175,7 +175,7 @@ def _robust_rate(arrivals: FloatArray, late: FloatArray) -> float:
 
 
 def _without_outliers(rest: FloatArray) -> np.ndarray:
-    """Return the (M,) marks that are near the median of their neighbours."""
+    """Return a mask (M,) of the marks near the median of their neighbours; all if too few."""
     if len(rest) < _NEIGHBOURS:
         return np.ones(len(rest), np.bool_)
     half = _NEIGHBOURS // 2
@@ -186,7 +186,7 @@ def _without_outliers(rest: FloatArray) -> np.ndarray:
 
 
 def _fit_bent_line(arrivals: FloatArray, off_us: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the knots of a piecewise linear clock fit."""
+    """Return times and deviations at the knots of a bent line: means of equal time bins."""
     step = np.ptp(arrivals) / _KNOTS
     bins = np.floor((arrivals - arrivals[0]) / max(step, 1.0))
     starts = np.flatnonzero(np.diff(bins, prepend=-1.0))
@@ -197,7 +197,7 @@ def _fit_bent_line(arrivals: FloatArray, off_us: FloatArray) -> tuple[FloatArray
 
 
 def _rate_changes(knots: FloatArray, off_us: FloatArray) -> FloatArray:
-    """Return the larger change of the rate at the two ends of each gap between knots."""
+    """Return how fast the clock's rate changes in each gap: the larger value of its ends."""
     rates = np.diff(off_us) / np.diff(knots)
     inner = 2.0 * np.abs(np.diff(rates)) / (knots[2:] - knots[:-2])
     bends: FloatArray = np.maximum(np.append(inner, inner[-1]), np.insert(inner, 0, inner[0]))

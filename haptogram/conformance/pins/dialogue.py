@@ -114,7 +114,7 @@ class PinDialogue:
 
     @cached_property
     def _arms_under_way(self) -> list[tuple[float, float]]:
-        """Return the arrival of each ARM, and when its answer begins or the wait for it ends."""
+        """Return arrival of each ARM and begin of its answer; 1 s later if there is none."""
         found = []
         for arm in self.requests(m.MessageType.ARM):
             answer = self.answer(arm, m.MessageType.ARM_REPLY)
@@ -226,9 +226,10 @@ class PinDialogue:
 
     @cached_property
     def _marks(self) -> list[tuple[float, float, list[tuple[float, int]]]]:
-        """Return start and end of each run between resets, with its PING arrivals on both clocks.
+        """Return for each run between resets its begin, end and PINGs (arrival, device time).
 
-        Where the board's line alone was captured, the PONG tells when it left itself.
+        Where the board's line alone was captured, it has the begin of each PONG and its time
+        instead.
         """
         bounds = [0.0, *self.resets, self.record.end]
         pings: dict[tuple[int, int, int], float] = {}
@@ -283,7 +284,7 @@ class PinDialogue:
 def _read_line(
     record: PinRecord, name: str, line: LineBytes | None
 ) -> tuple[list[LineFrame], list[float]]:
-    """Return the frames of a line, and when pieces of it begin that are none.
+    """Return the frames of a captured line, and when pieces begin that are no frame.
 
     Raises
     ------

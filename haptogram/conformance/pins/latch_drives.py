@@ -148,10 +148,9 @@ class LatchDriveClauseJudge:
         return DriveAfterLatch(latch, shown, seen, meant, tuple(gone), is_sounding, high - low)
 
     def _drift(self, low: float, high: float) -> FloatArray:
-        """Return the polynomial phase drift of the reference element after *low*.
+        """Return a quadratic fit of the reference element's phase from *low* to *high*.
 
-        With an element in place of a carrier clock, the analyser's own clock error turns all
-        phases.
+        Where an element replaces the carrier clock, the analyser's clock error turns all phases.
         """
         if self.record.reference_element is None:
             return np.zeros(1)

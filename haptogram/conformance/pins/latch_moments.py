@@ -33,7 +33,10 @@ class LatchMomentClauseJudge:
     def _moments(
         self, latch: ReportedLatch, before: float
     ) -> tuple[dict[int, float], dict[int, float]]:
-        """Return the last old and the first new pulse of each pin that shows the latch."""
+        """Return the last old and first new pulse, by element, of pins that show the latch.
+
+        Empty if the drive before or after the latch was too short to be known.
+        """
         settled = SETTLED + latch.within
         low = max(before + settled, latch.at - LONGEST)
         high = min(latch.until - settled, latch.at + LONGEST)
@@ -89,9 +92,9 @@ class LatchMomentClauseJudge:
     def _judge_time(
         self, findings: PinClauseFindings, clause: str, late: float, within: float, than: str
     ) -> None:
-        """Add a finding for pins that change *late*; it is doubtful if the clock is known worse.
+        """Add a finding on a change *late* periods off: broken, kept, or within clock error.
 
-        A clock that is known worse than a period shows no board to be in time.
+        A clock that is known worse than a period cannot show that a board is in time.
         """
         length = duration_by_pins(self.pulses.record, abs(late))
         side = "later" if late > 0.0 else "earlier"

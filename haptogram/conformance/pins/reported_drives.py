@@ -213,7 +213,7 @@ class DrivesOfPinDialogue:
 
     @cached_property
     def _array(self) -> TransducerArray | None:
-        """Return the transducer array that the board describes, by grid or by elements."""
+        """Return the array that the board describes, by grid or elements; None if by neither."""
         identity = self.identity
         assert identity is not None  # model() has seen to it
         if identity.grid_nx and identity.grid_ny:
@@ -244,7 +244,7 @@ class DrivesOfPinDialogue:
     def _of_stream(
         self, session: int, index: int, crc: int | None, at: float
     ) -> ReportedDrive | None:
-        """Return the drive sent in a stream frame."""
+        """Return the drive sent for a latch, by its CRC-32 or as the only one; None: unsure."""
         sent = self._stream.get((session, index), [])
         exact = [one for one in sent if crc is not None and self._crc(one) == crc]
         if exact:
@@ -266,7 +266,7 @@ class DrivesOfPinDialogue:
         return self._dialogue.next_unread(begin - self._dialogue.record.carrier_hz) < end
 
     def _of_playback(self, key: m.LatchKey, at: float) -> ReportedDrive | None:
-        """Return the drive stored for a playback latch."""
+        """Return the stored drive that a playback latched; None: upload or PLAY unseen."""
         plays = [(f, p) for f, p in self._plays if f.arrival < at and p.sequence == key.sequence]
         stored = [
             one

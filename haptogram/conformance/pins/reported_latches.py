@@ -164,7 +164,7 @@ def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> 
 
 
 def _due_time(dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame) -> float | None:
-    """Return when the frame of a latch is due; None: at once, or late."""
+    """Return the capture time at which a latch is due; None: at once, late or unknown."""
     is_late = frame.header.flags & m.Flag.LATE or isinstance(frame.message, m.DriveReply)
     if found.due_us is None or is_late:
         return None  # a read-back does not say whether the latch was late
@@ -175,7 +175,7 @@ def _due_time(dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame) -> 
 def _shown_drive(
     found: ReportedDrive, asked: DrivesOfPinDialogue, configs: ConfigurationsByPins, at: float
 ) -> ShownDrive | None:
-    """Return the drive expected at the pins; None if it cannot be computed."""
+    """Return the drive due at the pins, corrected and limited; None if it is not known."""
     known, correction = configs.at(at), configs.correction(at)
     if known is None or correction is None:
         return None
@@ -212,7 +212,7 @@ def _lost_event_times(dialogue: PinDialogue) -> list[float]:
 
 
 def _unlatched_change_intervals(dialogue: PinDialogue) -> list[tuple[float, float]]:
-    """Return the intervals in which the output may change without a latch."""
+    """Return when the output may change without a latch: requests, faults, resets, lost bytes."""
     found = [frame.arrival for frame in dialogue.requests(*_OF_OUTPUT)]
     found += dialogue.unread_to_board  # it may have been one of them
     asked: list[tuple[float, float]] = []

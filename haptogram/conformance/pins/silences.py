@@ -147,7 +147,7 @@ def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDu
 
 
 def _last_computing_time(dialogue: PinDialogue, until: float) -> float:
-    """Return the latest time at which received frames are computed (HG-5.7)."""
+    """Return when the POINTS received by *until* are computed (HG-5.7), *until* at least."""
     point_us = 0
     ready = until
     for frame, reply in dialogue.said(m.HelloReply):
@@ -163,7 +163,7 @@ def _last_computing_time(dialogue: PinDialogue, until: float) -> float:
 
 
 def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
-    """Yield the silences that follow from the board's own messages."""
+    """Yield the silences due after messages of the board that it is not ARMED."""
     timer = _TIMER_US * dialogue.record.carrier_hz * 1e-6
     for frame in dialogue.to_host:
         said = frame.message
@@ -184,7 +184,7 @@ def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
 
 
 def _silence_clauses_after_arm(dialogue: PinDialogue) -> Iterator[SilenceDue]:
-    """Yield the silences between an ARM and the next frame."""
+    """Yield the silence due from an ARM after a MUTE until the next frame or PLAY."""
     off = [mute.arrival for mute in dialogue.requests(m.MessageType.MUTE)]
     before = 0.0
     for arm in dialogue.arms:

@@ -137,7 +137,7 @@ class RecordedAccess:
         return self._recorded_transport(self._access.reset())
 
     def _recorded_transport(self, transport: Transport) -> Transport:
-        """Return a transport that is recorded; take over the URL of a started program."""
+        """Return a transport that records; note the URL that a program has named at its start."""
         self.url = self._access.url  # of a program that names its port when it starts
         return self._wrap(transport)
 

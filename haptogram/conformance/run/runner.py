@@ -152,8 +152,8 @@ class SuiteRunner:
     def _places(self, cases: Sequence[Case]) -> Iterator[int]:
         """Yield case indices in run order; cases that judge the whole run are last.
 
-        At a wall clock those that wait for the wrap of the clock run when it is near after a reset
-        for another case; those for which it never was come last, and wait 10 s each.
+        At a wall clock, cases that need the wrap of the clock run where a reset has brought it
+        near; the others wait for it last, 10 s each.
         """
         waiting: deque[int] = deque()
         for place, case in enumerate(cases):
@@ -226,7 +226,7 @@ class SuiteRunner:
     def _attempt(self, case: Case) -> _Outcome:
         """Run a case, with up to two retries if the host was delayed and the case did not pass.
 
-        A retry leaves more time between a frame and its t_apply, and so do the cases behind it.
+        A retry, and each case after it, leaves more time between a frame and its t_apply.
         """
         tried: list[_Outcome] = []
         for number in range(_TRIES):
@@ -291,7 +291,7 @@ class SuiteRunner:
         return dataclasses.replace(outcome, held_up_us=held_up_us)
 
     def _without_board(self, case: Case, board: BoardClient) -> _Outcome:
-        """Run a case without a connected board; skip recovery."""
+        """Run a case although the board was lost; skip recovery."""
         try:
             outcome = self._judge(case, board)
         except LinkError as error:
@@ -314,7 +314,10 @@ class SuiteRunner:
         return _Outcome(Behaviour.OK)
 
     def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
-        """Return the outcome of a case; slow line, late host or timer may excuse a failure."""
+        """Return the outcome of an ended case; slow line, late host or timer excuse FAILED.
+
+        FAILED of a SHOULD clause is NON_STRICT, unless the options are strict.
+        """
         clause = self._clauses[case.clause]
         if ended.behaviour is Behaviour.FAILED and board.wire.was_held_up_beyond_reckoning():
             ended = HeldUpError(f"for {board.wire.held_up_us / 1000:.0f} ms, and then: {ended}")
@@ -330,9 +333,9 @@ class SuiteRunner:
         return _Outcome(ended.behaviour, str(ended))
 
     def _expired_timer(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return a timer that expired while the host was delayed.
+        """Return the timer that expired unasked where timers cannot be set; '' if none did.
 
-        Empty: none did.  A lease does so only at a wall clock, as every frame renews it.
+        The lease counts at wall-clock time alone: in virtual time every frame renews it.
         """
         reasons = {event.reason for _, event in board.link.events(m.StateChanged, 0)}
         timers = {MuteReason.HOLD_EXPIRED: "hold"}
@@ -346,7 +349,7 @@ class SuiteRunner:
     def _timer_outcome(
         self, board: BoardClient, timer: str, ended: CaseEndedError
     ) -> CaseEndedError:
-        """Return the outcome of a case that takes longer than a hold or lease allows."""
+        """Return how a case ends that takes longer than *timer*, which cannot be extended."""
         config = board.config
         length_ms = config.hold_ms if timer == "hold" else config.host_timeout_ms
         board.wire.note_held_up(1000 * length_ms)
@@ -356,7 +359,7 @@ class SuiteRunner:
         return HeldUpError(f"for {text}")
 
     def _side_effects(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return a text on state changes and broken rules that the finding does not mention."""
+        """Return state changes and broken rules that the text of *ended* leaves out, or ''."""
         events = [event for _, event in board.link.events(m.StateChanged, 0)]
         told = {event.reason.name: f"{event.state.name}, {event.reason.name}" for event in events}
         told.pop(MuteReason.MUTE.name, None)  # which the host asked for

@@ -113,7 +113,7 @@ class FrameBuilder:
         return [made[group] for group in foci]
 
     def _make(self, foci: list[tuple[Focus, ...]], mode: Mode, solver: Method) -> list[Frame]:
-        """Build one frame per group of foci."""
+        """Return one frame of *mode* for each group of foci."""
         if mode == "points":
             return [self._points(group) for group in foci]
         if mode == "drives":
@@ -122,7 +122,7 @@ class FrameBuilder:
         return [f for batch, phases in batches for f in self._phases(batch, phases, solver)]
 
     def _check_mode(self, mode: Mode) -> None:
-        """Refuse a mode that the board does not take, or that ignores a calibration."""
+        """Refuse a mode the board lacks; points also with a calibration or odd speed of sound."""
         check_choice("mode", mode, tuple(MODE_OF.values()))
         if mode in NEEDED_FEATURE and not self._identity.features & NEEDED_FEATURE[mode]:
             raise ConfigurationError(f"mode {mode}: the board takes no such frames")

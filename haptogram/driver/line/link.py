@@ -183,7 +183,7 @@ class Link:
     def _dispatch(self) -> None:
         """Keep replies that a caller awaits; pass all else to the handler, one after the other.
 
-        A handler may use the link itself: what comes meanwhile is told after it.
+        The handler may use the link: what comes meanwhile is passed to it afterwards.
         """
         while (event := self.connection.next_event()) is not NEED_DATA:
             if not isinstance(event, _UNASKED) and event.seq in self._awaited:
@@ -198,6 +198,7 @@ class Link:
                 self._telling = False
 
     def _tell(self, event: HostEvent) -> None:
+        """Pass an event to the handler; raise if a request failed that no caller awaits."""
         if isinstance(event, _FAILED):
             self._message(event, Message)  # raises: nobody else would tell
         else:
@@ -293,7 +294,7 @@ class Link:
         return self._message(self._wait_for_outcome(seq, deadline_ns), reply)
 
     def _wait_for_outcome(self, seq: int, deadline_ns: int) -> _Outcome | None:
-        """Return the outcome of a request; None: the handler sent a MUTE meanwhile."""
+        """Return reply, refusal or timeout of request *seq*; None if a MUTE made it void."""
         self._awaited[seq] = None
         try:
             while not self.answered(seq):
@@ -311,7 +312,7 @@ class Link:
             )
 
     def _message(self, outcome: _Outcome | None, reply: type[_M]) -> _M:
-        """Return the reply to a request; raise if it timed out, was refused or given up."""
+        """Return the message of a reply; raise if *outcome* is a timeout, a refusal or None."""
         if outcome is None:
             raise errors.NoAnswerError(f"{self.url}: a request was given up for a MUTE")
         if isinstance(outcome, RequestTimedOut):

@@ -168,6 +168,7 @@ class PyserialTransport:
             raise _lost_transport(self.url, error) from error
 
     def _read(self, size: int) -> bytes:
+        """Return up to *size* bytes that wait at the port."""
         return bytes(self._port.read(size)) if size else b""
 
     def write_some(self, data: bytes) -> int:
@@ -281,6 +282,7 @@ def _check_transport_address(url: str) -> None:
 
 
 def _open_serial_transport(url: str, baudrate: int) -> Any:
+    """Open a serial port for this program alone; an error says why it did not open."""
     try:
         # exclusive: a second program that asks for the lock gets PortBusyError, not half the bytes.
         return serial.serial_for_url(url, baudrate=baudrate, timeout=0, exclusive=True)
@@ -324,10 +326,12 @@ def _transport_error_chain(error: BaseException | None) -> Iterator[BaseExceptio
 
 
 def _transport_error_line(error: BaseException) -> str:
+    """Return the text of an error on one line."""
     return " ".join(str(error).split())
 
 
 def _lost_transport(url: str, error: BaseException) -> errors.LinkLostError:
+    """Return the error that the port *url* was lost while open."""
     return errors.LinkLostError(f"{url}: the port is gone: {_transport_error_line(error)}")
 
 

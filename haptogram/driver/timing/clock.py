@@ -149,7 +149,7 @@ class ClockEstimate:
         self._take(ClockSample(host_ns, device_ns - host_ns, trip_ns // 2 + _ROUNDING_NS))
 
     def _take(self, sample: ClockSample) -> None:
-        """Add a clock sample; restart the estimate after repeated contradictions."""
+        """Use a clock sample; ignore one that contradicts, restart after several of these."""
         if self._contradicts(sample):
             self.rejected += 1
             self._contradictions += 1
@@ -162,7 +162,7 @@ class ClockEstimate:
         self._best = min(self._samples, key=lambda s: self._margin_at(s, sample.host_ns))
 
     def _contradicts(self, sample: ClockSample) -> bool:
-        """Return True if two clocks within their declared limits cannot have given *sample*."""
+        """Return True if *sample* is further from the best one than drift limits allow."""
         best = self._best
         if best is None:
             return False
@@ -171,13 +171,13 @@ class ClockEstimate:
         return abs(sample.offset_ns - best.offset_ns) > allowed_ns
 
     def _restart(self, sample: ClockSample) -> None:
-        """Restart the estimate after a jump of the device clock."""
+        """Forget all samples after a jump of the device clock; count it and note its size."""
         self.jumps += 1
         self.jump_us = (sample.offset_ns - self._offset_ns(sample.host_ns)) // 1000
         self._samples.clear()
 
     def _follow_drift(self) -> None:
-        """Use the measured drift once it is more accurate than the declared limits."""
+        """Fit the drift; use it where it is known better than by the declared limit."""
         self._drift = fit_clock_drift(self._samples)
         growth_ppm = self._drift.uncertainty_ppm + _WANDER_PPM
         known = growth_ppm < self._ppm
@@ -185,7 +185,7 @@ class ClockEstimate:
         self._rate_ppb = round(self._drift.ppm * 1000) if known else 0
 
     def _margin_at(self, sample: ClockSample, host_ns: int) -> float:
-        """Return the uncertainty of *sample* at another time: it grows with the drift."""
+        """Return the uncertainty of *sample* in ns at *host_ns*: it grows with its age."""
         return sample.margin_ns + abs(host_ns - sample.host_ns) * self._growth_ppm / 1e6
 
     def _offset_ns(self, host_ns: int) -> int:

@@ -108,7 +108,7 @@ class LeadTrim:
         return self.lead_us
 
     def _move(self, lead_us: int) -> None:
-        """Set the lead within its limits."""
+        """Set the lead, within its limits, and count a change."""
         lead_us = min(self.longest_us, max(self.shortest_us, lead_us))
         self.moves += lead_us != self.lead_us
         self.lead_us = lead_us

@@ -197,5 +197,4 @@ class TickLog:
 
     def lateness_us(self) -> NDArray[np.float64]:
         """Return the lateness of the loop at each of the (n,) ticks, in microseconds."""
-        late: NDArray[np.float64] = (self.stamp_ns("wake") - self.stamp_ns("deadline")) / 1e3
-        return late
+        return (self.stamp_ns("wake") - self.stamp_ns("deadline")) / 1e3

@@ -136,7 +136,7 @@ class Capture:
         return replace(self, channels=channels, end=end)
 
     def _times(self) -> NDArray[np.int64]:
-        """Return the distinct times of edges, of the first 100 000 on each channel."""
+        """Return the distinct times of edges of all channels; of each the first 100 000."""
         some = [channel.times[:100_000] for channel in self.channels.values()]
         return np.unique(np.concatenate(some)) if some else np.zeros(0, np.int64)
 
@@ -218,7 +218,7 @@ def _shared_capture_step(
 
 
 def _refined_capture_step(distances: NDArray[np.float64], step: float) -> float:
-    """Return the step near *step* that divides all *distances*; None if none does."""
+    """Return the step near *step* of which all *distances* are closest to multiples."""
     # The least distance, and with it the step, is known to a tick: more cannot be counted.
     least = float(distances[0])
     limit = max(_LEAST_COUNT, _SURE_SHARE * least, least / step)

@@ -1,7 +1,8 @@
-"""The clock that a capture is counted by: the pulses of its reference."""
+"""The clock that a capture is counted by: the pulses of its reference, and jumps of the clock."""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -27,6 +28,8 @@ _LONGER: Final = 0.15  # share of a period by which the next one may come early
 _BLOCK: Final = 64  # pulses that make one point of a steady clock: their mean has no samples
 _MOST_DIVIDER: Final = 3  # largest divider of a carrier with missing pulses
 _NEAR: Final = 0.1  # share by which a carrier is that of the map
+_AROUND: Final = 8  # pulses on both sides that must agree on the jump: one alone is a disturbance
+_LONGEST: Final = 2.5  # periods without a pulse: a longer pause is that of a clock that stops
 
 
 def checked_capture_period(
@@ -74,7 +77,7 @@ def checked_capture_period(
 
 
 def _usual_captured_distance(distances: _Floats, sample: float) -> float:
-    """Return the mean distance between most edges, without latches and outliers."""
+    """Return the mean distance between edges, without those that are far from the usual one."""
     cells = np.rint(distances / (_SAMPLES * sample))
     values, counts = np.unique(cells, return_counts=True)
     away = np.abs(distances - np.median(distances[cells == values[counts.argmax()]]))
@@ -148,7 +151,7 @@ def _has_run_of(found: NDArray[np.bool_], length: int) -> bool:
 
 
 def _edge_block_means(rises: _Floats, period: float, sample: float) -> tuple[_Floats, _Floats]:
-    """Return tick and number of period of the reference, each the mean of a block of pulses."""
+    """Return ticks and period numbers of the carrier clock, averaged over blocks of pulses."""
     steps = np.rint(np.diff(rises) / period)
     whole = np.abs(np.diff(rises) - steps * period) < 0.1 * period
     counts = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 0.0))])
@@ -158,3 +161,49 @@ def _edge_block_means(rises: _Floats, period: float, sample: float) -> tuple[_Fl
     starts = np.arange(0, len(ticks), block)
     sizes = np.diff(np.append(starts, len(ticks)))
     return np.add.reduceat(ticks, starts) / sizes, np.add.reduceat(counts, starts) / sizes
+
+
+def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> Capture:
+    """Return *capture* up to where samples are missing; as it is if the clock never jumps.
+
+    The times after a jump are off by an unknown amount.
+
+    Parameters
+    ----------
+    capture : Capture
+        The capture.
+    rises : (P,) numpy.ndarray
+        Ticks at which the clock of the carrier rises.
+    sample : float
+        Ticks of a sample.
+    """
+    at = _first_jump_in_capture(rises, sample)
+    if at is None:
+        return capture
+    why = (
+        f"samples are missing at {at * capture.tick_s * 1e3:.3f} ms, where the clock of the "
+        "carrier jumps: capture at a lower rate, fewer channels, or with another cable"
+    )
+    return dataclasses.replace(capture.until(int(at)), cut=why)
+
+
+def _first_jump_in_capture(rises: _Floats, sample: float) -> float | None:
+    """Return the tick of the pulse after which the phase jumps for good; None if never."""
+    steps = np.diff(rises)
+    if len(steps) < 2 * _AROUND:
+        return None
+    period = float(np.median(steps))
+    limit = max(_SAMPLES * sample, _LEAST_JITTER * period)
+    off = np.abs(steps - np.rint(steps / period) * period) > limit
+    for place in np.flatnonzero(off & (steps < _LONGEST * period)).tolist():
+        before = rises[max(0, place - _AROUND + 1) : place + 1]
+        after = rises[place + 1 : place + 1 + _AROUND]
+        if min(len(before), len(after)) < _LEAST_PULSES:
+            continue
+        phases = [np.exp(2j * np.pi * (times - rises[place]) / period) for times in (before, after)]
+        jump = np.angle(np.median(phases[1].real) + 1j * np.median(phases[1].imag)) - np.angle(
+            np.median(phases[0].real) + 1j * np.median(phases[0].imag)
+        )
+        if abs((jump + np.pi) % (2.0 * np.pi) - np.pi) > 2.0 * np.pi * limit / period:
+            return float(rises[place])
+    return None

@@ -204,6 +204,7 @@ def _checked_channel_elements(elements: object) -> dict[str, int]:
 
 
 def _check_elements_named_once(elements: Mapping[str, int]) -> None:
+    """Refuse two channels of the same element."""
     owners: dict[int, str] = {}
     for name, element in elements.items():
         if element in owners:

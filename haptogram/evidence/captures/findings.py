@@ -34,13 +34,13 @@ def findings_of_capture(found: HeldDrives) -> list[str]:
 
 
 def _pulses_left_out_text(every: int, record: PinRecord) -> str:
-    """Return that pins have fewer pulses than the carrier has periods."""
+    """Return the finding that pins pulse in one of *every* carrier periods only."""
     hz = 1.0 / record.period_s
     return f"{hz / every:.0f} Hz: a pulse in every {every} periods of the carrier of {hz:.0f} Hz"
 
 
 def _torn_capture_text(found: HeldDrives, latch: PinLatch) -> str:
-    """Return a text on the channels that latched later than the first."""
+    """Return the text that channels latched later than the first of a latch: which, how late."""
     pins = [found.record.pins[element] for element in found.elements]
     late = [pins[place].channel for place in latch.places[latch.late]]
     shown = ", ".join(late[:4]) + (", ..." if len(late) > 4 else "")

@@ -14,9 +14,8 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.pins import CarrierPeriods, LineBytes, PinPulses, PinRecord
 
 from .capture import Capture, ChannelEdges
-from .carrier_clock import CarrierClock, checked_capture_period
+from .carrier_clock import CarrierClock, capture_to_first_splice, checked_capture_period
 from .channel_map import ChannelMap
-from .splices import capture_to_first_splice
 from .uart import LEAST_SAMPLES_A_BIT, decoded_uart_bytes
 
 _Floats: TypeAlias = NDArray[np.float64]
@@ -133,14 +132,14 @@ def _calibrated_responses(mapped: ChannelMap, elements: Mapping[str, int]) -> di
 
 
 def _clock_phase(rises: _Floats, falls: _Floats) -> float:
-    """Return the mean phase of pulses within the carrier period, in radians."""
+    """Return the mean phase (rad) of the middle of pulses; *rises*, *falls* are in periods."""
     return float(np.angle(np.exp(1j * math.pi * (rises + falls)).sum()))
 
 
 def _read_uart_line(
     capture: Capture, mapped: ChannelMap, name: str | None, rate_hz: float, clock: CarrierClock
 ) -> LineBytes | None:
-    """Return the bytes on a line of the UART, if it was captured.
+    """Return the bytes on a line of the UART; None if the map names no such line.
 
     Raises
     ------
@@ -187,7 +186,10 @@ def _captured_edges_without_spikes(
 def _edge_defects(
     edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool, longest: float
 ) -> list[str]:
-    """Return the defects of a pin; *longest*: the most periods it is driven without a break."""
+    """Return what is wrong with a pin: stuck, dead, inverted, undefined.
+
+    *longest* is the most periods for which it is driven without a break.
+    """
     found = []
     if not len(edges.times):
         level = "high" if edges.first_level else "low"

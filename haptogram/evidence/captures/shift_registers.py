@@ -146,7 +146,10 @@ class ShiftRegisters:
         latches: NDArray[np.int64],
         before: NDArray[np.int64],
     ) -> tuple[Capture, NDArray[np.int64], NDArray[np.int64]]:
-        """Return the part of a capture in which every latch follows the same number of shifts."""
+        """Return the capture up to the last latch before an unusual number of shifts.
+
+        Raises if the usual number is not the length of each chain.
+        """
         counts = np.diff(before)
         usual = int(np.median(counts)) if len(counts) else int(before[-1])
         for name, elements in chains.items():
@@ -176,7 +179,7 @@ class ShiftRegisters:
 
 
 def _checked_chain(name: str, elements: object) -> list[int]:
-    """Return the elements at the outputs of a chain, or raise."""
+    """Return the elements at the outputs of a chain; raise if they are no list of numbers."""
     if (
         not isinstance(elements, list)
         or not 1 <= len(elements) <= _MOST_OUTPUTS
@@ -206,7 +209,7 @@ def _rising_edges(capture: Capture, name: str) -> NDArray[np.int64]:
 
 
 def _edges_of_levels(levels: NDArray[np.bool_], ticks: NDArray[np.int64]) -> ChannelEdges:
-    """Return the edges of an output that takes each of *levels* at its tick."""
+    """Return the edges of an output that takes each of *levels* at the same place of *ticks*."""
     if not len(levels):
         return ChannelEdges(np.zeros(0, np.int64), False)
     changed = np.flatnonzero(levels[1:] != levels[:-1]) + 1

@@ -79,6 +79,7 @@ def _read_whole_sigrok(path: Path, archive: zipfile.ZipFile) -> Capture:
 
 
 def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
+    """Return files, sampling rate and channels that a sigrok session has; refuse an odd one."""
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     try:
         parser.read_string(data.decode("utf-8", "replace"))
@@ -107,7 +108,7 @@ def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
 
 
 def _sigrok_part(prefix: str, name: str) -> int | None:
-    """Return the index of a sample file in a sigrok archive; None for other entries."""
+    """Return the number of a sample file, 0 if there is one alone; None for other entries."""
     if name == prefix:
         return 0
     found = re.fullmatch(rf"{re.escape(prefix)}-(\d{{1,9}})", name)

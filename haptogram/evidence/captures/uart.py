@@ -54,7 +54,7 @@ def decoded_uart_bytes(
 
 
 def _uart_start_edges(edges: ChannelEdges, bit: float) -> NDArray[np.float64]:
-    """Return the falling edges that begin a character, from the first pause on."""
+    """Return the falling edges that begin a character, from the first long pause on."""
     falling = edges.times[int(not edges.first_level) :: 2].astype(np.float64)
     if not len(falling):
         return falling

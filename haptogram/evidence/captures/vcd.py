@@ -52,7 +52,7 @@ def read_vcd(path: Path) -> Capture:
 
 
 def _vcd_chunks(path: Path, file: BinaryIO, rest: bytes) -> Iterator[tuple[_Bytes, bool]]:
-    """Yield chunks of whole lines; an unfinished last line is dropped."""
+    """Yield chunks of whole lines, and False if the last line was unfinished and is dropped."""
     while True:
         data = file.read(_CHUNK)
         whole = rest + data
@@ -157,7 +157,7 @@ class _VcdBody:
     def _without_comments(
         self, data: _Bytes, starts: _Numbers, ends: _Numbers
     ) -> tuple[_Numbers, _Numbers]:
-        """Remove keywords and the content of comments."""
+        """Return begins and ends of tokens, without keywords and all in comments."""
         commands = np.flatnonzero(data[starts] == _DOLLAR) if len(starts) else starts
         # An identifier may begin with a dollar too, but only after its value.
         keep = np.ones(len(starts), np.bool_)
@@ -191,8 +191,7 @@ class _VcdBody:
             raise ConfigurationError(f"{self.path}: time goes back at #{late}")
         if len(values):
             self.now = int(values[-1])
-        times: _Numbers = known[np.cumsum(is_stamp)] - self.first
-        return times
+        return known[np.cumsum(is_stamp)] - self.first
 
     def _decimals(self, data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
         """Return the whole numbers whose digits lie between *starts* and *ends*."""
@@ -260,7 +259,7 @@ def _vcd_bits(data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Byte
 
 
 def _packed_vcd_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
-    """Pack tokens as base-256 integers; -1 for tokens that are too long."""
+    """Return each token as an integer, its bytes in base 256; -1 for one that is too long."""
     lengths = ends - starts
     packed: _Numbers = data[starts].astype(np.int64)  # a token has a sign at least
     for place in range(1, min(int(lengths.max(initial=0)), LONGEST_ID)):

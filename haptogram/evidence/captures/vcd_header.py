@@ -114,6 +114,7 @@ def _vcd_sections(words: list[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _vcd_timescale(path: Path, text: str) -> float:
+    """Return the time unit of a VCD file in seconds, of a text such as "10 ns"; else raise."""
     if (found := _TIMESCALE.fullmatch(text)) is None:
         raise ConfigurationError(
             f"{path}: $timescale is {text!r}, must be 1, 10 or 100 and s, ms, us, ns, ps or fs"

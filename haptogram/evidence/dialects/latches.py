@@ -89,7 +89,7 @@ def upload_loss_text(records: Sequence[Mapping[str, Any]]) -> str | None:
 
 
 def _dialect_latches_of_run(records: Sequence[Mapping[str, Any]]) -> list[UnnumberedLatch]:
-    """Return the latches that the host caused, from the first to the last one that sounds."""
+    """Return the client's latches from the first to the last that sounds; not the board's own."""
     from haptogram.verification.watch.latch import OWN_CAUSES
 
     channels = [int(channel) for channel in records[0]["channels"]] if records else []
@@ -179,5 +179,5 @@ def pulse_observation_of(record: Mapping[str, Any], channels: Sequence[int]) -> 
 
 
 def _pulse_numbers(text: str, kind: str) -> np.ndarray[Any, Any]:
-    """Return the array that a record has as base64 text."""
+    """Return the array that a record has as base64 text of the numpy type *kind*."""
     return np.frombuffer(base64.b64decode(text), dtype=kind)

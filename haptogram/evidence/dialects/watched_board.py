@@ -1,4 +1,4 @@
-"""A board by the records of its back door, without knowledge of the intended foci."""
+"""A board by its back door, or by a capture of its pins, without knowledge of the intended foci."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.model.boards.layout import Z_UP, Rows
 from haptogram.errors import ConfigurationError, reads_as
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
-from haptogram.evidence.dialects.captured_latches import PINS
 from haptogram.evidence.dialects.latches import PulseObservation, pulse_observation_of
 from haptogram.records.frame import Evidence
+from haptogram.records.remark import About
+from haptogram.verification.pins.held.drives import HeldDrives
+from haptogram.verification.pins.pin_verdict import captured_elements_text
 from haptogram.verification.watch import SeenLatch
 from haptogram.verification.watch.latch import MODULATED
 from haptogram_protocol.dialects.looks_like import HAPTOGRAM
@@ -74,7 +76,7 @@ class WatchedBoard:
         self.missing = 0
 
     def _channels_of_a_board(self, record: Mapping[str, Any]) -> int:
-        """Return the channels of one board: of the dialect, else of the record."""
+        """Return how many channels one board has: by the dialect, else by the record."""
         if self.dialect in DIALECTS:
             return DIALECTS[self.dialect].channels
         return int(record.get("channel_count", self.model.array.count))
@@ -86,8 +88,7 @@ class WatchedBoard:
 
     def ours_m(self, client_m: FloatArray) -> FloatArray:
         """Return (..., 3) points in the client's axes in those of the model."""
-        points: FloatArray = client_m @ self._axes.T
-        return points
+        return client_m @ self._axes.T
 
     def clients_m(self, ours_m: FloatArray) -> FloatArray:
         """Return (..., 3) points of the model in the client's axes."""
@@ -142,8 +143,7 @@ class WatchedBoard:
     def _cause_of_pulses(self, seen: PulseObservation) -> str:
         """Return the cause of a change: an operation of the client, or its modulation.
 
-        A drive that was written while the output was modulated to 0 takes effect at its first
-        sound.
+        A drive written while modulation mutes the output counts as the cause of its first sound.
         """
         is_dark = not (np.abs(seen.weights) > 0.0).any()
         if seen.cause != MODULATED:
@@ -166,3 +166,50 @@ class WatchedBoard:
             cause="frame",
             evidence=self._evidence,
         )
+
+
+# --- Latches in a capture of the drive pins ------------------------------------------------------
+
+
+#: Kind of the records of latches that pins show.
+PINS: Final = "pins"
+
+
+def records_of_held_drives(held: HeldDrives, board: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return records of a capture, as those of a back door: the *board*, its latches, the end.
+
+    Raises
+    ------
+    ConfigurationError
+        An element that the board lacks.
+    """
+    record, count = held.record, len(board["positions_m"])
+    if held.elements[-1] >= count:
+        element = held.elements[-1]
+        raise ConfigurationError(
+            f"channel {record.pins[element].channel} is element {element}; the board has the "
+            f"elements 0 to {count - 1}"
+        )
+    records = [dict(board)]
+    remark = {"kind": "event", "event": "remark", "about": About.CLIENT}
+    records += [{**remark, "text": text} for text in _limits_of_capture(held, count)]
+    begins = np.array([held.begins[0], *(latch.end for latch in held.latches)])
+    times_us = np.rint(record.seconds(begins) * 1e6).astype(np.int64).tolist()
+    for number, t_us in enumerate(times_us):
+        weights = np.zeros(count, np.complex128)
+        weights[list(held.elements)] = held.weights[number]
+        records.append({"kind": PINS, "number": number, "t_latch_us": t_us, "weights": weights})
+    end = {"kind": "end", "clean": True, "dropped": 0, "cut": record.cut}
+    return [*records, end]
+
+
+def _limits_of_capture(held: HeldDrives, count: int) -> list[str]:
+    """Return notes: how many elements were captured, defects of pins, those of the capture."""
+    record = held.record
+    found = [f"pins of {captured_elements_text(len(held.elements), count)} were captured"]
+    found += [
+        f"element {element} ({pin.channel}): {text}"
+        for element, pin in record.pins.items()
+        for text in pin.defects
+    ]
+    return [*found, *record.notes]

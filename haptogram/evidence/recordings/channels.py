@@ -88,7 +88,7 @@ class Channel:
 def _channel_fields(
     *, whole: str = "", yes_or_no: str = "", text: str = "", base64: str = ""
 ) -> dict[str, Any]:
-    """Return the JSON Schema of fields, named by their type."""
+    """Return the JSON Schema of fields; each argument lists the names of one type."""
     kinds: dict[str, dict[str, str]] = {
         whole: {"type": "integer"},
         yes_or_no: {"type": "boolean"},

@@ -163,7 +163,7 @@ class ReplayComparison:
             waiting[key] = deque(one for one in waiting[key] if self._is_extra_reply(key, one))
 
     def _is_extra_reply(self, key: _Key, entry: _Entry) -> bool:
-        """Return True for an answer that the host of the recording would have asked for again."""
+        """Return True for a reply so late that the recorded host would have asked again."""
         if key[-1] != _REPLY or self._read_us is None:
             return False
         return signed_difference(self._read_us, entry.t_us, 32) > INITIAL_RTO_US
@@ -215,7 +215,7 @@ class ReplayComparison:
 
 
 def _compared_replay_key(piece: Annotated) -> _Key:
-    """Return a comparison key for a frame, independent of the number of STATUS frames before it."""
+    """Return the key of a frame: number for a reply, latch for an event; STATUS does not count."""
     header, fields = piece.header, piece.fields
     assert header is not None  # of an undamaged frame
     if header.type not in EVENT_RANGE:
@@ -225,7 +225,7 @@ def _compared_replay_key(piece: Annotated) -> _Key:
 
 
 def _comparable_fields(fields: Fields, name: str) -> Fields:
-    """Return the fields that are independent of time and of the board's identity."""
+    """Return the fields that must be equal in a replay: none of time or identity."""
     if name == MessageType.HELLO_REPLY.name:
         return {key: value for key, value in fields.items() if key in _IDENTITY}
     return {
@@ -236,7 +236,7 @@ def _comparable_fields(fields: Fields, name: str) -> Fields:
 
 
 def _comparable_value(value: Any) -> Any:
-    """Return a value without the nested fields that differ between runs."""
+    """Return a value without nested fields that may differ in a replay."""
     if isinstance(value, Mapping):
         return _comparable_fields(value, "")
     if isinstance(value, list):

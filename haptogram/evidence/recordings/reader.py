@@ -279,7 +279,7 @@ class Recording:
             return self._channels_at_end()
 
     def _channels_at_end(self) -> list[Any]:
-        """Return schemas and channels from the summary at the end; none if it is missing."""
+        """Return schemas and channels from the summary at the end; none if that is missing."""
         from mcap.reader import make_reader
 
         try:

@@ -1,20 +1,30 @@
-"""The frames that a run intended, in its recording: what a capture of its pins is judged by."""
+"""The frames of a run in its recording: those that were intended, and those that a host sent.
+
+A capture of pins is judged by the intended ones; those that were sent, and the board that answered,
+are read from the bytes.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from haptogram.acoustics import AcousticModel, Drive
+import numpy as np
+
+from haptogram.acoustics import AcousticModel, Drive, Medium, TransducerArray
+from haptogram.driver.identity import array_of_geometry, model_of_identity
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, drive_of_record
 from haptogram.records.frame import Focus, FrameKey, Intended
 from haptogram.records.latch import Codes
 from haptogram.records.model import model_record_fields
+from haptogram_protocol import messages
+from haptogram_protocol.annotation.frames import FrameAnnotator
+from haptogram_protocol.errors import RemoteProtocolError
 
-from .channels import INTENDED, MODEL
+from .channels import INTENDED, MODEL, TO_BOARD, TO_HOST
 from .reader import Recording
 from .writer import RecordingWriter
 
@@ -100,7 +110,7 @@ def recorded_run(recording: Recording) -> RecordedRun:
 
 
 def _why_recording_incomplete(recording: Recording, found: int, count: int | None) -> str:
-    """Return why frames may be missing from the recording."""
+    """Return why frames may be missing from the recording; "" if it is complete."""
     if count is None:
         return f"{recording.path}: the recording does not say how many frames were intended"
     if found != count:
@@ -151,3 +161,120 @@ def _intended_from_fields(fields: Mapping[str, Any], drives: dict[int, Drive]) -
         solver=fields["solver"],
         phase_steps=fields.get("phase_steps"),
     )
+
+
+# --- Frames that were sent -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SentFrame:
+    """One frame of the stream, as the host put it on the line.
+
+    Attributes
+    ----------
+    key : FrameKey
+        Its join key.
+    due_us : int or None
+        Device time to apply it; None: at once.
+    drive : Drive or None
+        Drive that it asks for; None: the board computes it from focal points.
+    focus_m : tuple of 3 float, or None
+        Its first focal point, in metres.
+    """
+
+    key: FrameKey
+    due_us: int | None
+    drive: Drive | None = None
+    focus_m: tuple[float, float, float] | None = None
+
+
+def model_of_recorded_answers(recording: Recording) -> AcousticModel | None:
+    """Return array and air of the board that answered; None if no answer tells its array.
+
+    The temperature of the air is that of the recorded command, else 20 C.
+    """
+    identity, elements = None, dict[int, messages.Element]()
+    annotator = FrameAnnotator()
+    for entry in recording.entries((TO_HOST,)):
+        for piece in annotator.feed(entry.data):
+            if isinstance(piece.message, messages.HelloReply) and identity is None:
+                identity = piece.message
+            elif isinstance(piece.message, messages.GeometryReply):
+                reply = piece.message
+                elements.update(enumerate(reply.elements, reply.first))
+    array = None if identity is None else _reported_array(identity, elements)
+    if identity is None or array is None:
+        return None
+    options = recording.run.get("configuration") or {}
+    air = Medium.air(options.get("temperature_c", 20.0), frequency_hz=float(identity.carrier_hz))
+    return model_of_identity(array, identity, air)
+
+
+def _reported_array(
+    identity: messages.HelloReply, elements: dict[int, messages.Element]
+) -> TransducerArray | None:
+    """Return the array, by grid or elements, that has the reported hash; None if none has."""
+    found = []
+    if identity.grid_nx and identity.grid_ny:
+        pitch_m = identity.pitch_um / 1e6
+        found.append(TransducerArray.grid(identity.grid_nx, identity.grid_ny, pitch_m=pitch_m))
+    if sorted(elements) == list(range(identity.transducers)):
+        found.append(array_of_geometry([elements[number] for number in sorted(elements)]))
+    return next((array for array in found if array.digest() == identity.geometry_hash), None)
+
+
+def recorded_sessions(recording: Recording) -> set[int]:
+    """Return the nonces of the sessions that the host asked for."""
+    annotator = FrameAnnotator()
+    return {
+        piece.message.nonce
+        for entry in recording.entries((TO_BOARD,))
+        for piece in annotator.feed(entry.data)
+        if isinstance(piece.message, messages.Hello)
+    }
+
+
+def recorded_sent_frames(recording: Recording, count: int) -> Iterator[SentFrame]:
+    """Yield the undamaged frames of the stream to an array of *count* elements, in order."""
+    annotator = FrameAnnotator()
+    newest: dict[int, int] = {}  # unwrapped number by session
+    time_us: int | None = None
+    for entry in recording.entries((TO_BOARD,)):
+        for piece in annotator.feed(entry.data):
+            header, message = piece.header, piece.message
+            if header is None or message is None or header.type not in messages.STREAM_RANGE:
+                continue
+            index = messages.unwrap(
+                header.seq, newest.get(header.session, messages.FIRST_STREAM_SEQ), 16
+            )
+            newest[header.session] = index
+            due_us = None
+            if not header.flags & messages.Flag.IMMEDIATE:
+                near_us = header.time_us if time_us is None else time_us
+                due_us = time_us = messages.unwrap(header.time_us, near_us, 32)
+            yield SentFrame(
+                key=FrameKey.of_stream(header.session, index),
+                due_us=due_us,
+                drive=_frame_drive(message, count),
+                focus_m=_frame_focus_m(message),
+            )
+
+
+def _frame_drive(message: messages.Message, count: int) -> Drive | None:
+    """Return the drive of a sent frame; None if it has none or the board refuses it."""
+    try:
+        codes = messages.drive_codes(message, count)
+    except RemoteProtocolError:  # the board refuses it
+        return None
+    if codes is None or len(codes[0]) != count:
+        return None
+    phases, amplitudes = (np.frombuffer(part, np.uint8) for part in codes)
+    return Drive(phases, amplitudes)
+
+
+def _frame_focus_m(message: messages.Message) -> tuple[float, float, float] | None:
+    """Return the first focus of a POINTS frame in metres; None for other frames."""
+    if not isinstance(message, messages.Points):
+        return None
+    first = message.points[0]
+    return first.x_um / 1e6, first.y_um / 1e6, first.z_um / 1e6

@@ -165,7 +165,7 @@ def replay_recording(recording: Recording, make_board: MakeReplayBoard) -> Repla
 
 
 def _noted_as_excerpt(opening: _Opening, result: ReplayResult) -> bool:
-    """Note an excerpt of a soak, which is not replayed; return False for anything else."""
+    """Add a note and return True if a line is an excerpt of a soak, which cannot be replayed."""
     if opening.excerpt:
         result.notes.append(f"an excerpt of a soak is not replayed: {opening.excerpt}")
     return bool(opening.excerpt)
@@ -212,7 +212,7 @@ def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
 
 
 def _collect_facts(entries: Iterator[RecordingEntry]) -> LineFacts:
-    """Collect facts about the session from its entries."""
+    """Return what a line's entries tell: first reply, clock offset, untimed frames, HELLO_REPLY."""
     facts = LineFacts()
     annotators = {TO_BOARD: FrameAnnotator(), TO_HOST: FrameAnnotator()}
     for entry in entries:
@@ -229,11 +229,12 @@ def _collect_facts(entries: Iterator[RecordingEntry]) -> LineFacts:
 
 
 def _is_recorded_immediate(header: messages.Header) -> bool:
+    """Return True for a stream frame to be latched at once."""
     return header.type in messages.STREAM_RANGE and bool(header.flags & messages.Flag.IMMEDIATE)
 
 
 def _note_recorded_reply(facts: LineFacts, t_ns: int, header: messages.Header) -> None:
-    """Update the session facts from a recorded reply."""
+    """Update first time, device time and least clock offset of the facts by a recorded reply."""
     if facts.first_ns is None or facts.device_us is None or facts.offset_ns is None:
         facts.first_ns, facts.device_us = t_ns, header.time_us
         facts.offset_ns = t_ns - header.time_us * 1000
@@ -318,7 +319,7 @@ class _ReplayLine:
         self.comparison.close(self._board.boot_us + end_ns // 1000)
 
     def _take(self, entry: RecordingEntry) -> None:
-        """Feed a recorded entry to the board or the comparison."""
+        """Pass an entry to the board if the host sent it, else to the comparison."""
         if entry.topic == TO_BOARD:
             self._advance_to(entry)
             self.to_board += len(entry.data)
@@ -402,7 +403,7 @@ class ReplayFrameShifter:
         return bytes(moved)
 
     def _moved(self, piece: bytes) -> bytes:
-        """Return a frame with its time shifted to the board's clock; damaged ones are unchanged."""
+        """Return a timed frame with its time shifted to the board's clock; others unchanged."""
         try:
             body = decode_frame(piece)
         except RemoteProtocolError:
@@ -489,7 +490,7 @@ class _RecordingPlayer:
         self._send(encode_frame(header.pack() + messages.Mute().pack()))
 
     def _wait_for_clock(self) -> None:
-        """Wait for the board's first reply where the recording has one."""
+        """Wait for the board's first reply, if the recording has had one by now."""
         end_ns = self._port.now_ns() + _PATIENCE_NS
         while RECORDED in self._first_us and REPLAYED not in self._first_us:
             if self._port.now_ns() > end_ns:

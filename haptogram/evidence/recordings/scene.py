@@ -25,7 +25,7 @@ _TARGET_CM, _FOUND_CM = 0.8, 0.5  # diameters
 
 
 def _numbers(*names: str) -> Fields:
-    """Return the JSON schema of an object of numbers."""
+    """Return the JSON schema of an object with a number for each of *names*."""
     return {"type": "object", "properties": {name: {"type": "number"} for name in names}}
 
 
@@ -140,6 +140,7 @@ def _sphere(place_m: Sequence[Any], size_cm: Sequence[float], colour: Sequence[f
 
 
 def _vector(values: Any) -> Mapping[str, float]:
+    """Return three values as x, y and z of an object."""
     return dict(zip("xyz", values, strict=True))
 
 
@@ -149,5 +150,6 @@ def _turn() -> Mapping[str, float]:
 
 
 def _time(t_ns: int) -> Mapping[str, int]:
+    """Return a time as an object with seconds and nanoseconds."""
     sec, nsec = divmod(max(0, t_ns), _NS_PER_S)
     return {"sec": sec, "nsec": nsec}

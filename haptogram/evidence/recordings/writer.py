@@ -121,7 +121,7 @@ class RecordingWriter(ClosedByWith):
             self._begin(command, configuration or {})
 
     def _begin(self, command: str, configuration: Mapping[str, Any]) -> None:
-        """Write header, channels and the description of the run."""
+        """Write the header, the channels, and the command with its configuration."""
         self._ids = begin_recording(self._writer, f"haptogram {haptogram.__version__}")
         versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
         run = {"command": command, "configuration": configuration, "versions": versions}
@@ -205,7 +205,7 @@ class RecordingWriter(ClosedByWith):
             self.log(t_ns, _recorded_event_text(record))
 
     def _draw_array(self, fields: Mapping[str, Any]) -> None:
-        """Write array and axes at the beginning of the line, where a viewer begins."""
+        """Write array and axes with the time at which the line begins, where a viewer starts."""
         begin_ns = self._clock.start_ns
         self.document(channels.FRAME, begin_ns, axes_of_recording())
         pitch_m = fields.get("pitch_m") or _PITCH_M
@@ -232,7 +232,7 @@ class RecordingWriter(ClosedByWith):
     # --- the file ------------------------------------------------------------------------------
 
     def _take(self, topic: str, t_ns: int, data: bytes, published_ns: int) -> None:
-        """Queue an entry; encode in batches."""
+        """Queue an entry, and write the queue once it is a batch; nothing after a failure."""
         if self.failure:
             return
         self.last_ns = max(self.last_ns, t_ns)
@@ -242,6 +242,7 @@ class RecordingWriter(ClosedByWith):
                 self._encode()
 
     def _flush_when_due(self, t_ns: int) -> None:
+        """Flush the file if the last time is long ago by the clock of the entries."""
         if not 0 <= t_ns - self._flushed_ns < _FLUSH_NS:
             self._flushed_ns = t_ns
             self.flush()
@@ -254,18 +255,15 @@ class RecordingWriter(ClosedByWith):
 
     @contextlib.contextmanager
     def _attempt(self) -> Any:
-        """Turn an OSError while writing into the end of the recording."""
+        """Guard a write: an OSError in it ends the recording and is kept as the reason."""
         with self._whole_entries:
             try:
                 yield
-            except OSError as error:
-                self._fail(error)
-
-    def _fail(self, error: OSError) -> None:
-        """Keep the first error as the reason why the recording ended; close the file."""
-        if not self.failure:
-            self.failure = f"{self.path}: the recording ended early: {plain_reason(error)}"
-            self._file.give_up()
+            except OSError as error:  # the first one is the reason why the recording ended
+                if not self.failure:
+                    why = f"the recording ended early: {plain_reason(error)}"
+                    self.failure = f"{self.path}: {why}"
+                    self._file.give_up()
 
 
 class _RecordingOutput:
@@ -298,6 +296,7 @@ class _RecordingOutput:
 
 
 def _opened_recording_file(path: Path) -> BinaryIO:
+    """Open a file, or standard output, to write a recording; make its folder."""
     with writing_file(path):
         if path == STANDARD_OUTPUT:
             return open(1, "wb", closefd=False)
@@ -306,7 +305,7 @@ def _opened_recording_file(path: Path) -> BinaryIO:
 
 
 def _encoded_recording_bytes(data: bytes) -> bytes:
-    """Return a JSON object with the bytes in base64."""
+    """Return JSON {"data": ...} with the bytes in base64."""
     return b'{"data":"' + base64.b64encode(data) + b'"}'
 
 
@@ -317,6 +316,7 @@ def _recorded_event_text(record: Mapping[str, Any]) -> str:
 
 
 def _encoded_recording_fields(fields: Mapping[str, Any]) -> bytes:
+    """Return fields as compact JSON; values that JSON lacks become text."""
     return json.dumps(fields, separators=(",", ":"), allow_nan=False, default=str).encode()
 
 

@@ -144,7 +144,7 @@ def _bench_clocks_text(result: Result) -> str:
 
 
 def _bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
-    """Yield the number of late frames at each place, by cause, under :data:`_MISS_HEAD`."""
+    """Yield late frames at port and board for each limit, by cause, under :data:`_MISS_HEAD`."""
     for place, found in result["misses"].items():
         for miss in found:
             causes = (f"{cause} {n}" for cause, n in miss["by_cause"].items() if n)

@@ -64,7 +64,7 @@ def suite_document(suite: SuiteResult) -> Document:
 
 
 def _suite_page_content(suite: SuiteResult) -> dict[str, Any]:
-    """Return the content that only the page of a suite shows."""
+    """Return what a suite's HTML page shows and its other forms do not: all cases, settings."""
     cases_of: dict[str, list[CaseResult]] = {number: [] for number in load_clauses()}
     for result in suite.results:
         cases_of[result.clause].append(result)
@@ -114,7 +114,7 @@ def _case_tone(result: CaseResult) -> str:
 
 
 def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
-    """Yield the failures by cause, then each reason why cases were not judged."""
+    """Yield each cause with its failures, then each reason why cases were not judged."""
     for result in failures_by_cause(suite.results):
         level = Level.ERROR if result.is_new_failure else Level.WARNING
         yield Finding(level, result.case, f"{wording.case_finding(result)}: {result.requirement}")
@@ -134,7 +134,7 @@ def _cases_not_judged(suite: SuiteResult) -> list[CaseResult]:
 
 
 def _case_check(result: CaseResult) -> Check:
-    """Return a case as a check; its time is that of the port's clock."""
+    """Return a case as a check; a failure that the baseline expects is not judged."""
     outcome = _OUTCOMES[MEANINGS[result.behaviour].junit]
     if result.is_failure:  # one that the baseline expects is none
         outcome = Outcome.FAILED if result.is_new_failure else Outcome.NOT_JUDGED

@@ -17,17 +17,19 @@ FORMAT: Final = "haptogram-conformance/1"
 
 
 def _recovery_as_json(recovery: Recovery | None) -> dict[str, Any] | None:
+    """Return a recovery as JSON object; None stays None."""
     if recovery is None:
         return None
     return {"clean": recovery.clean, "frames": recovery.frames, "text": recovery.text}
 
 
 def _recovery_of_json(found: dict[str, Any] | None) -> Recovery | None:
+    """Return the recovery that a JSON object holds; None stays None."""
     return None if found is None else Recovery(found["frames"], found["text"])
 
 
 def _unchanged(value: Any) -> Any:
-    """Return *value*, as the column has it."""
+    """Return *value*: JSON holds this column as it is."""
     return value
 
 
@@ -49,10 +51,12 @@ _FIELDS: Final[Mapping[str, tuple[str, Callable[[Any], Any], Callable[[Any], Any
 
 
 def _case_as_json(result: CaseResult) -> dict[str, Any]:
+    """Return the result of a case as JSON object, a field for each column."""
     return {key: write(getattr(result, name)) for key, (name, write, _) in _FIELDS.items()}
 
 
 def _case_of_json(item: Mapping[str, Any]) -> CaseResult:
+    """Return the result of a case that a JSON object holds."""
     known = {"traceback": "", **item}  # results before it lack it
     return CaseResult(**{name: read(known[key]) for key, (name, _, read) in _FIELDS.items()})
 

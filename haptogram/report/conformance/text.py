@@ -54,7 +54,7 @@ def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[s
         ):
             yield f"{result.case}  {case_finding(result)}"
     yield from () if verbose else _conformance_unclean_lines(failures[_CAUSES:])
-    yield from _conformance_summary_line(suite)
+    yield from _conformance_summary_lines(suite)
     yield from _conformance_failure_lines(failures, alike)
     unseen = suite.unseen_without_reset
     more = f"; --reset-cmd would add {', '.join(unseen)}" if unseen else ""
@@ -75,7 +75,7 @@ def _conformance_failure_lines(
 
 
 def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
-    """Yield recovery failures after cases that passed, with the cases."""
+    """Yield each recovery that failed after cases which did not fail, with these cases."""
     found: dict[str, list[str]] = {}
     for result in failures:
         if MEANINGS[result.behaviour].exit_status != FAIL:
@@ -114,12 +114,13 @@ def _cases_by_reason(suite: SuiteResult, behaviour: Behaviour) -> dict[str, list
 
 
 def _common_reasons(suite: SuiteResult) -> dict[str, list[str]]:
-    """Return the reasons that made several cases inconclusive, such as no board."""
+    """Return the reasons that made many cases inconclusive, with the cases."""
     reasons = _cases_by_reason(suite, Behaviour.INCONCLUSIVE)
     return {reason: cases for reason, cases in reasons.items() if len(cases) > _NAMED}
 
 
-def _conformance_summary_line(suite: SuiteResult) -> Iterator[str]:
+def _conformance_summary_lines(suite: SuiteResult) -> Iterator[str]:
+    """Yield the lines of the summary: board, port, cases, and reasons of those not judged."""
     device = suite.device
     if device:
         yield (
@@ -220,7 +221,10 @@ def folded_transcript(result: CaseResult) -> Iterator[str]:
 
 
 def _cited_frames(result: CaseResult) -> list[_Frame]:
-    """Return the frame of the board that a finding refers to, its request and its cause."""
+    """Return the frame of the board that a finding speaks of, its request and its likely cause.
+
+    They are the frames with the most words of the finding, in the order of the transcript.
+    """
     frames = _frames_of(result.transcript)
     done = _NOT_DONE.sub("", result.detail)
     words_found = {"STATUS_REPLY"} if "counted " in done else set(_WORDS.findall(done))
@@ -240,7 +244,7 @@ def _cited_frames(result: CaseResult) -> list[_Frame]:
 
 
 def _request_of(answer: _Frame | list[_Frame], host: Sequence[_Frame]) -> list[_Frame]:
-    """Return the request that a frame of the board answers."""
+    """Return the last host frame before *answer* that has its number; none without a number."""
     seq = _SEQ.match(answer.text) if isinstance(answer, _Frame) else None
     if seq is None or not isinstance(answer, _Frame):
         return []

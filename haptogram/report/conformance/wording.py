@@ -117,4 +117,5 @@ def conformance_chapters_of_clauses() -> dict[str, list[Clause]]:
 
 
 def _conformance_chapter_of_clause(clause: str) -> str:
+    """Return the chapter of a clause: HG-5 of HG-5.8/1."""
     return clause.removeprefix("HG-").partition(".")[0]

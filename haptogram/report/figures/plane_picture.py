@@ -116,8 +116,7 @@ def sample_picture_mean(
 
     def rms(points: FloatArray) -> FloatArray:
         square = mean_square_pressure(engine, weights, points, frame_s, resonator)
-        root: FloatArray = np.sqrt(square)
-        return root
+        return np.sqrt(square)
 
     values = sample_picture_points(engine.model, plane, rms, progress)
     return PictureField(plane, values, engine.model)
@@ -246,7 +245,7 @@ def _draw_plane_image(axes: Axes, plane: PicturePlane, values: NDArray[Any]) -> 
 
 
 def _draw_elements(axes: Axes, places: FloatArray) -> None:
-    """Draw the elements below or above an upright plane, where the picture has room for them."""
+    """Draw the elements on an upright plane, widening the picture; none if they are far off."""
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
     room = _WIDER * (high - low)
@@ -278,5 +277,6 @@ def _marked_plane_picture(plane: PicturePlane, targets_m: ArrayLike) -> list[lis
 
 
 def _plane_picture_title(title: str, plane: PicturePlane) -> str:
+    """Return *title* with the coordinate of the plane in mm."""
     axis = plane.normal_axis
     return style.figure_title(title, f"plane {'xyz'[axis]} = {plane.through_m[axis] * 1e3:.4g} mm")

@@ -109,6 +109,7 @@ def html_setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _html_setting_text(value: Any) -> str:
+    """Return a setting as a page shows it: None as '', a bool as yes or no, lists by commas."""
     match value:
         case None:
             return ""

@@ -68,6 +68,7 @@ def write_job_summary(path: Path, document: Document, provenance: Provenance) ->
 
 
 def _summary_markdown_lines(document: Document, provenance: Provenance) -> Iterator[str]:
+    """Yield the Markdown lines of a document: heading, findings, texts, tables, provenance."""
     yield f"## {escape_job_markdown(f'haptogram {document.command}: {document.heading}')}"
     yield ""
     found = [(f.level.value, f.name, f.text) for f in document.findings]
@@ -83,6 +84,7 @@ def _summary_markdown_lines(document: Document, provenance: Provenance) -> Itera
 
 
 def _markdown_listing(items: Sequence[str]) -> Iterator[str]:
+    """Yield the items as a Markdown list, then an empty line; nothing without items."""
     if items:
         yield from (f"- {escape_job_markdown(item)}" for item in items)
         yield ""
@@ -91,6 +93,7 @@ def _markdown_listing(items: Sequence[str]) -> Iterator[str]:
 def _summary_markdown_table(
     title: str, head: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Iterator[str]:
+    """Yield a Markdown table of the first rows below its title; nothing without rows."""
     if not rows:
         return
     if title:
@@ -132,4 +135,5 @@ def github_job_command(level: Level, title: str, message: str) -> str:
 
 
 def _escape_github_job_data(text: str) -> str:
+    """Return *text* with % and line ends escaped, as workflow commands of GitHub demand."""
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")

@@ -73,6 +73,7 @@ def _junit_root(document: Document, provenance: Provenance) -> ElementTree.Eleme
 
 
 def _add_junit_case(suite: ElementTree.Element, name: str, check: Check) -> None:
+    """Add a check to a suite as testcase, with outcome, message and log."""
     group = f"{name}.{check.group}"
     known = {"classname": group, "name": _legal_junit_text(check.name)} | _junit_time(check.seconds)
     node = ElementTree.SubElement(suite, "testcase", known)
@@ -89,6 +90,7 @@ def _add_junit_case(suite: ElementTree.Element, name: str, check: Check) -> None
 
 
 def _junit_time(seconds: float | None) -> dict[str, str]:
+    """Return the attribute "time" in seconds; {} if they are not known."""
     return {} if seconds is None else {"time": f"{seconds:.3f}"}
 
 

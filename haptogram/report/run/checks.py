@@ -135,7 +135,7 @@ def _check_of_lost(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_held_up(run: verification.RunVerdict) -> Check:
-    """Check frames delayed by the host machine; they matter only if too few are verified."""
+    """Check that the host delayed no frame; decisive only if too few are verified for that."""
     held_up = _frames_with(run, verification.FrameStatus.HELD_UP)
     outcome, message = Outcome.PASSED, "none"
     if held_up:
@@ -157,7 +157,7 @@ def _check_of_late(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_share_verified(run: verification.RunVerdict) -> Check:
-    """Check that enough frames were verified."""
+    """Check that enough frames were verified; too few are noted only if the run fails anyway."""
     outcome, missing = Outcome.PASSED, list[verification.FrameVerdict]()
     if run.too_few:
         # Beside a fault that was proved, too few frames change nothing.
@@ -188,6 +188,7 @@ def _frames_with(
 
 
 def _named_frames(frames: list[verification.FrameVerdict]) -> list[str]:
+    """Return a line for each of the first frames, and the number of the others."""
     return _first_lines(frames, run_frame_wording)
 
 

@@ -89,7 +89,7 @@ def run_document(
 
 
 def _run_findings(checks: Sequence[document.Check]) -> Iterator[document.Finding]:
-    """Yield the checks that did not pass, decisive ones first."""
+    """Yield a finding for each check that did not pass, those that decide the verdict first."""
     for check in sorted(checks, key=lambda check: not check.decisive):
         if (level := _LEVELS.get(check.outcome)) is not None:
             found = "; ".join([check.message, *check.details[:1]])
@@ -156,7 +156,7 @@ def _run_page_content(
     model: AcousticModel,
     seen: Mapping[int, Observation],
 ) -> dict[str, Any]:
-    """Return the view, tables and texts that a page alone shows."""
+    """Return what a run's HTML page shows and its other forms do not: view, frames, settings."""
     circumstances = {
         "Configuration": {**result["configuration"], "seed": result["seed"]},
         "Board": result["board"],

@@ -94,7 +94,7 @@ def _run_frame_row(frames: Sequence[verification.FrameVerdict]) -> dict[str, Any
 
 
 def _timing_text(frame: verification.FrameVerdict) -> str:
-    """Return the time by which a frame was latched early or late, if it was."""
+    """Return how many µs a frame was latched early or late, '' if it was in time."""
     if frame.lateness_us is None or not (frame.late or frame.early):
         return ""
     return f"{abs(frame.lateness_us)} µs {'late' if frame.late else 'early'}"
@@ -114,6 +114,6 @@ def _relative_error(frame: verification.FrameVerdict) -> float | None:
 
 
 def _badness(frame: verification.FrameVerdict) -> tuple[bool, float, int]:
-    """Return a sort key: wrong frames first, then by relative error."""
+    """Return a key for the worst frame: not on target, then relative error, then lowest number."""
     wrong = frame.status is not verification.FrameStatus.ON_TARGET
     return wrong, _relative_error(frame) or 0.0, -frame.number

@@ -76,7 +76,7 @@ def run_capture_checks(captures: Mapping[str, Any]) -> Iterator[Check]:
 
 
 def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> Check:
-    """Check one property of the pins in a capture."""
+    """Return the check *name* of the pins in one capture, by its findings, judged or not."""
     found, frames = one["findings"].get(name, ()), one["frames"]
     missing = one["reasons"] if one["verdict"] == str(Verdict.INCONCLUSIVE) else ()
     outcome = Outcome.PASSED

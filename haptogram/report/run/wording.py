@@ -118,7 +118,7 @@ def run_tested_rows(result: Mapping[str, Any], model: AcousticModel) -> Iterator
 
 
 def _run_object_text(asked: Mapping[str, Any]) -> str:
-    """Return shape, size, place and modulation of an object."""
+    """Return shape, size, place and modulation of the object that a run displayed."""
     name, center = asked["object"], ", ".join(f"{value:g}" for value in asked["center_mm"])
     size = f" of {asked['radius_mm']:g} mm" if name in _SIZED and "radius_mm" in asked else ""
     text = f"{name}{size} at {center} mm"
@@ -166,7 +166,7 @@ def run_summary_sentences(result: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _run_tolerance_sentence_end(result: Mapping[str, Any]) -> str:
-    """Return the end of a sentence that names the tolerance, if there is one."""
+    """Return " and a tolerance of ..." to end a sentence; '' without one."""
     stated = verification.tolerance_text(verification.Tolerance(**result["tolerance"]))
     return "" if stated == "none" else f" and a tolerance of {stated}"
 

@@ -82,7 +82,7 @@ def soak_document(campaign: SoakCampaign) -> document.Document:
 
 
 def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
-    """Yield the violations of a soak, and missing segments."""
+    """Yield errors: each violation, segments that were not run, and memory that grew."""
     for example in campaign.tally.examples:
         yield document.Finding(document.Level.ERROR, *example.split(": ", 1))
     if not campaign.done:
@@ -92,7 +92,7 @@ def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
 
 
 def _soak_course(campaign: SoakCampaign) -> list[document.Block]:
-    """Return the counts of a soak in a few steps of time, each with its latest frame."""
+    """Return a table of a soak's counts over time, each step with its latest frame; [] if none."""
     course, interval_s = campaign.tally.course, campaign.setup.interval_s
     if not course:
         return []
@@ -163,7 +163,7 @@ def _soak_fault_rows(tally: SoakTally) -> list[tuple[str, ...]]:
 
 
 def _soak_counter_rows(tally: SoakTally) -> Iterator[tuple[str, str, str]]:
-    """Yield the board's counters, each with the faults that explain it."""
+    """Yield each counter of the board that is not 0, its value, and the faults behind it."""
     by_name: dict[str, Counter[str]] = {}
     for kind, found in tally.found().items():
         for name, count in found.items() if kind.startswith("down.") else ():

@@ -69,7 +69,7 @@ class LiveViewerScene:
                 self._take(record)
 
     def _take(self, record: Mapping[str, Any]) -> None:
-        """Process a record of the board by its kind."""
+        """Take a record of the board: show a latch, note an event or the end; ignore others."""
         if record["kind"] == "latch":
             self._latch(observation_of_record(record))
         elif record["kind"] == "pulses":
@@ -131,7 +131,7 @@ class LiveViewerScene:
         timing: int = TIMELY,
         received_us: int | None = None,
     ) -> None:
-        """Append a frame to the scene, and count it by the kind of its field."""
+        """Append a latch to the scene, and count it: latched, muted, no single focus."""
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")
         self._frames.append(
@@ -150,7 +150,7 @@ class LiveViewerScene:
         self._counters["no single focus"] += isinstance(field, NotSingle)
 
     def _output(self, record: Mapping[str, Any]) -> None:
-        """Take the output state, a remark, or the count of another event."""
+        """Take an event: the output state, a remark; of others only the count."""
         if record["event"] == "state":
             self._state = f"{record['state']} ({record['reason']})"
         elif record["event"] == "remark":

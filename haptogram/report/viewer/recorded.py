@@ -14,7 +14,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.evidence.backdoor import board_model_of_evidence, observation_of_record
 from haptogram.evidence.recordings.channels import SUMMARY, VERDICT
 from haptogram.evidence.recordings.reader import Recording
-from haptogram.evidence.recordings.sent_frames import (
+from haptogram.evidence.recordings.recorded_run import (
     SentFrame,
     model_of_recorded_answers,
     recorded_sent_frames,
@@ -144,7 +144,7 @@ def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iter
 
 
 def _viewer_frames_judged(recording: Recording) -> dict[FrameKey, ViewerFrame]:
-    """Return the first frames that have a verdict, with the drive that was seen of each."""
+    """Return the first frames with a verdict, by key, with their latches where recorded."""
     judged: dict[FrameKey, ViewerFrame] = {}
     for entry in islice(recording.entries((VERDICT,)), _MOST_FRAMES):
         fields = entry.fields

@@ -134,6 +134,7 @@ def _viewer_elements(model: AcousticModel) -> dict[str, NDArray[np.float32]]:
 
 
 def _viewer_rectangle(model: AcousticModel) -> RectangularPiston | None:
+    """Return the elements' directivity if they are rectangular pistons; else None."""
     directivity = model.transducer.directivity
     return directivity if isinstance(directivity, RectangularPiston) else None
 

@@ -162,7 +162,7 @@ class _ViewHandler(http.server.BaseHTTPRequestHandler):
 
 
 def _query_frame_count(query: str) -> int:
-    """Return the number of frames that a page has, as its request says; 0 if it says none."""
+    """Return the number "after" in a query: how many frames the page has; 0 without it."""
     text = parse_qs(query).get("after", ["0"])[0]
     return int(text) if text.isdecimal() and len(text) < 16 else 0
 

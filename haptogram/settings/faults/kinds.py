@@ -188,17 +188,19 @@ def _check_fault_value(name: str, key: str, value: float) -> None:
 
 
 def _not_a_number_error(name: str, key: str, shown: str) -> ConfigurationError:
+    """Return the error that a parameter of a fault is no number, with its limits."""
     limits = FAULT_KINDS[name][key]
     kind = "a whole number" if limits.whole else "a number"
     return ConfigurationError(f"{name} {key}={shown}, must be {kind}, {_limits_text(limits)}")
 
 
 def _limits_text(limits: Parameter) -> str:
+    """Return "least to most" of a parameter."""
     return f"{fault_number_text(limits.least)} to {fault_number_text(limits.most)}"
 
 
 def _check_fault_place(name: str, values: Mapping[str, float]) -> None:
-    """Refuse a fault of transducers unless exactly one place is given."""
+    """Refuse a fault of transducers unless one of transducer, column and bank is given."""
     if not is_transducer_fault(name):
         return
     said = [f"{place}={fault_number_text(values[place])}" for place in PLACES if values[place] >= 0]

@@ -240,7 +240,7 @@ def faults_of_toml(document: Mapping[str, Any]) -> tuple[tuple[Fault, ...], int 
 
 
 def _fault_end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
-    """Return the time at which a temporary fault ends, in ns."""
+    """Return when a fault ends by its own parameter "ms" (line.disconnect); others never do."""
     return from_ns + round(values["ms"] * _NS_PER_MS) if name == _DISCONNECT else kinds.FOR_EVER_NS
 
 
@@ -261,8 +261,10 @@ def _fault_from_table(table: dict[str, Any]) -> Fault:
 
 
 def _fault_value_text(value: float | str) -> str:
+    """Return a parameter's value as text; a text as it is."""
     return value if isinstance(value, str) else kinds.fault_number_text(value)
 
 
 def _fault_value_toml(value: float | str) -> str:
+    """Return a parameter's value in TOML: a text in quotes."""
     return f'"{value}"' if isinstance(value, str) else kinds.fault_number_text(value)

@@ -74,7 +74,7 @@ class VerifyConfig(Settings):
             )
 
     def _check_modulation(self) -> None:
-        """Refuse a modulation that frames of this rate and mode cannot carry."""
+        """Refuse a modulation faster than half the frame rate, and am in the mode phases."""
         kind, rate_hz = self.modulation.modulation, self.pace.rate_hz
         if self.modulation.modulation_hz > rate_hz / 2.0:
             raise SettingError(
@@ -90,7 +90,7 @@ class VerifyConfig(Settings):
             )
 
     def _check_compensation(self) -> None:
-        """Refuse a compensation that the host cannot compute."""
+        """Refuse to compensate without a calibration, or where the board computes the drives."""
         if self.elements.calibration is None:
             raise SettingError(
                 "compensate", "needs to know how the elements are: name the file of a calibration"
@@ -103,7 +103,7 @@ class VerifyConfig(Settings):
             )
 
     def _check_port(self, port: str) -> None:
-        """Refuse options of the board that is started here."""
+        """Refuse options that act only on a virtual board started here, as *port* is another."""
         if self.link.virtual_time:
             raise SettingError(
                 "virtual_time",

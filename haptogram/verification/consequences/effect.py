@@ -125,12 +125,14 @@ def _held_stretches(
             yield _stretch_before_latch(frame, begin_us, end_us)
         elif frame.late:
             yield _stretch_before_latch(frame, begin_us, min(latched_us, end_us))
-        if frame.status in _ELSEWHERE or _is_another_focus_held(frame):
-            yield _stretch_after_latch(frame, latched_us, end_us)
+        is_known_by_crc = frame.status is FrameStatus.CORRUPT and not frame.criteria
+        if frame.status in _ELSEWHERE or is_known_by_crc:  # its effect is unknown if unseen
+            pressures_pa = frame.target_pressure_rms_pa, frame.intended_pressure_rms_pa
+            yield _HeldStretch(latched_us, end_us, frame.error_mm, *pressures_pa)
 
 
 def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
-    """Yield for each frame the time until which it should be radiated."""
+    """Yield when each frame is due to end: at the next one, after a period, or when muted."""
     neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
     for before_us, begin_us, next_us in neighbours:
         period_us = None if before_us is None else begin_us - before_us
@@ -143,13 +145,8 @@ def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
         yield min((t for t in (next_us, over_us, quiet_us) if t is not None), default=begin_us)
 
 
-def _is_another_focus_held(frame: FrameVerdict) -> bool:
-    """Return True if only the CRC of a different drive was observed."""
-    return frame.status is FrameStatus.CORRUPT and not frame.criteria
-
-
 def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the interval in which the previous drive was still radiated."""
+    """Return the interval in which the old drive was still radiated; errors None if unknown."""
     held = frame.consequence
     if held is None:
         return _HeldStretch(begin_us, end_us, None, None, None)
@@ -157,14 +154,8 @@ def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _H
     return _HeldStretch(begin_us, end_us, held.focus_error_mm, *pressures_pa)
 
 
-def _stretch_after_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the time in which a wrong drive was radiated; its effect is unknown if unseen."""
-    pressures_pa = frame.target_pressure_rms_pa, frame.intended_pressure_rms_pa
-    return _HeldStretch(begin_us, end_us, frame.error_mm, *pressures_pa)
-
-
 def _unbroken_stretches(stretches: list[_HeldStretch]) -> Iterator[list[_HeldStretch]]:
-    """Yield the runs of stretches that follow each other without a break."""
+    """Yield lists of stretches in which each begins where the one before ends."""
     joined: list[_HeldStretch] = []
     for stretch in stretches:
         if joined and stretch.begin_us > joined[-1].end_us:
@@ -179,7 +170,7 @@ def _total_stretch_ms(stretches: Sequence[_HeldStretch]) -> float:
 
 
 def _mean_over_stretches(stretches: list[_HeldStretch], values: list[float]) -> float | None:
-    """Return the average of *values* over the time of *stretches*."""
+    """Return the average of *values*, weighted by length; None without *stretches*."""
     if not stretches:
         return None
     lengths = [stretch.length_us for stretch in stretches]

@@ -34,7 +34,7 @@ def drive_of_crc(model: AcousticModel, intended: Intended, crc: int) -> Drive | 
 
 
 def _rolled_drive(drive: Drive, crc: int) -> Drive | None:
-    """Return *drive* with its elements shifted by the number of places that gives this CRC."""
+    """Return *drive* with its elements shifted in a ring to give this CRC; None if none does."""
     count = drive.count
     twice, levels = drive.phase_codes.tobytes() * 2, drive.amplitude_codes.tobytes() * 2
     for begin in range(1, count):

@@ -8,7 +8,7 @@ compared with what the ideal drive makes of it: see :mod:`.ideal_drive`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -19,9 +19,11 @@ from haptogram.acoustics.model.drive import FULL_AMPLITUDE, REGISTER_BITS
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
 from haptogram.records.frame import Intended
 
+from ..faults import UNNAMED
 from .peaks import ExpectedPeak
 from .target import FrameTarget
 from .tolerated import ToleratedHost
+from .verdict import FrameStatus
 
 #: Question of each criterion: for one focus, and for each of several beside their ideal drive.
 CRITERIA: Final = {
@@ -186,3 +188,25 @@ def frame_amplitudes_ok(intended: Intended, latched: Drive) -> bool:
     """S5: return True if no amplitude is off by more than half a step."""
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
     return int(np.abs(difference).max()) <= allowed_frame_codes(intended)
+
+
+def frame_status_of(
+    verdicts: Mapping[str, bool], faults: tuple[str, ...], *, focused: bool
+) -> FrameStatus:
+    """Return the status of a frame whose drive was seen.
+
+    Parameters
+    ----------
+    verdicts : mapping of str to bool
+        S1 to S5, those that were judged.
+    faults : tuple of str
+        Faults that the codes prove.
+    focused : bool
+        Whether the drive has a single focus.
+    """
+    is_placed = "S1" in verdicts or "S2" in verdicts  # else nobody knows where its foci are
+    if all(verdicts.values()) and (is_placed or not faults):
+        return FrameStatus.CORRUPT if faults else FrameStatus.ON_TARGET
+    if not faults or (focused and faults == (UNNAMED,)):
+        return FrameStatus.OFF_TARGET  # the drive that was sent, in other air; or for another point
+    return FrameStatus.WRONG_DRIVE

@@ -115,7 +115,7 @@ def judge(
 
 
 def _judged_weights(weights: ArrayLike, phase_bits: int) -> Drive:
-    """Return complex weights as a drive; refuse real numbers."""
+    """Return complex weights as a drive of *phase_bits*; refuse real numbers."""
     values = as_complex_array("drive", weights)
     if not np.iscomplexobj(np.asarray(weights)):
         raise ConfigurationError(
@@ -128,7 +128,7 @@ def _judged_weights(weights: ArrayLike, phase_bits: int) -> Drive:
 def _judged_foci(
     model: AcousticModel, target: ArrayLike | Focus | Sequence[Focus]
 ) -> tuple[Focus, ...]:
-    """Return the foci of *target*; refuse any outside the reach of the array."""
+    """Return the foci of *target*, points or foci; refuse none, or one out of the array's reach."""
     if isinstance(target, Focus):
         entries: Iterable[Any] = [target]
     elif isinstance(target, Sequence) and any(isinstance(entry, Focus) for entry in target):

@@ -144,14 +144,14 @@ class IdealFrameDrive:
         return self._tolerated_change(np.abs)
 
     def _tolerated_change(self, measure: Callable[[ComplexArray], FloatArray]) -> FloatArray:
-        """Return the largest change of a measure of the drive within the tolerance."""
+        """Return how far hosts within tolerance change *measure*, with a margin."""
         asked = measure(self.asked)
         changes = [np.abs(measure(drive) - asked) for drive in self.tolerated]
         tolerated: FloatArray = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
         return tolerated
 
     def _rounding_of_level(self, target: FrameTarget) -> float:
-        """Return by how much rounding of the codes can change the level at a target."""
+        """Return by how much rounding of phases and amplitudes can change a target's level."""
         parts = target.arrivals * self.weights
         total, error_rad = complex(parts.sum()), target.phase_limit_rad
         quadrature = np.abs((parts * (total.conjugate() / abs(total) if total else 1.0)).imag)
@@ -161,8 +161,7 @@ class IdealFrameDrive:
 
     def _levels_of(self, weights: ComplexArray) -> FloatArray:
         """Return the level of *weights* at each target."""
-        levels: FloatArray = np.abs([target.arrivals @ weights for target in self.targets])
-        return levels
+        return np.abs([target.arrivals @ weights for target in self.targets])
 
     def phase_error_rad(self, latched: Drive, active: Bools) -> float:
         """S1: half the range of the phase errors over the active elements, common phase out."""
@@ -216,8 +215,7 @@ class IdealFrameDrive:
 def meaningful_frame_elements(intended: Intended, latched: Drive) -> Bools:
     """Return (N,) the elements that sound and whose phase means something."""
     least = _LEAST_AMPLITUDE_CODE if intended.board_computed and len(intended.foci) > 1 else 1
-    sounding: Bools = (intended.drive.amplitude_codes >= least) & (latched.amplitude_codes > 0)
-    return sounding
+    return (intended.drive.amplitude_codes >= least) & (latched.amplitude_codes > 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -95,7 +95,7 @@ class FrameJudge:
     def _make_target(
         self, position_m: tuple[float, float, float], amplitude_codes: bytes, limit_rad: float
     ) -> FrameTarget:
-        """Return the target at a position; refuse a tolerance that it cannot have."""
+        """Return the target at a position; refuse a tolerance too large to be judged there."""
         codes = np.frombuffer(amplitude_codes, np.uint8)
         amplitudes, place = codes / FULL_AMPLITUDE, np.array(position_m)
         target = FrameTarget(self._model, place, amplitudes, limit_rad, self.tolerance)
@@ -122,9 +122,9 @@ class FrameJudge:
         return found
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
-        """Yield the model with which foci were solved: as it is and, if it differs, of the wire.
+        """Yield the models by which foci may have been solved: ours and, if another, the wire's.
 
-        The wire carries the array in whole micrometres and the speed of sound in whole mm/s.
+        On the wire the array is in whole micrometres and the speed of sound in whole mm/s.
         """
         model = self._model
         if board_computed:
@@ -149,11 +149,11 @@ class FrameJudge:
                     yield self.judge(*pair) if verdict is None else verdict
 
     def _steps_of_missing_field(self, pair: Pair) -> int | None:
-        """Return the phase steps if the field must be reconstructed; else None."""
+        """Return the phase steps of a frame whose field is still to be reconstructed; else None."""
         return pair[0].steps if self._ordinary.is_field_missing(*pair) else None
 
     def _with_fields(self, pairs: Iterable[Pair], steps: int) -> list[Pair]:
-        """Return the pairs with the field reconstructed from each intended drive."""
+        """Return the pairs, each latch with the field reconstructed from its intended drive."""
         asked = [
             DriveToFind(intended.drive, criteria.judged_frame_step_rad(intended))
             for intended, _ in pairs
@@ -176,7 +176,7 @@ class FrameJudge:
         return dataclasses.replace(found, **{name: getattr(seen, name) for name in _ITS_OWN})
 
     def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
-        """Return the verdict of all frames and latches that differ in key and times only."""
+        """Judge a latch; frames and latches that differ in key and times alone share a verdict."""
         seen = self._unjudged_verdict(intended, observation)
         if observation.drive_crc is not None and observation.shows_by_crc(intended) is False:
             named = drive_of_crc(self._model, intended, observation.drive_crc)
@@ -218,7 +218,7 @@ class FrameJudge:
         return one.judge(seen, found, faults)
 
     def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
-        """Name the faults of the latched drive or, if it is right, of the output."""
+        """Name the faults of the latched drive or, if it has none, those of the radiated one."""
         faults = name_drive_faults(self._model, intended, latched)
         if faults or output is latched:
             return faults
@@ -228,7 +228,7 @@ class FrameJudge:
     def _latched_drive(
         self, intended: Intended, observation: Observation
     ) -> tuple[Drive | None, str]:
-        """Return the observed latched drive, if complete, and a note about it."""
+        """Return the latched drive, by its CRC if need be; else None and why it is not known."""
         drive, crc, count = observation.drive, observation.drive_crc, self._model.array.count
         if drive is None and crc is None:
             return None, "the latch was seen, but nothing of its drive"
@@ -269,7 +269,7 @@ class FrameJudge:
         return self._reconstructors[steps]
 
     def _reconstruct(self, frame: SingleFocusFrame) -> Reconstruction | None:
-        """Return the field of a latched drive; after many failed searches use a quick one."""
+        """Return the field of a latched drive; None if only a quick search is due, and fails."""
         # How well the phases fit a focus depends on the wire's steps, not on the registers.
         known = self._reconstructor(frame.intended.steps)
         weights, slack_rad = frame.latched.weights(), frame.target.tolerated_rad
@@ -282,15 +282,15 @@ class FrameJudge:
 
 
 def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
-    """Return True if the board's reconstruction, without a focus, does not disprove the target.
+    """Return True if a field without a focus disproves nothing: no outliers, or small errors.
 
-    The board knows neither the tolerance nor, of what was uploaded, the resolution of the phases.
+    The board does not know the tolerance, nor the phase resolution of an uploaded frame.
     """
     return not found.outliers or found.residual_rms_rad <= target.phase_limit_rad
 
 
 def _judged_frame_without_identity(intended: Intended) -> Intended:
-    """Return *intended* with number and times removed, as a cache key."""
+    """Return *intended* without number, key and times: equal drives then share a cached verdict."""
     return dataclasses.replace(
         intended, number=0, key=_ANY, t_apply_us=None, t_latest_us=None, t_sent_us=None
     )
@@ -299,7 +299,7 @@ def _judged_frame_without_identity(intended: Intended) -> Intended:
 def _drive_of_judged_host(
     model: AcousticModel, intended: Intended, off: FloatArray
 ) -> ComplexArray:
-    """Return the drive of a host with an error *off*: position (m) and relative sound speed."""
+    """Return the drive of a host that is *off* by a position (m) and a relative sound speed."""
     if off[3]:
         model = model.with_sound_speed(model.medium.sound_speed_m_s * (1.0 + float(off[3])))
     foci = [
@@ -322,7 +322,7 @@ def lost_frame_verdict(intended: Intended) -> FrameVerdict:
 
 
 def _crc_fault_of_frame(intended: Intended, observation: Observation) -> str:
-    """Return the fault of a latch of which only a different CRC is known."""
+    """Return a text with the CRC of the latched drive, which was not seen, and the intended."""
     return (
         f"another drive was latched: its CRC is {observation.drive_crc:08x}, that of the intended "
         f"one {intended.drive.digest():08x}"

@@ -123,7 +123,7 @@ class OrdinaryFrames:
         ]
 
     def _limits_of(self, intended: Intended) -> tuple[float, float]:
-        """Return the limits of criteria S1 and S3 for a drive of full amplitude."""
+        """Return the limits of S1 (phases) and S3 (coherence) for a drive of full amplitude."""
         key = (intended.steps, intended.drive.phase_bits, intended.board_computed)
         if key not in self._limits:
             limit_rad = self._limit_rad(intended)
@@ -218,7 +218,7 @@ def _beam_axes(along: FloatArray) -> FloatArray:
 
 
 def _focus_of(latch: Observation) -> SingleFocus:
-    """Return the reconstructed focus of a latch."""
+    """Return the focus reconstructed from a latch; the caller knows that there is one."""
     assert isinstance(latch.reconstruction, SingleFocus)
     return latch.reconstruction
 
@@ -226,6 +226,6 @@ def _focus_of(latch: Observation) -> SingleFocus:
 def _sum_of_places(
     target_m: tuple[float, float, float], found_m: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return the found focus with the rounding of target + miss."""
+    """Return target + (found - target), with the rounding of the full judge's sum."""
     (x, y, z), (u, v, w) = target_m, found_m
     return x + (u - x), y + (v - y), z + (w - z)

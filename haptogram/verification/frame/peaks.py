@@ -197,5 +197,4 @@ def frame_peak_response(
         return None
     shares, slopes = here.waves / here.pressure, here.slopes / here.pressure
     mixed = -2.0 * (slopes - shares * slopes.sum(axis=1)[:, None]).imag
-    response: FloatArray = np.linalg.solve(-here.curvature, mixed)
-    return response
+    return np.linalg.solve(-here.curvature, mixed)

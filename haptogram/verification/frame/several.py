@@ -37,7 +37,6 @@ from .ideal_drive import (
     meaningful_frame_elements,
 )
 from .peaks import LOST, WITHIN_LOBE_RAD
-from .status import frame_status_of
 from .target import Bools, FrameTarget
 from .tolerated import ToleratedHost, frame_scatter_rad, scale_of_tolerance
 from .verdict import FrameStatus, FrameVerdict
@@ -122,7 +121,7 @@ class SeveralFociFrame:
             else:
                 found = self._judge_with_tolerance(ideal, fault)
                 faults = faults or ((fault,) if fault else ())
-        status = frame_status_of(found.verdicts, faults, focused=False)
+        status = criteria.frame_status_of(found.verdicts, faults, focused=False)
         unseen = [*found.unseen, *_solver_failure(levels, self.intended)]
         notes = [*([seen.note] if seen.note else []), f"{len(targets)} foci, each by itself"]
         if status is FrameStatus.ON_TARGET and unseen:
@@ -151,7 +150,7 @@ class SeveralFociFrame:
 
     @cached_property
     def _weights(self) -> ComplexArray:
-        """Return the weights of the latched drive."""
+        """Return the complex weights of the latched drive."""
         return self.latched.weights()
 
     @cached_property
@@ -269,7 +268,7 @@ class SeveralFociFrame:
         return _Findings(dict(sorted(verdicts.items())), unseen, list(fit.offsets_m), limits_m)
 
     def _fit(self, ideal: IdealFrameDrive) -> FociFit | None:
-        """Return the fit of the foci to the phases, or None."""
+        """Return foci fitted to the latched phases of active elements; None if that fails."""
         superposed, foci = self.intended.solver == "naive", self.intended.foci
         known = [f.amplitude * np.exp(1j * f.phase_rad) for f in foci if f.amplitude > 0.0]
         return fit_foci(
@@ -294,14 +293,13 @@ class SeveralFociFrame:
 
 
 def _relative_errors(fit: FociFit, limit_rad: float, slack_rad: tuple[float, float]) -> FloatArray:
-    """Return (N,) phase errors of active elements, relative to rounding and tolerance.
+    """Return (N,) phase errors of active elements, relative to what rounding and tolerance allow.
 
-    The slack is that of an element, which all its waves share, and that of each wave.
+    *slack_rad* is what an element may add for all its waves, and what each wave may add.
     """
     scatter_rad, aberration_rad = slack_rad
     most = fit.limits_rad * (1.0 + scatter_rad / limit_rad) + fit.wave_limits * aberration_rad
-    sizes: FloatArray = np.abs(fit.errors_rad) / most
-    return sizes
+    return np.abs(fit.errors_rad) / most
 
 
 def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
@@ -334,7 +332,7 @@ def _farthest_miss_mm(targets: Sequence[FrameTarget], found: _Findings) -> dict[
 
 
 def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
-    """Yield a finding that names the foci without a pressure peak of their own."""
+    """Yield one finding if foci have no pressure peak of their own: a miss would not show."""
     lost = [str(number) for number, peak in enumerate(ideal.peaks, 1) if peak is None]
     if lost:
         yield (

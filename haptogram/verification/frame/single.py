@@ -18,7 +18,6 @@ from haptogram.settings.frozen import dataclass
 from ..faults import faulty_elements_text
 from ..tolerance import Uncertainty
 from . import criteria
-from .status import frame_status_of
 from .target import Bools, FrameTarget
 from .tolerated import ToleratedHost
 from .verdict import FrameStatus, FrameVerdict
@@ -62,7 +61,7 @@ def judge_silent_frame(
         faults = ("sound was radiated where silence was intended",) if heard else ()
     return dataclasses.replace(
         seen,
-        status=frame_status_of(verdicts, faults, focused=False),
+        status=criteria.frame_status_of(verdicts, faults, focused=False),
         criteria=verdicts,
         faults=faults,
         note="silence was intended",
@@ -140,7 +139,9 @@ class SingleFocusFrame:
                 notes.append(_frame_without_focus(found))
             elif not faults:
                 faults = (verdict_not_radiated(found),)
-        status = frame_status_of(verdicts, faults, focused=isinstance(found, acoustics.SingleFocus))
+        status = criteria.frame_status_of(
+            verdicts, faults, focused=isinstance(found, acoustics.SingleFocus)
+        )
         if status is FrameStatus.ON_TARGET and unseen:
             status, notes = FrameStatus.NOT_VERIFIED, [*unseen, *notes]
         return dataclasses.replace(
@@ -203,7 +204,7 @@ class SingleFocusFrame:
         ) and self._is_of_this_drive(found)
 
     def _other_faults(self, verdicts: dict[str, bool], faults: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the fault of elements that no tolerated host explains, if none is named yet."""
+        """Return the fault of elements that no tolerated host explains; () if *faults* has one."""
         if faults or verdicts["S1"] or self.target.tolerance.is_strict or not self._active.any():
             return ()
         model = self.target.model
@@ -245,7 +246,7 @@ class SingleFocusFrame:
 
 
 def _ambiguity_note(target: FrameTarget, found: acoustics.Reconstruction) -> str:
-    """Return a note with the other point, or none, that a search without the target finds."""
+    """Return a note on a search without the target: *found* is no focus, or another point."""
     if not isinstance(found, acoustics.SingleFocus):
         return (
             "the phases suit the target, but a search that is not told the target finds no focus: "
@@ -293,7 +294,7 @@ def _focus_miss(
 
 
 def _peak_miss(target: FrameTarget, latched: ComplexArray) -> dict[str, Any]:
-    """Return the distance of the pressure peak from its place, if it was found all around."""
+    """Return the pressure peak's distance from its place; {} if it was not found all around."""
     offsets = [
         offset_m @ peak.direction.axes
         for peak in target.peaks

@@ -140,7 +140,7 @@ class FrameTarget:
 
     @cached_property
     def _response(self) -> tuple[FloatArray, Bools]:
-        """Return the response of the focus to phase errors, and the observable coordinates."""
+        """Return how phase errors move the focus, and which of its coordinates they can show."""
         return focus_fit.focus_phase_response(self.model, self.position_m, active=self.active)
 
     @property
@@ -166,7 +166,7 @@ class FrameTarget:
         return self._fit(phases_rad, active).position_m - self.position_m
 
     def _fit(self, phases_rad: FloatArray, active: Bools) -> focus_fit.PhaseFit:
-        """Fit a focus near the target to the phases of active elements."""
+        """Return the focus near the target that best fits the phases of active elements."""
         return fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
 
     @cached_property

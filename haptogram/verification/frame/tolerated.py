@@ -148,8 +148,7 @@ class ToleratedHost:
         levels, errors = self.levels, self.phases_rad - np.angle(self._drive)
         common = np.angle((levels * np.exp(1j * errors))[used].sum())
         errors = wrapped_phases(errors - common)
-        centred: FloatArray = errors - np.average(errors[used], weights=levels[used])
-        return centred
+        return errors - np.average(errors[used], weights=levels[used])
 
     @property
     def error_rad(self) -> float:
@@ -191,8 +190,7 @@ class ToleratedHost:
             way = _SLOPE * np.eye(4)[place]
             less, more = (self.drive(self.scale * (self.share + sign * way)) for sign in (-1, 1))
             slopes[:, place] = np.angle(less * more.conj()) / (2.0 * _SLOPE)
-        centred: FloatArray = slopes - np.average(slopes[used], axis=0, weights=self.levels[used])
-        return centred
+        return slopes - np.average(slopes[used], axis=0, weights=self.levels[used])
 
     def fitted(self) -> ToleratedHost:
         """Return the host of the least squares; elements that stick out by far do not count.
@@ -275,9 +273,9 @@ class ToleratedHost:
         return self._elements_text(model, errors, np.flatnonzero(off))
 
     def _is_proven(self, off: Bools) -> bool:
-        """Return True if tolerated hosts explain all elements except *off*, and none of *off*.
+        """Return True if a tolerated host explains every element but *off*, and none of these.
 
-        Small changes of the air can turn an element far where a solver made the drive.
+        A small change of the air can turn an element of a solver's drive far.
         """
         rest = self.active & ~off
         host = dataclasses.replace(self, active=rest).searched()
@@ -331,7 +329,7 @@ def scale_of_tolerance(tolerance: Tolerance, model: AcousticModel) -> FloatArray
 
 
 def _tolerated_shares(share: FloatArray) -> FloatArray:
-    """Return (4,) fractions of a tolerance, clipped to it."""
+    """Return (4,) shares of position and air tolerance, each cut to at most 1 in size."""
     length = max(1.0, float(np.linalg.norm(share[:3])))
     return np.append(share[:3] / length, np.clip(share[3], -1.0, 1.0))
 

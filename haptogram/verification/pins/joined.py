@@ -207,7 +207,7 @@ def verify_captures(
 def _pins_too_rarely_seen(
     pins: Sequence[PinVerdict], passes: Sequence[Sequence[int]], min_verified: float
 ) -> str:
-    """Return the elements judged in too few frames, as text.
+    """Return the elements judged in fewer frames than *min_verified* asks, as text or "".
 
     A frame counts for an element if any pass of its drive is judged in a capture of the element.
     """
@@ -235,7 +235,7 @@ def _pins_too_rarely_seen(
 def _why_no_field(
     pins: Sequence[PinVerdict], frames: Sequence[Intended], model: AcousticModel
 ) -> str:
-    """Return why the field cannot be judged from the captured pins; "" if it can."""
+    """Return why captured pins cannot show the field; "" if all elements that count are seen."""
     count = model.array.count
     captured = {element for one in pins for element in one.elements}
     if len(captured) < count:
@@ -259,7 +259,7 @@ def _why_no_field(
 
 
 def _passes_over_pins(frames: Sequence[Intended]) -> dict[tuple[Drive, Any], list[int]]:
-    """Return the frame indices of each drive; repeated drives have several."""
+    """Return, by drive and foci, the indices of the frames that have them."""
     passes: dict[tuple[Drive, Any], list[int]] = defaultdict(list)
     for place, frame in enumerate(frames):
         passes[frame.drive, frame.foci].append(place)

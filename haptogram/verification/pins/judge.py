@@ -32,7 +32,7 @@ from .elements.faults import (
 from .elements.levels import LevelsInTime, levels_of_pins_in_time
 from .elements.offsets import ElementOffsets
 from .held.drives import held_pin_drives
-from .held.frame_times import frames_at_held_drives
+from .held.matching import frames_at_held_drives
 from .pin_verdict import PinLimits, PinVerdict
 from .pin_weights import pins_phase
 from .run_drives import Bools, PinRunDrives, fundamentals_of_run_drives
@@ -106,7 +106,7 @@ def verify_captured_pins(
 
 
 def _count_distinct_drives(weights: ComplexArray, apart: float) -> int:
-    """Return the number of distinct *weights* (K,), counted up to a sufficient number."""
+    """Return how many *weights* (K,) differ by more than *apart*; no more than suffice."""
     found = 0
     while len(weights) and found < _FEWEST_AGREEING + 2:
         found += 1
@@ -159,18 +159,22 @@ class _PinJudge:
 
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
-        """Return the frames that the pins show late."""
+        """Return the indices of the frames that the pins show later than due."""
         shown = self.shown
         return np.flatnonzero((shown.late > LATE_PERIODS) & shown.seen)
 
     @property
     def _period_us(self) -> float:
+        """Return the carrier period of the capture in µs."""
         return 1e6 / self.record.carrier_hz
 
     # --- frames ----------------------------------------------------------------------------------
 
     def _check_torn(self) -> int:
-        """Find latches that reach some pins late; return their number."""
+        """Add a finding for each latch that reaches some pins late; return their number.
+
+        Where missing samples may be the cause, or nothing can be torn, that is noted instead.
+        """
         steps, usable = self.shown.steps, self.shown.latched
         torn = np.flatnonzero(self.shown.torn)
         us = self._period_us
@@ -200,7 +204,7 @@ class _PinJudge:
         return len(torn)
 
     def _note_events(self) -> None:
-        """Note lost and late frames as events of the verdict."""
+        """Note lost and late frames as events, which alone do not fail the verdict."""
         for frame in np.flatnonzero(self.shown.lost):
             self.events.append(f"{frame}: not latched; the pins kept the drive they had")
         for frame in self._late_frames:
@@ -208,7 +212,7 @@ class _PinJudge:
             self.events.append(f"{frame}: latched {late_us:.0f} µs after most others")
 
     def _end(self) -> EndOfSound:
-        """Judge how the output falls silent at the end."""
+        """Judge if the pins fall silent together after the run; note findings or why not."""
         found = end_of_sound_on_pins(self.record, self.run, self.shown)
         for text in found.findings:
             self._find("mute", text)
@@ -219,7 +223,7 @@ class _PinJudge:
     # --- pins ------------------------------------------------------------------------------------
 
     def _check_fit(self, judged: Bools) -> bool:
-        """Return True if the pins show this run, with elements in any order."""
+        """Return True if the pins show this run; else note what is missing, or a common mistake."""
         drives, right = self.shown.drives, self.shown.right
         if self._has_divided_carrier():
             return False
@@ -328,13 +332,13 @@ class _PinJudge:
         return float(wider.all_right()[judged].mean())
 
     def _pins_that_fit(self, judged: Bools) -> Bools | None:
-        """Return a mask (E,) of pins that show this run; None if too few."""
+        """Return a mask (E,) of pins right in nearly all judged frames; None if too few are."""
         fitting: Bools = self.shown.right[judged].mean(axis=0) >= _NEARLY_ALL
         fewest = max(_FEWEST_FITTING, _FITTING_SHARE * len(fitting))
         return fitting if fitting.sum() >= fewest else None
 
     def _likely_mistakes(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-        """Yield common mistakes of all pins, each with the phases it would cause."""
+        """Yield mistakes that all pins may share (sign, order of chains), with their phases."""
         phases = self.run.phases
         yield "every captured pin has the opposite sign of the phase", np.negative(phases)
         numbers = np.arange(phases.shape[1])
@@ -473,7 +477,7 @@ class _PinJudge:
         return np.where(sounding.any(axis=1), shown.drives.turns_rad, np.nan)
 
     def _check_turns(self, judged: Bools) -> None:
-        """Find frames in which the phases of all pins are shifted against the carrier clock.
+        """Add a finding for each frame in which all pins share a wrong phase.
 
         A phase common to the whole array moves no focus, but pins outside the capture may lack it.
         """
@@ -516,7 +520,7 @@ class _PinJudge:
     # --- the end ---------------------------------------------------------------------------------
 
     def _find(self, check: str, text: str) -> None:
-        """Add a finding to a check."""
+        """Add a finding to the check *check*: the verdict then is FAIL."""
         self.findings.setdefault(check, []).append(text)
 
     def _conclude(
@@ -526,7 +530,7 @@ class _PinJudge:
         end: EndOfSound,
         levels: LevelsInTime | None,
     ) -> PinVerdict:
-        """Return the verdict on the captured pins."""
+        """Return the verdict: FAIL with findings, else INCONCLUSIVE with gaps, else PASS."""
         if self.record.cut:
             self.missing.append(f"the capture was cut off: {self.record.cut}")
         wrong = [line for lines in self.findings.values() for line in lines]

@@ -49,8 +49,7 @@ class PinSteps:
     @property
     def middle(self) -> FloatArray:
         """(F, E) the middle between the last old and the first new pulse."""
-        middle: FloatArray = (self.after + self.before) / 2.0
-        return middle
+        return (self.after + self.before) / 2.0
 
 
 def pin_steps(
@@ -138,7 +137,7 @@ def _write_pin_steps(
     faint: float,
     found: tuple[FloatArray, FloatArray, Bools],
 ) -> None:
-    """Write the steps of one pin into its columns of *found*."""
+    """Write when one pin steps from *old* to *wanted* in each frame, and if that is certain."""
     after, first, inside = found
     begins, ends = np.searchsorted(centres, lows), np.searchsorted(centres, highs)
     frames = np.flatnonzero(told & (ends > begins))

@@ -193,6 +193,7 @@ def captured_elements_text(captured: int, count: int) -> str:
 
 
 def _degrees_in_pin_verdict(angle_rad: float | None) -> float | None:
+    """Return an angle in degrees; None stays None."""
     return None if angle_rad is None else math.degrees(angle_rad)
 
 

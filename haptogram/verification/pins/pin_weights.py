@@ -140,5 +140,4 @@ def _filled_pin_weights(values: FloatArray) -> FloatArray:
     nearer = np.where(
         np.abs(known[left] - places) <= np.abs(known[right] - places), known[left], known[right]
     )
-    filled: FloatArray = values[nearer]
-    return filled
+    return values[nearer]

@@ -81,7 +81,7 @@ def _share_pin_element(
     seen_b: Sequence[int],
     amplitudes: np.ndarray,
 ) -> bool:
-    """Return True if one sounding element is right in all shared frames of both captures."""
+    """Return True if a sounding element is in both captures, right in all shared frames."""
     return any(
         amplitudes[element] / 255.0 > max(a.limits.amplitude, b.limits.amplitude)
         and a.right[seen_a, a.elements.index(element)].all()
@@ -93,7 +93,7 @@ def _share_pin_element(
 def _pin_phase_difference_rad(
     a: FloatArray | None, b: FloatArray | None, seen_a: Sequence[int], seen_b: Sequence[int]
 ) -> float:
-    """Return the largest difference between common phases; infinite if not comparable."""
+    """Return the largest difference of two captures' common phases; inf if one is not known."""
     if a is None or b is None:
         return math.inf
     turns = np.concatenate([a[seen_a], b[seen_b]])

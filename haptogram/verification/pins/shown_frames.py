@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.records.pins import PinRecord
 
-from .alignment import align_pins_to_run
 from .elements.faults import PinDrives
+from .held.drives import held_pin_drives
+from .held.matching import matched_drives
 from .latch_steps import PinSteps, pin_steps, sound_before_run
 from .pin_verdict import PinLimits
 from .pin_weights import SETTLED, common_turns_of_pins, pin_weights
@@ -73,8 +74,7 @@ class FramesShownByPins:
     @cached_property
     def latched(self) -> Bools:
         """(F, E) whether a pin shows when it latched a frame that was not lost."""
-        latched: Bools = self.steps.is_inside & ~self.lost[:, None]
-        return latched
+        return self.steps.is_inside & ~self.lost[:, None]
 
     @cached_property
     def apart(self) -> FloatArray:
@@ -236,8 +236,7 @@ def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: Com
         rest = np.abs(seen - old - share * step)
         errors = drives.limit_amplitude + drives.limit_rad[frame] * np.abs(old)
         kept = rest <= errors + np.abs(step) * _LATCH_PERIODS / window
-    few: Bools = kept & (share < _HALF)
-    return few
+    return kept & (share < _HALF)
 
 
 def _on_reference_phase(
@@ -263,10 +262,54 @@ def _pins_without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray)
 
 
 def _pin_lateness(steps: PinSteps, lost: Bools) -> FloatArray:
-    """Return by how many periods each frame was latched after it was due."""
+    """Return (F,) by how many periods each frame was late at the pins; 0.0 if not known."""
     late = np.where(steps.is_inside, steps.middle, np.nan)
     late[lost] = np.nan
     known = np.isfinite(late).any(axis=1)
     found = np.zeros(len(lost))
     found[known] = np.nanquantile(late[known], _EARLY_PINS, axis=1)
     return found
+
+
+# --- The place of a run in a capture: neither knows the clock of the other -----------------------
+
+
+_NEAR_PERIODS: Final = 2.5  # distance from the line through the latches of one clock
+_FEWEST: Final = 8  # frames that tell the rate
+_WINDOW: Final = 0.5  # part of a frame that holds the changes of one latch
+
+
+def align_pins_to_run(record: PinRecord, run: PinRunDrives) -> tuple[float, float]:
+    """Return the offset and rate at which most drives of the run begin in time.
+
+    A frame at *u* periods of the run is due at ``offset + rate * u`` periods of the capture: each
+    drive that the pins hold is taken for a frame that is like it, and a line goes through their
+    times.
+
+    One crystal makes the clocks of the frames and of the carrier; or two do, and then the
+    analyser's own clock is the better first guess.
+    """
+    held = held_pin_drives(record, window=min(record.latch_window, _WINDOW * run.gap))
+    firsts, pairs = matched_drives(held, run.weights)
+    pairs = pairs[pairs[:, 0] > 0]  # when the first drive began is not known
+    if not len(pairs):
+        return 0.0, 1.0
+    due = run.starts[firsts[pairs[:, 1]]]
+    begins = np.array([held.latches[place - 1].begin for place in pairs[:, 0]])
+    lines = [_line_through(due, begins, rate) for rate in (1.0, 1.0 + record.drift_ppm * 1e-6)]
+    _, offset, rate = max(lines, key=lambda line: line[0])
+    return offset, rate
+
+
+def _line_through(due: FloatArray, begins: FloatArray, rate: float) -> tuple[int, float, float]:
+    """Fit begins = rate x due + offset near *rate*; return the frames on it, offset, rate."""
+    away = begins - rate * due
+    ordered = np.sort(away)
+    counts = np.searchsorted(ordered, ordered + _NEAR_PERIODS, side="right") - np.arange(len(away))
+    best = int(counts.argmax())
+    offset = float(np.median(ordered[best : best + counts[best]]))
+    near = np.abs(away - offset) < _NEAR_PERIODS
+    if near.sum() >= _FEWEST:
+        slope, shift = np.polyfit(due[near], away[near] - offset, 1)
+        rate, offset = rate + float(slope), offset + float(shift)
+    return int(counts[best]), offset, rate

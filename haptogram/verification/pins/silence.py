@@ -145,7 +145,7 @@ def pins_that_sound_again(record: PinRecord, found: PinStops) -> dict[int, float
 
 
 def _pins_sound_again(record: PinRecord, found: PinStops, again: dict[int, float]) -> EndOfSound:
-    """Judge pins that sound again after the end: no command makes only some of them sound."""
+    """Report a finding if only some pins sound again after the end; if all do, it is not judged."""
     first = min(again.values())
     behind_ms = (first - max(found.stops.values())) * 1e3 / record.carrier_hz
     if set(found.stops) <= set(again):
@@ -162,9 +162,9 @@ def _pins_sound_again(record: PinRecord, found: PinStops, again: dict[int, float
 
 
 def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> str:
-    """Return the pins that still pulse one period after a MUTE, as text.
+    """Return the pins that pulse later than a period after MUTE, as text or ''.
 
-    From *armed* on they may.
+    From the next ARM on (*armed*) they may.
     """
     limit = mute + 1.0 + _MUTE_SAMPLES / record.samples
     last: dict[int, float] = {}
@@ -183,7 +183,7 @@ def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> s
 
 
 def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None) -> EndOfSound:
-    """Judge whether all pins fall silent within one carrier period."""
+    """Return how far apart the first and last pin stop, with a finding if over a period."""
     us = 1e6 / record.carrier_hz
     # A pin is off from its last pulse on, or as late as when it would have begun the next one.
     first, last = min(found.rises.values()) + 1.0, max(found.stops.values())
@@ -201,7 +201,7 @@ def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None)
 
 
 def _why_pins_not_muted(record: PinRecord, shown: FramesShownByPins) -> str:
-    """Return why the end of the output cannot be judged."""
+    """Return the text that the output sounds to the capture's end, and no MUTE is to be seen."""
     behind_ms = max(0.0, record.end - float(shown.ends[-1])) * 1e3 / record.carrier_hz
     what = "no MUTE is on the captured line"
     if record.to_board is None:

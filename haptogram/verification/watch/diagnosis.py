@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Collection, Iterator
 from typing import Final
 
 import numpy as np
@@ -16,11 +16,19 @@ from numpy.typing import NDArray
 from haptogram.acoustics.arrays import FloatArray
 from haptogram.acoustics.reconstruct.patterns.found import Pattern, Placed
 from haptogram.acoustics.solvers.focus_fit import wrapped_phases
+from haptogram.records.remark import UNDECIDED, About
 
 from .defect import Defect, Diagnosis
-from .frames import MOST_KEPT, FrameDefects
 from .latch import SeenLatch
 
+#: Latches that are kept of each defect, and remarks.
+_MOST_KEPT: Final = 10_000
+_DETAILS: Final = {
+    Defect.NO_COMMIT: "{} whole and never shown",
+    Defect.BYTES_LOST: "{} torn",
+    Defect.STOPPED: "{} torn by it",
+    Defect.OTHER_ARRAY: "{} latches of them",
+}
 _SOUNDING: Final = 1e-6
 _FEW: Final = 0.2  # share of the elements that can be off by mistake; more are a part of the array
 _NEIGHBOURS: Final = 4
@@ -69,7 +77,7 @@ class DefectFinder:
         shown = tuple(self._shown(latch, pattern))
         self.frames.take(latch, is_named=Defect.AMPLITUDES_AS_PHASES in shown)
         for defect in shown:
-            if len(self._latches[defect]) < MOST_KEPT:
+            if len(self._latches[defect]) < _MOST_KEPT:
                 self._latches[defect].append(latch.number)
         if isinstance(pattern, Placed) and not latch.torn:
             self._take_polarities(latch, pattern)
@@ -77,22 +85,24 @@ class DefectFinder:
 
     def diagnoses(self) -> list[Diagnosis]:
         """Return the defects so far."""
-        details: dict[Defect, Callable[[], str]] = {
-            Defect.STRAY_CHANNELS: self._stray_text,
-            Defect.SILENT: self._silent_text,
-            Defect.AMPLITUDES_AS_PHASES: self._amplitude_text,
-        }
-        found = [
-            Diagnosis(defect, detail(), tuple(self._latches[defect]))
-            for defect, detail in details.items()
-            if self._latches[defect]
-        ]
+        details = {}
+        if stray := sorted(self._stray):
+            text = f"{len(stray)}, from channel {stray[0]} to {stray[-1]}"
+            details[Defect.STRAY_CHANNELS] = text
+        for silent, _ in self._silent.most_common(1):
+            names = ", ".join(map(str, sorted(silent)[:8])) + (", ..." if len(silent) > 8 else "")
+            elements = f"{_watched_elements_text(len(silent))} {names}"
+            details[Defect.SILENT] = f"{elements} beside a pattern of all the others"
+        if self._latches[Defect.AMPLITUDES_AS_PHASES]:
+            text = f"FB and {self._channels} amplitudes came after the phases and replaced them"
+            details[Defect.AMPLITUDES_AS_PHASES] = text
+        found = [Diagnosis(d, text, tuple(self._latches[d])) for d, text in details.items()]
         return found + self.frames.diagnoses() + self._reversals()
 
     # --- one latch -------------------------------------------------------------------------------
 
     def _shown(self, latch: SeenLatch, pattern: Pattern) -> Iterator[Defect]:
-        """Yield the drive defects that a latch shows, for example stray channels."""
+        """Yield the defects of a drive: stray channels, amplitudes as phases, silent elements."""
         if latch.stray:
             self._stray.update(latch.stray)
             yield Defect.STRAY_CHANNELS
@@ -132,7 +142,7 @@ class DefectFinder:
         return frozenset(int(n) for n in np.flatnonzero(silent))
 
     def _is_near(self, pattern: Placed) -> bool:
-        """Return True if the pattern's position is known to within its distance: no plane wave."""
+        """Return False if the position is too uncertain to tell a focus from a plane wave."""
         distance_m = float(np.linalg.norm(np.array(pattern.position_m) - self._centre_m))
         return bool(np.linalg.norm(pattern.bound_m) < distance_m + self._distance_m.max())
 
@@ -144,8 +154,9 @@ class DefectFinder:
         """Record which elements are half a turn off the pattern."""
         drive = hash(latch.weights.tobytes())
         limit_rad = math.pi / latch.steps
-        off = _half_turned_outliers(pattern, limit_rad)
-        for element, is_half in zip(pattern.outliers, off, strict=True):
+        away = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
+        for element, away_rad in zip(pattern.outliers, away.tolist(), strict=True):
+            is_half = away_rad <= 2.0 * limit_rad
             self._reversed[element].add(drive, limit_rad, is_half=is_half)
         for element, seen in self._reversed.items():
             if element not in pattern.outliers and abs(latch.weights[element]) > _SOUNDING:
@@ -164,20 +175,6 @@ class DefectFinder:
         latches = max((self._reversed[n].drives for n in proven), key=len)
         detail = f"{_watched_elements_text(len(proven))} {names} in {len(latches)} different drives"
         return [Diagnosis(Defect.REVERSED, detail, ())]
-
-    # --- texts -----------------------------------------------------------------------------------
-
-    def _stray_text(self) -> str:
-        numbers = sorted(self._stray)
-        return f"{len(numbers)}, from channel {numbers[0]} to {numbers[-1]}"
-
-    def _silent_text(self) -> str:
-        (silent, _), *_ = self._silent.most_common(1)
-        names = ", ".join(map(str, sorted(silent)[:8])) + (", ..." if len(silent) > 8 else "")
-        return f"{_watched_elements_text(len(silent))} {names} beside a pattern of all the others"
-
-    def _amplitude_text(self) -> str:
-        return f"FB and {self._channels} amplitudes came after the phases and replaced them"
 
 
 class _WatchedPolarity:
@@ -203,14 +200,8 @@ class _WatchedPolarity:
         return enough and not self.contradicted
 
 
-def _half_turned_outliers(pattern: Placed, limit_rad: float) -> list[bool]:
-    """Return which outliers are half a turn off, within twice the limit."""
-    off: FloatArray = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
-    return [bool(value <= 2.0 * limit_rad) for value in off]
-
-
 def _watched_elements_text(count: int) -> str:
-    """Return "element", or the number of elements, to precede their names."""
+    """Return "element" for one, "N elements" for several: the numbers follow."""
     return "element" if count == 1 else f"{count} elements,"
 
 
@@ -221,3 +212,148 @@ def _nearest_elements(positions_m: FloatArray) -> NDArray[np.intp]:
         for place in positions_m
     ]
     return np.array(found)[:, 1 : 1 + _NEIGHBOURS]
+
+
+# --- Frames on the wire: torn, stopped, never shown, of another array ----------------------------
+
+
+class _FoundDefects:
+    """Numbers of latches, and what was counted of those that may be torn."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[Defect] = Counter()
+        self.latches: dict[Defect, list[int]] = defaultdict(list)
+        self.torn: list[tuple[int, str]] = []
+
+    def add(self, defect: Defect, number: int | None, count: int = 1) -> None:
+        """Take down a latch that shows *defect*; None: nothing was latched."""
+        self.counts[defect] += count
+        latches = [] if number is None else [number]
+        self.latches[defect] = (self.latches[defect] + latches)[:_MOST_KEPT]
+
+    def extend(self, other: _FoundDefects, *, without: Collection[Defect] = ()) -> None:
+        """Take over what *other* has found."""
+        for defect in (defect for defect in other.latches if defect not in without):
+            self.counts[defect] += other.counts[defect]
+            self.latches[defect] = (self.latches[defect] + other.latches[defect])[:_MOST_KEPT]
+        self.torn = (self.torn + other.torn)[:_MOST_KEPT]
+
+    def add_torn(self, latch: SeenLatch) -> None:
+        """Keep what was counted of a latch."""
+        if len(self.torn) < _MOST_KEPT:
+            self.torn.append((latch.number, latch.torn_text))
+
+
+class FrameDefects:
+    """Collects what codecs counted, client by client.
+
+    A defect is named when the board has told all of its client: bytes of another wire
+    are no frames that lost something.
+
+    Attributes
+    ----------
+    remarks : list of str
+        Remarks of the board about its clients.
+    """
+
+    def __init__(self) -> None:
+        self._judged, self._of_client = _FoundDefects(), _FoundDefects()
+        self._about: dict[About, str] = {}
+        self._undecided: str | None = None
+        self._has_whole = self._is_stopped = False
+        self._is_own: bool | None = None  # None: not known
+        self.remarks: list[str] = []
+
+    def take(self, latch: SeenLatch, *, is_named: bool = False) -> None:
+        """Take down a latch; *is_named*: what was counted of it has another name."""
+        count = latch.counted.get("frames_without_commit", 0)
+        if count and self._is_stopped:
+            count -= 1  # that of the client before
+        if count:
+            self._of_client.add(Defect.NO_COMMIT, latch.number, count)
+        if not latch.torn:
+            self._has_whole, self._is_stopped = True, False
+        elif not is_named:
+            defect = Defect.STOPPED if self._is_stopped else Defect.BYTES_LOST
+            self._of_client.add(defect, latch.number)
+            self._of_client.add_torn(latch)
+
+    def remark(self, about: About, text: str) -> None:
+        """Take down what the board says of its client."""
+        if len(self.remarks) < _MOST_KEPT:
+            self.remarks.append(text)
+        self._about.setdefault(about, text)
+        self._is_stopped |= about in (About.STOPPED, About.OTHER_WIRE)
+        if about is About.NO_COMMIT:
+            self._of_client.add(Defect.NO_COMMIT, None, 0)
+
+    def client_left(self) -> None:
+        """Judge the frames of the client, and start over with the next client."""
+        self._judged = self._so_far()
+        self._undecided = self.undecided
+        self._of_client, self._about = _FoundDefects(), {}
+        self._has_whole, self._is_own = False, None
+
+    def wire_compared(self, *, is_own: bool) -> None:
+        """Learn that the bytes of the client look like no other wire, and whether like its own."""
+        self._is_own = is_own
+
+    def cut_short(self) -> None:
+        """Mark the end of the reports: torn frames of an unknown wire are not judged."""
+        if self.waits_for_wire:
+            self._is_own = False
+
+    @property
+    def waits_for_wire(self) -> bool:
+        """True if frames of the client are torn, and the board has not reported their wire yet."""
+        is_told = self._is_own is not None or About.OTHER_WIRE in self._about
+        return bool(self._of_client.latches) and not is_told
+
+    @property
+    def undecided(self) -> str | None:
+        """Why the frames of a client are not judged; None: all are."""
+        of_client = next((self._about[about] for about in UNDECIDED if about in self._about), None)
+        if of_client is None and self._is_own is False and self._of_client.latches:
+            of_client = "the client's bytes were not recognised as those of this board"
+        if of_client is None and self._may_be_of_another_array:
+            of_client = self._about[About.OTHER_SIZE]
+        return self._undecided or of_client
+
+    @property
+    def torn(self) -> list[tuple[int, str]]:
+        """Latches that may be torn, and what was counted of each."""
+        return self._so_far().torn
+
+    def diagnoses(self) -> list[Diagnosis]:
+        """Return the defects so far."""
+        found = self._so_far()
+        return [
+            Diagnosis(
+                defect,
+                text.format(found.counts[defect] or "frame after frame"),
+                tuple(found.latches[defect]),
+            )
+            for defect, text in _DETAILS.items()
+            if defect in found.latches
+        ]
+
+    @property
+    def _may_be_of_another_array(self) -> bool:
+        """Return True if torn frames, all of another size, suggest that another array was meant."""
+        is_torn = Defect.BYTES_LOST in self._of_client.latches
+        sizes = About.OTHER_SIZE in self._about and not self._has_whole
+        return is_torn and sizes and About.OTHER_ARRAY not in self._about
+
+    def _so_far(self) -> _FoundDefects:
+        """Return the defects of the wire until now, without those that a wrong array explains."""
+        found, of_client = _FoundDefects(), self._of_client
+        found.extend(self._judged)
+        if About.OTHER_WIRE in self._about or self._is_own is False:
+            return found
+        of_another = About.OTHER_ARRAY in self._about
+        hidden = [Defect.BYTES_LOST] if of_another or self._may_be_of_another_array else []
+        found.extend(of_client, without=hidden)
+        if of_another:
+            for number in of_client.latches.get(Defect.BYTES_LOST, ()):
+                found.add(Defect.OTHER_ARRAY, number)
+        return found

@@ -1,4 +1,4 @@
-"""The foci that a user expects, and the verdict on a latch by them.
+"""The foci that a user expects, and the verdict on a latch by them, in their order.
 
 Criteria and bounds are those of :mod:`haptogram.verification.frame`: S1 to S4, for phases of the
 steps that the board has. Amplitudes are taken as radiated, so there is no S5; of several foci in a
@@ -10,7 +10,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -26,17 +27,21 @@ from haptogram.errors import ConfigurationError
 from haptogram.records.frame import FrameKey
 
 from ..frame import criteria
-from ..frame.status import frame_status_of
 from ..frame.target import FrameTarget, check_frame_tolerance
 from ..frame.tolerated import ToleratedHost
-from ..frame.verdict import FrameStatus, FrameVerdict, Vector
+from ..frame.verdict import WRONG, FrameStatus, FrameVerdict, Vector
 from ..tolerance import Tolerance, Uncertainty
+from .defect import Defect, Diagnosis
 from .latch import SeenLatch
 
 _FINEST_STEPS: Final = 256
 _ROUNDING_RAD: Final = 1e-6
 _SOUNDING: Final = 1e-6
 _REMEMBERED: Final = 512
+_RECENT: Final = 4  # right latches whose drive may come again
+_MOST_MISSING: Final = 3  # frames that may be missing at once
+_NEAR_M: Final = 0.01  # distance from a focus to the target of its frame
+_MOST_NAMED: Final = 10_000
 
 
 class Expectation:
@@ -106,7 +111,7 @@ class Expectation:
         return self._judge_one(seen, latch, pattern)
 
     def _judge_one(self, seen: FrameVerdict, latch: SeenLatch, pattern: Pattern) -> FrameVerdict:
-        """Judge a latch that was expected to have one focus."""
+        """Judge a latch where one focus is expected; S2 is left out where phases prove none."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         amplitudes = np.abs(weights)
         if amplitudes.max(initial=0.0) < _SOUNDING:
@@ -131,21 +136,22 @@ class Expectation:
         else:
             verdicts["S2"] = False
             faults = (f"{pattern.kind} where one focus was expected",)
-        status, notes = frame_status_of(verdicts, faults, focused=isinstance(pattern, OneFocus)), []
+        is_focus, note = isinstance(pattern, OneFocus), ""
+        status = criteria.frame_status_of(verdicts, faults, focused=is_focus)
         if status is FrameStatus.ON_TARGET and not target.observable.all():
             status = FrameStatus.NOT_VERIFIED
-            notes = ["the elements that sound cannot tell where the focus is"]
+            note = "the elements that sound cannot tell where the focus is"
         return dataclasses.replace(
             seen,
             status=status,
             criteria=dict(sorted(verdicts.items())),
             faults=faults,
-            note="; ".join(notes),
+            note=note,
             **target.shown_miss(Uncertainty()) | measures,
         )
 
     def _shows_focus(self, target: FrameTarget, steps: int) -> bool:
-        """Return True if the drive that a target asks for has a focus as its pattern."""
+        """Return True if the elements' phases, in *steps*, suffice to prove a focus at *target*."""
         step_rad = 2.0 * math.pi / steps
         phases_rad = np.round(target.phases_rad / step_rad) * step_rad
         ideal = np.zeros(len(target.active), dtype=np.complex128)
@@ -162,7 +168,7 @@ class Expectation:
     def _judge_several(
         self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern
     ) -> FrameVerdict:
-        """Judge several foci by the position error of each (S2)."""
+        """Judge by position alone (S2): WRONG_DRIVE unless as many foci are found as expected."""
         if not isinstance(pattern, SeveralFoci) or len(pattern.positions_m) != len(foci):
             fault = f"{pattern.kind} where {len(foci)} foci were expected"
             return dataclasses.replace(
@@ -183,3 +189,84 @@ class Expectation:
             target_m=as_vector(target_m),
             **FrameTarget(self._model, target_m, levels, 0.0, Tolerance()).miss(off_m[worst]),
         )
+
+
+class ExpectedOrder:
+    """Counts expected frames, so that one that comes twice or never shifts no other.
+
+    Parameters
+    ----------
+    expectation : Expectation
+        The foci of each frame.
+    """
+
+    def __init__(self, expectation: Expectation) -> None:
+        self._expectation = expectation
+        self._next = 0
+        self._after_torn = False
+        self._right: deque[tuple[bytes, int]] = deque(maxlen=_RECENT)
+        self._again: dict[int, int] = {}  # latch: the one that it repeats
+        self._never: list[int] = []  # latches before which a frame is missing
+        self._missing = 0
+
+    @property
+    def next_foci(self) -> FloatArray:
+        """The (F, 3) foci of the frame that is expected next."""
+        return self._expectation.frame(self._next)
+
+    def judge(self, latch: SeenLatch, pattern: Pattern) -> tuple[FrameVerdict, FloatArray | None]:
+        """Return the verdict on a latch, and the foci of its frame; None: it is no new frame."""
+        drive = latch.weights.tobytes()
+        verdict = self._expectation.judge(self._next, latch, pattern)
+        if verdict.status in WRONG and not latch.torn:
+            before = next((number for seen, number in self._right if seen == drive), None)
+            if before is not None:
+                self._again.setdefault(latch.number, before)
+                fault = f"the drive of latch {before} is shown again"
+                return dataclasses.replace(verdict, faults=(fault,)), None
+            for ahead in self._offsets(pattern):
+                found = self._expectation.judge(self._next + ahead, latch, pattern)
+                if found.status is FrameStatus.ON_TARGET:
+                    verdict = found
+                    self._skip(ahead, latch.number)
+                    break
+        if verdict.status is FrameStatus.ON_TARGET:
+            self._right.append((drive, latch.number))
+        self._after_torn = bool(latch.torn)
+        self._next += 1
+        return verdict, self._expectation.frame(self._next - 1)
+
+    def diagnoses(self) -> list[Diagnosis]:
+        """Return the frames that came twice, and those that never came."""
+        found = []
+        if self._again:
+            pairs = ", ".join(f"{a} shows {b} again" for a, b in [*self._again.items()][:3])
+            latches = tuple(self._again)[:_MOST_NAMED]
+            found.append(Diagnosis(Defect.AGAIN, f"latch {pairs}", latches))
+        if self._never:
+            frames = "1 frame" if self._missing == 1 else f"{self._missing} frames"
+            detail = f"{frames} in front of those that came"
+            found.append(Diagnosis(Defect.NEVER, detail, tuple(self._never)))
+        return found
+
+    def _offsets(self, pattern: Pattern) -> Iterator[int]:
+        """Yield by how many places the expected order must advance to match a latch.
+
+        They are 1 and more, or -1 where a torn latch may have been counted.
+        """
+        count = len(self._expectation.frames)
+        back = [-1] if self._after_torn else []
+        for ahead in (*back, *range(1, _MOST_MISSING + 1)):
+            foci = self._expectation.frame(self._next + ahead)
+            if not isinstance(pattern, OneFocus) or len(foci) > 1 or ahead % count == 0:
+                continue
+            if np.linalg.norm(np.array(pattern.position_m) - foci[0]) < _NEAR_M:
+                yield ahead
+
+    def _skip(self, ahead: int, number: int) -> None:
+        """Advance the expected order by *ahead*; count the frames missing before latch *number*."""
+        self._next += ahead
+        if ahead > 0:
+            self._missing += ahead
+            if len(self._never) < _MOST_NAMED:
+                self._never.append(number)

@@ -105,7 +105,7 @@ class SeenLatch:
 
 
 def _watched_count_text(kind: str, count: int) -> str:
-    """Return a count with its kind in words, in the singular for 1."""
+    """Return a count with its noun, in the singular for 1."""
     words = kind.replace("_", " ")
     if count == 1:
         words = _PLURAL.sub(r"\1", words, count=1)

@@ -6,6 +6,7 @@ All names are in the axes of the client.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -108,7 +109,7 @@ class _CoordinateTurns:
                 part = Defect.COORDINATES, _axes_text(order)
                 yield part, self._around(np.eye(3)[list(order)], np.zeros(3))
         for factor, text in _UNITS:
-            yield (Defect.UNITS, text), _scaled(factor)
+            yield (Defect.UNITS, text), functools.partial(np.multiply, factor)
 
     def are_order(self, index: NDArray[np.intp]) -> bool:
         """Return True if elements in that order are turned or mirrored onto each other."""
@@ -135,15 +136,10 @@ class _CoordinateTurns:
             yield text, matrix
 
     def _around(self, matrix: FloatArray, centre_m: FloatArray) -> Callable[[Places], Places]:
-        """Return the move that *matrix*, in the client's axes, makes around a point."""
+        """Return a function that turns places by *matrix*, in the client's axes, around a point."""
         axes = self._axes.T @ self._array.axes
         turn = axes.T @ matrix @ axes
         return lambda places: centre_m + (places - centre_m) @ turn.T
-
-
-def _scaled(factor: float) -> Callable[[Places], Places]:
-    """Return a function that scales positions."""
-    return lambda places: factor * places
 
 
 def _axes_text(order: Sequence[int]) -> str:
@@ -195,7 +191,7 @@ def _element_maps(
 
 
 def _board_phase_offsets(boards: NDArray[np.intp]) -> Iterator[Rearrangement]:
-    """Yield a phase offset of half a turn for each board of a chain."""
+    """Yield mistakes in each of which one board of a chain, not the first, lags half a turn."""
     same = boards.ravel()
     for number, board in enumerate(boards[1:], 2) if len(boards) <= _MAX_BOARDS else ():
         text = f"half a turn between the boards: board {number} against the others"

@@ -20,14 +20,12 @@ from haptogram.settings.arguments import check_whole
 
 from ..frame.verdict import WRONG, FrameStatus, FrameVerdict
 from .diagnosis import DefectFinder
-from .elements import ElementMistakes
-from .expectation import Expectation
+from .expectation import Expectation, ExpectedOrder
 from .latch import SeenLatch
 from .mistakes import Aim, ClientMistakes
-from .order import ExpectedOrder
+from .out_of_step import CommonLosses, ElementMistakes
 from .rearrangements import client_rearrangements
 from .result import WatchedLatch, WatchResult
-from .together import CommonLosses
 
 _REMEMBERED: Final = 1024  # drives; clients show the same ones again and again
 _TIMED: Final = 4096
@@ -144,18 +142,15 @@ class Watch:
             self._classifiers[latch.steps] = PatternClassifier(self._model, latch.steps)
             self._classifiers[latch.steps].warm_up()
         start_s = time.perf_counter()
-        pattern = self._classifiers[latch.steps].classify(weights, self._expected_m())
+        foci = None if self._order is None else self._order.next_foci
+        expected_m = foci[0] if foci is not None and len(foci) == 1 else None
+        pattern = self._classifiers[latch.steps].classify(weights, expected_m)
         took_ms = 1e3 * (time.perf_counter() - start_s)
         self._times_ms.append(took_ms)
         self._seen[key] = pattern
         if len(self._seen) > _REMEMBERED:
             self._seen.popitem(last=False)
         return pattern, took_ms
-
-    def _expected_m(self) -> FloatArray | None:
-        """Return the one focus of the frame that is expected next."""
-        foci = None if self._order is None else self._order.next_foci
-        return foci[0] if foci is not None and len(foci) == 1 else None
 
     def _judged(self, latch: SeenLatch, pattern: Pattern) -> FrameVerdict | None:
         """Return the verdict on a latch; None without an expected order."""
@@ -176,7 +171,7 @@ class Watch:
         return verdict
 
     def _aim(self, latch: SeenLatch, pattern: Pattern, target_m: FloatArray) -> Aim:
-        """Return the found and intended focus of a latch."""
+        """Return the intended focus with the latched phases, and the focus they have (or None)."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         radiated = self._model.radiated(weights)
         phases = np.where(np.abs(radiated) > _SOUNDING, np.angle(radiated), np.nan)
@@ -192,7 +187,7 @@ class Watch:
         return ClientMistakes(self._model, made, axes, [*self._aims.values()])
 
     def _hints(self, mistakes: ClientMistakes | None) -> Iterator[str]:
-        """Yield possible but unproven explanations of wrong foci."""
+        """Yield explanations of wrong foci that are likely but not proven."""
         yield from (f"not verified: {note}" for note in self._notes)
         count = self._model.array.count
         if count < _LEAST_ELEMENTS and self._expectation is None and Unnamed.kind in self._kinds:

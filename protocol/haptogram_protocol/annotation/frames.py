@@ -139,7 +139,7 @@ class FrameAnnotator:
             yield Annotated(self._begin, self._size, "", f"no frame: {fault}", fault)
 
     def _keep(self, piece: bytes) -> None:
-        """Buffer bytes of the current frame, up to a limit."""
+        """Add bytes to the current frame: keep no more than an encoded frame has, count all."""
         self._partial += piece[: MAX_ENCODED_BYTES + 1 - len(self._partial)]
         self._size += len(piece)
 

@@ -62,7 +62,7 @@ class OperationAnnotator:
             yield Annotated(self._advance(size), size, "", text, fault)
 
     def _take(self, found: list[Operation] | list[Reply]) -> Iterator[Annotated]:
-        """Yield the annotation of each decoded operation or reply."""
+        """Yield the annotation of each operation or reply; the first has the bytes and errors."""
         behind = min(len(found) - 1, self._size - 1)
         sizes = [self._size - behind] + [1] * behind + [0] * (len(found) - 1 - behind)
         fault = self._new_errors_text()
@@ -76,14 +76,14 @@ class OperationAnnotator:
             fault = ""
 
     def _advance(self, size: int) -> int:
-        """Move the begin of the current piece by *size* bytes; return the old begin."""
+        """Return where the present piece begins; the next one begins *size* bytes later."""
         begin = self._begin
         self._begin += size
         self._size -= size
         return begin
 
     def _new_errors_text(self) -> str:
-        """Return the errors counted since the last piece as text."""
+        """Return as text the errors counted since the last call, '' if there are none."""
         counters = self._end.counters
         if counters == self._counted:
             return ""

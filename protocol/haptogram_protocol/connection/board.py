@@ -187,7 +187,7 @@ class BoardConnection(ConnectionInbox):
         self._stream_expected += count
 
     def _judge_stream(self, frame: ReceivedFrame) -> BoardEvent:
-        """Return a stream frame for the board, or its drop; its number is used up either way."""
+        """Return a stream frame for the board, or its drop; either way its number is used up."""
         header = frame.header
         # HG-5.6: whatever else is wrong with the frame, its number has been used.
         index = self._take_index(header.seq) if frame.in_session else None
@@ -212,7 +212,7 @@ class BoardConnection(ConnectionInbox):
         )
 
     def _take_index(self, seq: int) -> int | None:
-        """Return the unwrapped sequence number, None if the frame is a copy.  HG-5.5."""
+        """Return the unwrapped number, and count a gap before it; None if it was used.  HG-5.5."""
         ahead = (seq - self._stream_expected) & 0xFFFF
         if ahead >= COPY_AHEAD:
             return None
@@ -225,7 +225,10 @@ class BoardConnection(ConnectionInbox):
     # --- Requests (HG-4) -----------------------------------------------------------------------
 
     def _judge_request(self, frame: ReceivedFrame) -> BoardEvent:
-        """Refuse a request by type, session or flags; else judge its payload."""
+        """Return a request for the board, or its refusal by type, session, flags or payload.
+
+        MUTE is refused for none of these.
+        """
         header = frame.header
         if header.type == m.MessageType.MUTE:
             return self._request(frame, m.Mute())  # HG-6.4: no flag, length or session refuses it
@@ -302,7 +305,7 @@ class BoardConnection(ConnectionInbox):
         )
 
     def _take_control_seq(self, frame: ReceivedFrame) -> None:
-        """Use up the number of a request of this session."""
+        """Note the newest number of a request in this session; an older one changes nothing."""
         seq = frame.header.seq
         if frame.in_session and m.signed_difference(seq, self._control_newest, 16) > 0:
             self._control_newest = seq
@@ -315,7 +318,7 @@ class BoardConnection(ConnectionInbox):
         *,
         is_remembered: bool = False,
     ) -> FrameDropped:
-        """Answer a request with ERROR, without the board."""
+        """Send ERROR for a request; the board never sees it."""
         error = m.Error(request=frame.header.type, code=code, detail=number)
         session = 0 if code is m.ErrorCode.STALE_SESSION else self.session
         wire = self._response(error, frame.header.seq, self.departure_us(frame.t_rx_us), session)

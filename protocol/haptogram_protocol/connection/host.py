@@ -221,7 +221,7 @@ class HostConnection(ConnectionInbox):
                 self._output += self._pending.resend(waiting, now_us)
 
     def _give_up(self, waiting: PendingRequest) -> None:
-        """Forget a request without an answer; time out the link."""
+        """Report that a request was never answered; the link times out, if open or opening."""
         self._pending.forget(waiting)
         if self.link_state is LinkState.OPEN or waiting.request is m.MessageType.HELLO:
             self.link_state = next_link_state(self.link_state, LinkInput.TIMED_OUT)
@@ -267,7 +267,7 @@ class HostConnection(ConnectionInbox):
         return self._drop("unknown_type", t_rx_us)
 
     def _judge_event(self, header: m.Header, message: m.Message, t_rx_us: int) -> events.HostEvent:
-        """Drop an event that is stale or repeated; else return it with the number of lost ones."""
+        """Return an event, with how many before it were lost; drop a stale one or a copy."""
         if header.session != self.session:
             return self._drop("stale_session", t_rx_us)
         ahead = m.signed_difference(header.seq, self._event_expected, 16)
@@ -280,7 +280,7 @@ class HostConnection(ConnectionInbox):
     def _judge_response(
         self, header: m.Header, message: m.Message, t_rx_us: int
     ) -> events.HostEvent:
-        """Match a response to its request; drop it if stale or repeated."""
+        """Return a response as reply or refusal of its request; drop a copy or a stale one."""
         waiting = self._pending.get(header.seq)
         if waiting is None or not _is_answer_to(message, waiting.request):
             return self._drop("duplicate", t_rx_us)
@@ -325,7 +325,7 @@ def _is_answer_to(message: m.Message, request: m.MessageType) -> bool:
 
 
 def _identity_differences(reply: m.HelloReply) -> list[str]:
-    """Return the differences between host and board of one major version.  HG-11.3."""
+    """Return a note if the board's minor version is not the host's; [] if it is.  HG-11.3."""
     found = []
     if reply.minor != m.VERSION_MINOR:
         found.append(

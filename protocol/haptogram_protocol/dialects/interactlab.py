@@ -129,7 +129,7 @@ class InteractlabBoardEnd:
         return b""
 
     def _find_start(self, data: bytes, at: int) -> int:
-        """Return the index of the next frame; count the bytes before it."""
+        """Return the index of the next frame's first byte; count bytes before it as outside."""
         match = _START.search(data, at)
         start = match.start() if match else len(data)
         if start > at:

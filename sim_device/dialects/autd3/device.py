@@ -153,11 +153,12 @@ class Autd3Device:
         return operations.ErrorCode.NONE if known else operations.ErrorCode.NOT_SUPPORTED_TAG
 
     def _clear(self, *_: object) -> operations.ErrorCode:
+        """Reset the device as at power-up."""
         self._power_up()
         return operations.ErrorCode.NONE
 
     def _silence(self, operation: operations.Silencer, _: int) -> operations.ErrorCode:
-        """Set the limits of the silencer, unless the present sampling exceeds them."""
+        """Set the silencer's limits; return an error if the sampling is too fast for them."""
         limits = Autd3Limits.of(operation, self._limits)
         error = autd3_silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
         if not error:
@@ -165,7 +166,7 @@ class Autd3Device:
         return error
 
     def _write_gain(self, operation: operations.Gain, now_ns: int) -> operations.ErrorCode:
-        """Write one drive to a segment, and show it if asked."""
+        """Write one drive to a segment; latch it at once if the operation says so."""
         segment = operation.segment
         if error := autd3_segment_refusal(segment):
             return error
@@ -238,7 +239,7 @@ class Autd3Device:
         return memory.show(segment, begun.transition_mode, begun.transition_value, now_ns)
 
     def _swap(self, operation: operations.SwapSegment, now_ns: int) -> operations.ErrorCode:
-        """Switch to another segment of drives or modulation."""
+        """Show another segment of drives or modulation; return the error that refuses it."""
         segment, mode = operation.segment, operation.transition_mode
         if operation.tag is operations.Tag.GAIN_SWAP:
             mode = operations.TransitionMode.IMMEDIATE

@@ -134,7 +134,7 @@ class Autd3SwapChain:
         return min((time for time in times if time is not None), default=None)
 
     def _next_step(self) -> int | None:
-        """Return the period of the next change of segment; None if there is none."""
+        """Return the period of the next change of segment, queued or due; None if there is none."""
         if self._waiting is not None:
             return self._waiting.period
         return self._ends if self._ends is not None else self._turns
@@ -154,7 +154,7 @@ class Autd3SwapChain:
 
 
 def _start_of_segment(sampling: Autd3Sampling, mode: int, value_ns: int, period: int) -> int | None:
-    """Return the period in which a queued segment starts; None if its mode sets no time."""
+    """Return the carrier period in which a queued segment starts; None if its mode sets none."""
     if mode == TransitionMode.SYNC_INDEX:
         return sampling.next_lap(period)
     if mode == TransitionMode.SYSTEM_TIME:

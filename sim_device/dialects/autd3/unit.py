@@ -139,7 +139,7 @@ class Autd3Unit(LatchingUnit):
         return messages.Accepted()
 
     def _refuse_number(self, asked: int) -> messages.Autd3Refused | None:
-        """Return a refusal if the client has opened another number of devices."""
+        """Return a refusal unless a client has opened as many devices as there are; else None."""
         if asked == len(self._devices):
             return None
         self.counters["devices_differ"] += 1
@@ -161,7 +161,7 @@ class Autd3Unit(LatchingUnit):
         self._changes = min((change for change in changes if change is not None), default=None)
 
     def _cause(self, outputs: list[Output]) -> str | None:
-        """Return the cause of the change since the last latch; None if there is none."""
+        """Return why outputs changed: new patterns, "index", "modulation"; None: they did not."""
         pairs = list(zip(outputs, self._outputs, strict=True))
         for output, last in pairs:
             if output.patterns is not last.patterns:
@@ -173,7 +173,7 @@ class Autd3Unit(LatchingUnit):
         return None
 
     def _latch(self, outputs: list[Output], period: int, cause: str) -> bool:
-        """Latch *outputs*; return False if the pulses are unchanged."""
+        """Latch *outputs*; return False if a step of index or modulation changes no pulse."""
         self._outputs = outputs
         pulses = self._pulses_of(tuple(outputs))
         if pulses == self._pulses and cause in ("index", "modulation"):

@@ -80,7 +80,7 @@ class SimulatedPins:
         self._words(self._rest)  # a capture takes them down before the period ends
 
     def _repeat(self, block: bytes) -> Generator[ShownDrive, None, bytes]:
-        """Process periods equal to the last one; return the remaining changes."""
+        """Take the periods that a block says are as the last one; return the rest of the block."""
         while block.startswith(SAME):
             line, _, block = block.partition(b"\n")
             more = count_of_same(line)
@@ -91,7 +91,7 @@ class SimulatedPins:
         return block
 
     def _take_period(self, block: bytes) -> Iterator[ShownDrive]:
-        """Decode a carrier period; yield a drive that repeats, or the mean of many that do not."""
+        """Decode a period; yield a drive that was there twice, or the mean of many unequal ones."""
         self.periods += 1
         if self._is_steady and block == self._block:
             return

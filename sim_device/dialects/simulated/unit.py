@@ -144,7 +144,7 @@ class SimulatedUnit:
         self._process.close()
 
     def _run(self, until_ns: int, *, stops: bool = False) -> None:
-        """Run the process to a time; with *stops* end at the first byte it sends."""
+        """Run the process to *until_ns*; with *stops* no further than the first byte it sends."""
         while not self._is_lost and self._process.now_ns < until_ns:
             self._is_lost = True  # unless it answers
             text, sent = self._process.grant(until_ns)
@@ -167,7 +167,7 @@ class SimulatedUnit:
         capture.write(self._process.now_ns)
 
     def _take_pins(self, text: bytes) -> None:
-        """Append latches for the pin changes of the simulator; check its count of periods."""
+        """Append latches for changes of pins; end the process if its periods are miscounted."""
         for t_ns, pulses in self._pins.take(text):
             self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
         if self._pins.halved and not self._has_warned:
@@ -189,7 +189,7 @@ class SimulatedUnit:
         return self._boot_us - (self._boot_ns - t_ns) // _NS_PER_US
 
     def _power_up_drive(self, unit: Unit) -> PulseDrive:
-        """Return the drive of a unit after power-up."""
+        """Return the drive that a unit of our emulation shows at power-up, on connected pins."""
         return self._on_pins(unit.take_latches()[-1].pulses)
 
     def _on_pins(self, pulses: PulseDrive) -> PulseDrive:

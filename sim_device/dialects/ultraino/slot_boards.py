@@ -235,7 +235,7 @@ class ArduinoPlaylist:
 
     @property
     def _left(self) -> int:
-        """Periods until the pattern whose duration counts is complete, at least 1."""
+        """Return how many periods the present pattern has left, at least 1."""
         return (self.durations[self._pattern] - self._passed - 1) % _COUNTER + 1
 
     @property
@@ -244,7 +244,7 @@ class ArduinoPlaylist:
         return not (self.pointer or self._pattern) and self._is_last(0)
 
     def _is_last(self, pattern: int) -> bool:
-        """Return True if no pattern with a duration follows."""
+        """Return True if the next pattern has no duration, so that the first one follows."""
         return pattern + 1 == len(self.durations) or not self.durations[pattern + 1]
 
     def _complete(self) -> None:

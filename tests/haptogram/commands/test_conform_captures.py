@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("mcap")
 
 from haptogram.cli import main
-from haptogram.commands.conform.captures import conform_by_captures
+from haptogram.commands.conform.command import conform_by_captures
 from haptogram.commands.conform.options import PinConfig
 from haptogram.commands.shell.captures import judge_captures_at_port
 from haptogram.conformance.verdict import SuiteResult

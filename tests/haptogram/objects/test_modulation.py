@@ -14,11 +14,11 @@ from haptogram.objects.modulation import (
     MAX_FRAMES,
     Modulation,
     dwell_modulation,
+    felt_signal_at,
     modulate_amplitude,
     modulate_place,
     spatio_temporal_modulation,
 )
-from haptogram.objects.signals import felt_signal_at
 
 MODEL = AcousticModel.default(8, 8)
 ENGINE = NumpyEngine(MODEL)

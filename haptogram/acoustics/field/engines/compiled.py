@@ -99,7 +99,7 @@ def _is_code_stored() -> bool:
 
 
 def _store_machine_code(kernels: ModuleType) -> None:
-    """Write the machine code of all compiled kernels beside numba's cache."""
+    """Write the machine code of all compiled kernels beside numba's cache; log if that fails."""
     folder = Path(kernels.fit_phases_kernel.stats.cache_path)
     try:
         store_kernels(kernels, folder / stored_name(kernel_digest()))
@@ -114,13 +114,13 @@ def kernel_digest() -> str:
 
 
 def _are_cached() -> bool:
-    """Return True if compiled kernels are cached on this machine."""
+    """Return True if numba's cache on this machine has compiled kernels of this version."""
     pattern = f"*_kernel-{kernel_digest()}*.nbi"
     return any(next(folder.rglob(pattern), None) for folder in _cache_folders())
 
 
 def _cache_folders() -> list[Path]:
-    """Return the folders for machine code, which only this user can write to."""
+    """Return the folders in which numba may keep code; a temporary one only if it is safe."""
     if own := os.environ.get("NUMBA_CACHE_DIR"):
         return [Path(own)]
     user = os.path.join(os.environ.get("XDG_CACHE_HOME", "~/.cache"), "numba")
@@ -142,7 +142,7 @@ def _temporary_folder() -> Path:
 
 
 def _temporary_kernel_cache() -> Path:
-    """Return a cache folder that only this user can write to."""
+    """Return a cache folder that only this user can write to; the usual one if that is safe."""
     folder = _temporary_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
     if _is_own_folder(folder):

@@ -98,7 +98,7 @@ class NumbaEngine:
         self._fronts = sounding_half_spaces(model).copy()  # writeable, as all that the loops take
 
     def _exact_reach_m(self) -> float:
-        """Return the largest distance from the array's centre within the error bound."""
+        """Return how far from the array's centre single precision keeps to the error bound."""
         absorption = self._model.medium.absorption_np_m
         lossy_m = 2.0 * _MAX_LOSS / absorption if absorption > 0.0 else math.inf
         return min(_REACH * self._model.wavelength_m, lossy_m) - self._layout.radius_m
@@ -173,7 +173,7 @@ class NumbaEngine:
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
         """Return the pressure of one or many drives at usable points, by compiled loops.
 
-        *careful*: so few elements are active that their rounding errors do not average out.
+        *careful*: few elements are active, so their rounding errors do not average out.
         """
         result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
         if drives.ndim == 1:
@@ -247,7 +247,7 @@ class NumbaEngine:
         return float(self._kernels.disc_stress_kernel(self._polar(drive), centre_m, *disc))
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
-        """Return a mask of the points in reach and in front; None if all points are usable."""
+        """Return a mask of points in reach, in front and not too near; None if all are."""
         usable, refused = np.empty(len(points), dtype=np.bool_), 0
         for part in memory_chunks(len(points), _CALL_POINTS):
             refused += self._kernels.usable_points_kernel(
@@ -301,7 +301,7 @@ class NumbaEngine:
 
 
 def _effective_drive_count(drives: ComplexArray) -> float:
-    """Return the smallest effective number of elements of any drive."""
+    """Return the effective number of elements, (sum a)^2 / sum a^2; the least of all drives."""
     square = drives.real**2 + drives.imag**2  # half the time of abs()
     level = np.sqrt(square)
     if drives.ndim == 1:  # one call for a few points must not cost more than the points

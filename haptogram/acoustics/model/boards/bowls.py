@@ -26,7 +26,7 @@ def tinylev() -> TransducerArray:
 
 
 def _bowl_place(count: int, n: int) -> tuple[float, float, float]:
-    """Return the position of element *n* in a ring of *count* touching elements."""
+    """Return the position of element *n* of *count* that touch in a ring of the bowl."""
     ring_m = count * _ELEMENT_M / (2.0 * math.pi)
     turn = 2.0 * math.pi * n / count
     depth_m = math.sqrt(_RADIUS_M**2 - ring_m**2)

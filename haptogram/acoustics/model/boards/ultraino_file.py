@@ -165,14 +165,14 @@ class _UltrainoReader:
             self._open[-1].arguments.append(value)
 
     def _value_of(self, element: _Element) -> Any:
-        """Return the value of an element, evaluated once."""
+        """Return the value of an element; it is computed once, when it is first asked for."""
         if not element.done:
             element.done = True
             element.value = self._call(element)
         return element.value
 
     def _call(self, element: _Element) -> Any:
-        """Evaluate an element of Java's XML serialisation."""
+        """Return the number, text or object that an element of Java's XML stands for."""
         attributes, arguments = element.attributes, element.arguments
         if element.tag in _NUMBERS:
             return _as_ultraino_number("".join(element.text))
@@ -190,7 +190,10 @@ class _UltrainoReader:
 
 
 def _carry_out_ultraino_call(attributes: dict[str, str], arguments: list[Any], target: Any) -> Any:
-    """Return the result of a call on *target*: an object, or the name of a public field."""
+    """Set or get a property of *target*, or add to it; return what a getter returns, else None.
+
+    A name as *target* is a public field of the first argument.
+    """
     method = attributes.get("method")
     if isinstance(target, str) and arguments and isinstance(arguments[0], _UltrainoObject):
         if method == "set" and len(arguments) == 2:
@@ -208,6 +211,7 @@ def _carry_out_ultraino_call(attributes: dict[str, str], arguments: list[Any], t
 
 
 def _refuse_ultraino_doctype(*_: object) -> None:
+    """Raise: a document type can define entities, which are not read."""
     raise ConfigurationError("a document type, and so maybe entities: such a file is not read")
 
 
@@ -241,7 +245,7 @@ def _ultraino_part(built: _UltrainoObject, *names: str) -> _UltrainoObject:
 
 
 def _ultraino_value(built: _UltrainoObject, name: str, default: float = 0.0) -> float:
-    """Return a field as a finite number, or raise."""
+    """Return a field, or *default* without it; raise unless it is a finite number."""
     value = built.values.get(name, default)
     if not isinstance(value, float) or not math.isfinite(value):
         raise ConfigurationError(f"{name} is no finite number")
@@ -257,7 +261,7 @@ def _ultraino_number(transducer: _UltrainoObject, name: str) -> int:
 
 
 def _same_ultraino_numbers(numbers: list[int], name: str) -> str:
-    """Return the error text for transducers with equal numbers."""
+    """Return the error text: two transducers have one number, or all still have the default."""
     if len(set(numbers)) > 1:
         return f"two transducers have the same {name}"
     return (
@@ -268,6 +272,7 @@ def _same_ultraino_numbers(numbers: list[int], name: str) -> str:
 
 
 def _as_ultraino_number(text: str) -> float:
+    """Return a text as float; raise ConfigurationError if it is no number."""
     try:
         return float(text)
     except ValueError as error:
@@ -275,6 +280,7 @@ def _as_ultraino_number(text: str) -> float:
 
 
 def _ultraino_place(transform: _UltrainoObject) -> list[float]:
+    """Return x, y and z of a transducer's translation in metres."""
     translation = _ultraino_part(transform, "translation")
     return [_ultraino_value(translation, axis) for axis in "xyz"]
 

@@ -144,14 +144,13 @@ class PatternClassifier:
         return bool(np.ptp(self._local[:, 2]) < _PLANE_M)
 
     def _radiated(self, weights: ArrayLike) -> ComplexArray:
-        """Return the radiated weights; refuse a wrong number of elements."""
+        """Return what *weights* radiate by the model's calibration; refuse a wrong number."""
         drive = np.asarray(weights, dtype=np.complex128)
         if drive.shape != (self._model.array.count,):
             raise ConfigurationError(
                 f"weights have shape {drive.shape}, must be ({self._model.array.count},)"
             )
-        radiated = self._radiated_by(np.where(np.isfinite(drive), drive, 0.0))
-        return radiated
+        return self._radiated_by(np.where(np.isfinite(drive), drive, 0.0))
 
     def _placed(
         self,
@@ -160,7 +159,7 @@ class PatternClassifier:
         phases: PatternPhases,
         places: list[FloatArray],
     ) -> Pattern | None:
-        """Return a single- or multi-focus pattern, if the phases match one."""
+        """Return a pattern with one or several foci that the phases match; None if none."""
         if len(phases.phases_rad) < MIN_ACTIVE:
             return None
         explained = self._fit_from_last(phases)
@@ -179,7 +178,10 @@ class PatternClassifier:
         drive: ComplexArray,
         places: list[FloatArray],
     ) -> Explanation | None:
-        """Return a single-focus pattern, with or without a half turn between the sides."""
+        """Return a focus, vortex or trap that explains most elements; None if there is none.
+
+        The sides of the array may be half a turn apart.
+        """
         search, halves = self._search_for(active), self._half_turn(active)
         arrivals = np.where(np.abs(drive) > _SILENT, np.exp(1j * np.angle(drive)), 0.0)
         turned = arrivals.copy()
@@ -194,7 +196,7 @@ class PatternClassifier:
         return None
 
     def _half_turn(self, active: BoolArray) -> FloatArray | None:
-        """Return phase pi for the opposite side of the array; None if there is one side."""
+        """Return phase pi for active elements of the far side, 0 else; None if one side sounds."""
         if len(self._sides) == 1:
             return None
         far = self._sides[1][active]
@@ -227,7 +229,7 @@ class PatternClassifier:
         return best[False]
 
     def _fit_from_last(self, phases: PatternPhases) -> Explanation | None:
-        """Return a fit warm-started at the last pattern, if it explains all elements."""
+        """Return a fit that starts at the last pattern; None unless it explains all elements."""
         last = self._last
         if last is None:
             return None
@@ -248,7 +250,7 @@ class PatternClassifier:
         return self._proven(phases, found) if found is not None and found.used.all() else None
 
     def _search_for(self, active: BoolArray) -> PatternSearch:
-        """Return the search volume of the side with most active elements."""
+        """Return the search of the side of the array that has the most active elements."""
         number = int(np.argmax([np.count_nonzero(active & side) for side in self._sides]))
         if number not in self._searches:
             self._searches[number] = PatternSearch(self._model, self._sides[number])
@@ -261,7 +263,7 @@ class PatternClassifier:
         search: PatternSearch,
         arrivals: ComplexArray,
     ) -> Explanation | None:
-        """Return a focus of nearly all elements at a candidate position."""
+        """Return a focus of nearly all elements at a given place or a bowl's middle; else None."""
         for place in [*places, *search.foci_of_bowl(arrivals)]:
             local = self._model.array.local_m(place[None])[0]
             found = explain_turning_pattern(phases, local, self._limit_rad, near=True)
@@ -274,7 +276,7 @@ class PatternClassifier:
     def _searched_among(
         self, phases: PatternPhases, _: list[FloatArray], search: PatternSearch, heard: ComplexArray
     ) -> Explanation | None:
-        """Return the fit with the fewest outliers among the most likely starts."""
+        """Return the fit with the fewest outliers among the likeliest starts; None if none fits."""
         best: Explanation | None = None
         for below in (False, True):
             for start in search.starts(heard, below=below)[:_MOST_FITS]:
@@ -288,7 +290,7 @@ class PatternClassifier:
     def _from_start(
         self, phases: PatternPhases, start: Start, search: PatternSearch, active: BoolArray
     ) -> Explanation | None:
-        """Fit a twin trap or a turning pattern from a start; None if no pattern fits."""
+        """Fit a twin trap, focus or vortex from a start; None unless it is beyond chance."""
         place = self._model.array.local_m(start.position_m)
         axis = place[:2] if start.below else search.middle_m
         side, limit_rad = search.side[active], self._limit_rad
@@ -369,7 +371,7 @@ def _rms_of(found: Explanation) -> float:
 
 
 def _as_trap(found: Explanation | None, halves: FloatArray) -> Explanation | None:
-    """Convert a focus fitted with a half turn between the sides into a trap."""
+    """Return a focus that was fitted with *halves* added as a trap; None if it is no focus."""
     if found is None or found.charge or found.normal is not None:
         return None
     return replace(found, added_rad=halves, normal=np.array([0.0, 0.0, 1.0]))

@@ -178,7 +178,7 @@ def _widened_pattern_fit(
     axis_m: FloatArray | None,
     side: BoolArray | None,
 ) -> FloatArray | None:
-    """Fit the centre of the array first, then more and more elements.
+    """Return the position fitted to the array's centre, then to more elements; None if hopeless.
 
     Of two arrays that look at each other one side comes first. Between them minima of the fit
     alternate every half of a wavelength, so several heights are tried for both.
@@ -215,7 +215,7 @@ def _pattern_by_more_elements(
 def _pattern_residuals(
     phases: PatternPhases, point: PatternPointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residual of every element, and the phase of the pattern relative to a focus."""
+    """Return each element's phase error, and the phase that the vortex adds to a focus."""
     distance = np.linalg.norm(point.position_m - phases.positions_m, axis=1)
     added = (
         charge * pattern_azimuths(phases.positions_m, point.axis_m)
@@ -234,7 +234,7 @@ def _pattern_with_residual(point: PatternPointFit, residual: FloatArray) -> Patt
 
 
 def _twin_trap_halves(phases: PatternPhases, position_m: FloatArray) -> BoolArray:
-    """Return a mask of the elements that arrive half a turn off the others."""
+    """Return a mask of the elements that arrive at *position_m* half a turn off the others."""
     distance = np.linalg.norm(position_m - phases.positions_m, axis=1)
     arrival = np.exp(1j * (phases.phases_rad + phases.wavenumber * distance))
     common = np.angle((arrival**2).sum()) / 2.0
@@ -258,14 +258,14 @@ def twin_trap_normal(positions_m: FloatArray, flipped: BoolArray) -> FloatArray 
 
 
 def _turned_pattern_axis(vector: FloatArray, turn_rad: float) -> FloatArray:
-    """Return *vector* rotated around z."""
+    """Return *vector* rotated around z by *turn_rad*."""
     x, y, z = vector.tolist()
     cosine, sine = np.cos(turn_rad), np.sin(turn_rad)
     return np.array([cosine * x - sine * y, sine * x + cosine * y, z])
 
 
 def _twin_trap_separated(along: FloatArray, flipped: BoolArray) -> float:
-    """Return the share of elements on the correct side of the best dividing line."""
+    """Return the share of elements on the right side of the line that best parts *flipped*."""
     order = np.argsort(along)
     below = np.cumsum(flipped[order])
     count, total = np.arange(1, len(order) + 1), int(flipped.sum())

@@ -81,8 +81,7 @@ def pattern_residual_rms(values: FloatArray) -> float:
 def pattern_azimuths(positions_m: FloatArray, axis_m: FloatArray) -> FloatArray:
     """Return (A,) the angles of elements around an axis along the array's z."""
     offset = positions_m[:, :2] - axis_m
-    angles: FloatArray = np.arctan2(offset[:, 1], offset[:, 0])
-    return angles
+    return np.arctan2(offset[:, 1], offset[:, 0])
 
 
 def fit_pattern_point(

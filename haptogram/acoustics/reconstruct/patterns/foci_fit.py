@@ -115,7 +115,7 @@ def fit_foci(
 
 
 def _initial_foci_weights(waves: Complexes, drive: Complexes) -> Complexes:
-    """Return the (F,) weights whose sum of waves has the phases of *drive*, by projections."""
+    """Return (F,) weights of the foci whose summed waves have nearly the phases of *drive*."""
     inverse = np.linalg.pinv(waves.T, rcond=1e-9)
     phasors, level = np.exp(1j * np.angle(drive)), np.abs(drive)
     for _ in range(_PROJECTIONS):
@@ -165,8 +165,7 @@ class _LinearisedPatternFoci(NamedTuple):
         """Return (N,) the largest phase errors that errors of the sum (N,) leave the elements."""
         fitted = self.rows @ np.linalg.pinv(self.rows, rcond=_LEAST_SEEN)
         left = np.abs(np.eye(len(errors)) - fitted[:-1, :-1]) @ errors
-        phases: Floats = left / np.maximum(self.levels, _TINY)
-        return phases
+        return left / np.maximum(self.levels, _TINY)
 
     def bound_m(self, limit_rad: float) -> Floats:
         """Return (F, 3) how far phase errors of *limit_rad* can move the foci; infinite: lost."""
@@ -178,5 +177,4 @@ class _LinearisedPatternFoci(NamedTuple):
         inverse = (right[seen].T / values[seen]) @ left[:, seen].T / size[:, None]
         bound = np.abs(inverse[:, :-1] * self.levels).sum(axis=1) * limit_rad
         places = slice(2 * len(size) // 5, None)
-        bound_m: Floats = np.where(lost < _SEEN, bound, np.inf)[places].reshape(-1, 3)
-        return bound_m
+        return np.where(lost < _SEEN, bound, np.inf)[places].reshape(-1, 3)

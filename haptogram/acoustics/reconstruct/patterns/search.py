@@ -146,12 +146,12 @@ class PatternSearch:
         return [self._cells[cell] for cell in self._leaders(np.abs(sums), count)]
 
     def _sums_around_the_middle(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return coherent sums per cell and charge, vortex axis through the array centre."""
+        """Return (cells, charges) sums of arrivals, for vortices on the axis of the array."""
         powers = np.stack([heard * self._turns.conj() ** charge for charge in CHARGES], axis=1)
         return self._phasors @ powers
 
     def _sums_below(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return coherent sums per cell and charge, vortex axis through the cell."""
+        """Return (cells, charges) sums of arrivals, for vortices with their axis at the cell."""
         sums = np.empty((len(self._cells), len(CHARGES)), dtype=np.complex64)
         for first in range(0, len(self._cells), _AT_A_TIME):
             part = slice(first, first + _AT_A_TIME)
@@ -174,7 +174,7 @@ class PatternSearch:
         return turns
 
     def _leaders(self, score: FloatArray, count: int = _STARTS) -> list[int]:
-        """Return the best cell of each region."""
+        """Return the indices of the *count* best cells by score that are not beside each other."""
         looked_at = min(_LOOKED_AT * count // _STARTS, len(score))
         best = np.argpartition(-score, looked_at - 1)[:looked_at]
         best = best[np.argsort(-score[best])]
@@ -214,8 +214,7 @@ def _pattern_cells_between(model: AcousticModel, cells: FloatArray, side: BoolAr
     lowest = np.full(len(cells), np.inf)
     for normal, plane in zip(normals, planes, strict=True):
         lowest = np.minimum(lowest, cells @ normal - plane)
-    inside: BoolArray = (lowest > _CLEARANCE_M) & points_in_front(model, cells)
-    return inside
+    return (lowest > _CLEARANCE_M) & points_in_front(model, cells)
 
 
 def _pattern_phasor(offset: FloatArray) -> NDArray[np.complex64]:

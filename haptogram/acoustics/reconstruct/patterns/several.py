@@ -72,7 +72,7 @@ def find_foci_pattern(
 def _next_pattern_focus(
     model: AcousticModel, rest: ComplexArray, places: FloatArray, loudest: Loudest
 ) -> FloatArray | None:
-    """Return the loudest maximum of the unexplained phasors away from the known foci."""
+    """Return the loudest point of the phasors *rest* away from known *places*; None if none is."""
     apart = _APART * model.wavelength_m
     for cell in loudest(rest, _LOOKED_AT):
         place = _climb_to_pattern_focus(model, rest, cell)
@@ -84,7 +84,7 @@ def _next_pattern_focus(
 def _climb_to_pattern_focus(
     model: AcousticModel, drive: ComplexArray, start_m: FloatArray
 ) -> FloatArray:
-    """Return a nearby pressure maximum, by steps of decreasing size."""
+    """Return the pressure maximum reached from *start_m*, by steps of decreasing size."""
     ways = np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
     place, step_m = start_m, _CLIMB_M
     for _ in range(3 * _CLIMBS):
@@ -102,7 +102,7 @@ def _climb_to_pattern_focus(
 def _unexplained_by_pattern(
     model: AcousticModel, phasors: ComplexArray, active: BoolArray, places: FloatArray
 ) -> ComplexArray:
-    """Return the phasors minus the least-squares waves of all foci."""
+    """Return what the best sum of waves from foci at *places* leaves of the phasors."""
     waves = np.exp(1j * focus_phases(model, places))[:, active].T
     weights = np.linalg.lstsq(waves, phasors[active], rcond=1e-6)[0]
     rest = np.zeros_like(phasors)
@@ -117,7 +117,7 @@ def _fitted_foci_pattern(
     places: FloatArray,
     step_rad: float,
 ) -> SeveralFoci | None:
-    """Return the foci next to *places* if they explain the phases."""
+    """Return the foci next to *places* if they explain the phases within a step; else None."""
     if not points_with_field(model, places).all():
         return None
     limit_rad = _ROUNDING * step_rad + _SLACK_RAD

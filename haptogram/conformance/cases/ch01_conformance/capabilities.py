@@ -19,8 +19,8 @@ _LATCHED, _RADIATED = (
     m.ReadDrive(m.DriveKind.RADIATED, 0, 1),
 )
 _USES: Final[dict[m.Feature, Callable[[BoardClient], object]]] = {
-    m.Feature.AMPLITUDE: lambda b: _is_advertised_drive_latched(b, _advertised_drives(b)),
-    m.Feature.POINTS: lambda b: _is_advertised_drive_latched(b, m.Points((_POINT,))),
+    m.Feature.AMPLITUDE: lambda b: _latches_as_advertised(b, _advertised_drives(b)),
+    m.Feature.POINTS: lambda b: _latches_as_advertised(b, m.Points((_POINT,))),
     m.Feature.SEQUENCE_PHASES: lambda b: uploads.upload_to_board(
         b, m.UploadKind.PHASES, 1, _zeros(b)
     ),
@@ -66,7 +66,7 @@ def _advertised_drives(board: BoardClient) -> m.Drives:
     return m.Drives(bytes([255]) * 2 * board.identity.transducers)
 
 
-def _is_advertised_drive_latched(board: BoardClient, message: m.Message) -> None:
+def _latches_as_advertised(board: BoardClient, message: m.Message) -> None:
     """FAILED unless the board latches a frame of a type that it advertises."""
     board.arm()
     with board.counting(latched=1):
@@ -75,7 +75,7 @@ def _is_advertised_drive_latched(board: BoardClient, message: m.Message) -> None
 
 
 def _traces_as_advertised(board: BoardClient, mode: m.TraceMode, kind: type[m.Message]) -> None:
-    """FAILED unless the advertised trace mode sends trace events."""
+    """FAILED unless a latch sends an event of *kind* in the advertised trace mode."""
     since = board.arm(trace_mode=mode)
     latching.latch_now(board)
     board.link.barrier()

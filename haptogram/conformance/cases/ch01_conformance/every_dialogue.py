@@ -86,7 +86,7 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
 
 
 def _goes_on_after_dialogue(board: BoardClient, number: int, compared: int, start_us: int) -> bool:
-    """Return True if another random dialogue is to be played, by their number and time."""
+    """Return True if neither the number nor the time of the random dialogues is used up."""
     passed_us = board.wire.now_us() - start_us
     if board.explore_us:
         return passed_us < board.explore_us
@@ -144,8 +144,7 @@ def _judge_random_dialogue(
 ) -> bool:
     """Play one random dialogue; minimise and record it if it breaks a new clause.
 
-    Returns False if nothing is known: something was held up so that it was not compared, or
-    differed and then did not.
+    Returns False if the host was late: nothing was compared, or a difference did not recur.
     """
     board = lockstep.board
     seed = board.random.getrandbits(32)

@@ -51,7 +51,7 @@ _RULES: Final[dict[str, tuple[str, Evidence]]] = {
 
 
 def _standing_case(clause: str) -> Case:
-    """Return the case that reports a standing rule: broken in any frame of the run or not."""
+    """Return the case that fails if any frame of the run broke the standing rule *clause*."""
     summary, evidence = _RULES[clause]
 
     def body(board: BoardClient) -> None:

@@ -87,7 +87,7 @@ def accepts_a_spare_stuffing_byte(board: BoardClient) -> None:
 
 
 def _runs_to_stuff(most: int) -> list[int]:
-    """Return lengths of runs without a zero at and around every multiple of a full piece.
+    """Return lengths up to *most* of zero-free runs, at and near multiples of a COBS block.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def _runs_to_stuff(most: int) -> list[int]:
 
 
 def _runs_before_full_ends(shown: int, room: int) -> list[int]:
-    """Return COBS run lengths whose frame of *shown* codes ends at or near a full block.
+    """Return run lengths < *room* that end a frame of *shown* codes near a full COBS block.
 
     Examples
     --------

@@ -241,7 +241,7 @@ def every_pause_ends_no_frame(board: BoardClient) -> None:
 
 
 def _pauses_ms(board: BoardClient) -> tuple[int, ...]:
-    """Return the pauses to test; without the longest if STATUS would flood the line."""
+    """Return the pauses to test in ms: few at a wall clock, none long if STATUS is periodic."""
     if not board.wire.is_virtual:
         return _PAUSES_AT_WALL_MS
     return _PAUSES_MS[:-1] if board.config.status_period_ms else _PAUSES_MS

@@ -220,7 +220,8 @@ def _judge_burst_of_mutes(
 ) -> None:
     """Send a burst of MUTEs to a sounding board; FAILED unless it mutes and can rearm.
 
-    MUTE has no session, or another one, if *others*.
+    Between them are *stages* times the frames of *make*; with *others*, no MUTE has the open
+    session.
     """
     board.arm()
     latching.latch_now(board)
@@ -242,7 +243,7 @@ def _judge_burst_of_mutes(
 
 
 def _is_line_time_zero(board: BoardClient) -> bool:
-    """Return whether line time is zero; then wait until the middle of a carrier period."""
+    """If bytes take no time on the line, wait for mid carrier period and return True."""
     if not board.clock.is_one_moment(_LONGEST):
         return False
     carrier_us = board.clock.carrier_us

@@ -90,7 +90,7 @@ def _damaged_of_every_type(body: bytes) -> bytes:
 
 
 def _requests_of_every_type(board: BoardClient) -> list[m.Message]:
-    """Return a valid request of every type; the sequence that they play is stored."""
+    """Store a sequence and arm; return a valid request of every type."""
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     board.arm()
     return list(valid_requests_to_send(board, _SEQUENCE))
@@ -242,7 +242,7 @@ def judge_foreign_types(board: BoardClient, kinds: Sequence[int], *sessions: int
 
 
 def _frame_of_foreign_type(board: BoardClient, kind: int, session: int) -> bytes:
-    """Return a frame of any type and session, with a number that is used up elsewhere."""
+    """Return a frame of any type and session; a request has a number that was used before."""
     if kind in m.STREAM_RANGE:
         seq = None if session == board.link.session else board.link.stream_next
         return board.link.stream_raw(kind, b"", session=session, seq=seq)
@@ -317,7 +317,7 @@ def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Fr
 
 
 def _pairs_of_defects(defects: Iterable[str], *, thorough: bool) -> list[tuple[str, ...]]:
-    """Return all pairs of defects, singles and all together; neighbours only if quick."""
+    """Return defects alone, in pairs and all at once; unless *thorough* only neighbours, all."""
     every = tuple(defects)
     if not thorough:
         return [*itertools.pairwise(every), every]
@@ -325,6 +325,7 @@ def _pairs_of_defects(defects: Iterable[str], *, thorough: bool) -> list[tuple[s
 
 
 def _name_with_defects(name: str, defects: Iterable[str]) -> str:
+    """Return the name of a frame, followed by the names of its defects."""
     return f"{name} with {', '.join(f'a wrong {defect}' for defect in defects)}"
 
 

@@ -384,7 +384,7 @@ def _requests_with_values(board: BoardClient) -> Iterator[m.Message]:
 
 
 def _uploads_with_values(board: BoardClient) -> list[m.UploadBegin]:
-    """Return UPLOAD_BEGIN requests of each kind."""
+    """Return an UPLOAD_BEGIN of one frame for each form of upload that the board takes."""
     return [form.request(form.frame_bytes) for form in uploads.upload_forms(board, _UPLOADED)]
 
 

@@ -182,7 +182,7 @@ def refuses_other_majors(board: BoardClient) -> None:
 
 
 def _judge_majors(board: BoardClient, majors: Sequence[int]) -> None:
-    """FAILED unless HELLO of each of *majors* is refused, and an ARMED board stays so."""
+    """FAILED unless HELLO with each major version is refused, and the board stays ARMED."""
     board.arm()
     with board.counting(requests=len(majors)):
         for major in majors:
@@ -249,7 +249,7 @@ def refusals_tell_the_time(board: BoardClient) -> None:
 
 
 def _device_offset_us(board: BoardClient) -> int:
-    """Return the device clock less that of the transport, by a PONG that is sent at once."""
+    """Return the device clock minus the transport's clock in µs, from the reply to one PING."""
     answer = board.link.ask(m.Ping(0))
     pong = board.link.reply_in(answer, m.Pong)
     return pong.t_tx_us - board.wire.begun_us(answer)

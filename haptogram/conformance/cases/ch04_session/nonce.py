@@ -308,12 +308,12 @@ def every_repeated_hello_reply_stays(board: BoardClient) -> None:
 
 
 def _paths_of_sessions(board: BoardClient) -> dict[str, str]:
-    """Return the orders in which sessions are opened; at wall-clock time only one."""
+    """Return which sessions to open after A, in which order (BA: B, then A again); with titles."""
     return _PATHS if board.wire.is_virtual else {"BA": _PATHS["BA"]}
 
 
 def _open_sessions_in_turn(board: BoardClient, path: str, number: int) -> None:
-    """Open the sessions of *path* one after the other, each by a HELLO of this number."""
+    """Open a session for each letter of *path* (A: the open one), by HELLOs of *number*."""
     nonces = {"A": board.link.session}
     for name in path:
         if name not in nonces:
@@ -402,7 +402,7 @@ def every_possession_ends_with_session(board: BoardClient) -> None:
 def _judge_possession(
     board: BoardClient, path: str, judge: Callable[[BoardClient], None], ahead_us: int = 0
 ) -> None:
-    """Let a session own every resource, open the sessions of *path*, then judge what is free."""
+    """Let a session own drives, queue, trace and upload; open those of *path*; call *judge*."""
     if board.has(m.Feature.TRACE_RING | m.Feature.CONFIG):
         board.configure(trace_mode=m.TraceMode.RING)
     if board.has(m.Feature.SEQUENCE_PHASES):

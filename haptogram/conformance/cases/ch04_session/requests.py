@@ -174,8 +174,8 @@ def judge_stale_requests(
                 check_answer_session(answer, 0, message.TYPE.name)
 
 
-def _largest_remembered_request(board: BoardClient) -> Iterator[m.Message]:
-    """Yield the requests whose replies are as long as the board makes them."""
+def _largest_remembered_requests(board: BoardClient) -> Iterator[m.Message]:
+    """Yield the requests with the longest replies: geometry, drives and trace ring, whole."""
     yield m.GetGeometry(0, 0xFFFF)
     yield from (m.ReadDrive(kind, 0, 0xFFFF) for kind in drive_kinds(board))
     if board.has(m.Feature.TRACE_RING):
@@ -227,7 +227,7 @@ def every_reply_is_remembered(board: BoardClient) -> None:
         playback.send_phases_that_fit(board, _SEQUENCE, frames=2)
         _fill_ring(board)
     board.arm()
-    for message in [*refused_requests_to_send(board), *_largest_remembered_request(board)]:
+    for message in [*refused_requests_to_send(board), *_largest_remembered_requests(board)]:
         with board.counting(repeated=2, requests=1, frames=3):
             first = board.link.ask_at_once(message)
             for _ in range(2):
@@ -324,6 +324,7 @@ def _requests_with_other_bytes(board: BoardClient, body: bytes) -> Iterator[tupl
 
 
 def _request_with_flipped_byte(body: bytes, at: int) -> bytes:
+    """Return *body* with the lowest bit of the byte *at* inverted."""
     return body[:at] + bytes([body[at] ^ 1]) + body[at + 1 :]
 
 
@@ -405,7 +406,7 @@ class NumberUse:
 
 
 def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
-    """Yield requests that are accepted or refused regardless of their sequence number."""
+    """Yield requests whose answer does not depend on their number: MUTE, chunks, HELLO, refused."""
     mute, ping, chunk = int(m.Mute.TYPE), int(m.Ping.TYPE), int(m.UploadChunk.TYPE)
     stale: dict[str, Any] = {"session": board.link.session ^ _STALE}
     closed, flagged = {"session": 0}, {"flags": _UNKNOWN_FLAG}
@@ -434,7 +435,7 @@ def _uses_of_any_number(board: BoardClient) -> Iterator[NumberUse]:
 
 
 def _uses_of_later_numbers(board: BoardClient) -> Iterator[NumberUse]:
-    """Yield every request whose number is used up: executed, refused and cached."""
+    """Yield valid and refused requests of every type but UPLOAD_CHUNK: each uses its number up."""
     for message in (*valid_requests_to_send(board, _SEQUENCE), *refused_requests_to_send(board)):
         if not isinstance(message, m.UploadChunk):
             yield _remembered_use(message)
@@ -464,7 +465,7 @@ def every_newest_number_stays(board: BoardClient) -> None:
 
 
 def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
-    """FAILED unless, after a request, numbers up to the newest are refused as used."""
+    """FAILED unless, after *use* numbered *step* past the newest, all old numbers are refused."""
     board.link.ask(m.Arm())
     delayed = board.link.seq
     if not use.is_remembered:

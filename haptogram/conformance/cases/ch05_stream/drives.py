@@ -158,7 +158,7 @@ def every_path_of_streamed_points(board: BoardClient) -> None:
 
 
 def _judge_same_points_streamed_again(board: BoardClient) -> None:
-    """FAILED unless the same points give another drive where something else changes it."""
+    """FAILED unless points streamed again are computed for the speed of sound set meanwhile."""
     for number in sorted({1, board.most_points}):
         message = m.Points(tuple(random_point_to_send(board, number) for _ in range(number)))
         board.arm(sound_speed_mm_s=_SPEEDS_MM_S[0])
@@ -255,6 +255,7 @@ def every_drive_path_is_limited(board: BoardClient) -> None:
 
 
 def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
+    """Return the acoustic model by which the board has to compute POINTS."""
     from ...judge.array_model import judged_model_of_board
 
     return judged_model_of_board(board)
@@ -263,8 +264,8 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
 def _judge_latched_foci(board: BoardClient, mode: Mode, targets_m: Sequence[_Target]) -> None:
     """Latch one frame per focus, read the drives back, then judge them.
 
-    A hold may be shorter than that: where the loops of the search are compiled first, it takes
-    seconds.
+    They are judged after the last latch: the first judgement compiles code for seconds, in which a
+    hold would expire.
     """
     from ...judge.focusing import judge_focus, judge_of_model, judged_host_frames
 
@@ -328,7 +329,7 @@ def _errors_of_random_points(board: BoardClient, points: int) -> tuple[Errors, E
 
 
 def _check_errors(errors: Errors, name: str) -> None:
-    """FAILED if a code is off by more than rounding allows."""
+    """FAILED if an error of a code, in steps, is larger than rounding can make it."""
     worst = float(abs(errors).max())
     check(worst <= _WORST, f"{name} is off by {worst:.2f} steps before rounding")
 
@@ -381,7 +382,7 @@ def streamed_points_lie_on_every_side(board: BoardClient) -> None:
 def _random_point_on_side(
     board: BoardClient, side: tuple[int, int, int], number: int
 ) -> m.FocalPoint:
-    """Return a point on one side of each axis (0: on its plane), up to 1 m away."""
+    """Return a point on *side* (-1, 1) of each axis, or on its plane (0), up to 1 m away."""
     longest = board.random.choice((400, 40_000, 1_000_000))
     x, y, z = (sign * board.random.randrange(1, longest + 1) for sign in side)
     level = board.random.choice((0, board.random.randrange(65_535 // number), 65_535 // number))

@@ -103,7 +103,7 @@ def _wrong_length_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable
 
 
 def _any_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    """Yield a valid frame, without and with a time."""
+    """Yield a valid frame due at once and one due later: a DISARMED board drops both."""
     yield board.link.stream_wire(kind.make())
     yield board.link.stream_wire(kind.make(), board.clock.device_us() + _AHEAD_US)
 

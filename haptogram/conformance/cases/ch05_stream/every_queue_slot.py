@@ -227,7 +227,7 @@ def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
 def _send_behind_immediate(
     board: BoardClient, first: m.Message, second: m.Message, name: str, *, is_past: bool
 ) -> tuple[int, int]:
-    """Send an IMMEDIATE frame and a second frame after it.
+    """Send an IMMEDIATE frame whose time is *name*; behind it a second one, long late if *is_past*.
 
     Returns
     -------

@@ -274,7 +274,7 @@ def every_kind_of_stream_frame_replaces_every_other(board: BoardClient) -> None:
 
 
 def _replace_by_playback(board: BoardClient, kind: StreamKind, mode: m.TraceMode) -> None:
-    """FAILED unless a playback that flushes a queued frame latches its stored frames."""
+    """FAILED unless a playback that flushes a queued frame latches its own stored frames."""
     stored = playback.send_phases_to_store(board, _SEQUENCE, frames=2)
     board.link.stream(kind.make(), _time_behind_burst_us(board))
     since = board.link.mark()

@@ -237,7 +237,7 @@ def every_order_of_times_in_a_period(board: BoardClient) -> None:
 def _judge_orders(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """FAILED unless frames sent in order are accepted, and the last one is latched."""
+    """FAILED unless the last accepted of several frames for one carrier period is latched."""
     kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
     messages = [[next(kinds).make() for _ in order.ranks] for order in orders]
     every = [message for some in messages for message in some]
@@ -268,7 +268,7 @@ def _judge_orders(
 def _judge_shorter_burst(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """Split the orders in half for a slow line or a short horizon, and judge each half."""
+    """Judge each half of *orders* alone: all of them do not fit in the board's horizon."""
     require(len(orders) != 1, "no three frames reach this board within its horizon")
     half = len(orders) // 2
     _judge_orders(board, orders[:half], turn, mode)
@@ -330,6 +330,7 @@ def every_defect_replaces_no_frame(board: BoardClient) -> None:
 
 
 def _play_and_stop(board: BoardClient) -> None:
+    """Play the stored sequence without end, and send STOP at once."""
     playback.play_now(board, _SEQUENCE, loops=0)
     board.stop()
 

@@ -183,7 +183,7 @@ def _modes_of_trace(board: BoardClient) -> list[m.TraceMode]:
 def _margins_around_borders_us(board: BoardClient) -> list[int]:
     """Return margins at and next to each limit: on time, one carrier period, the late window.
 
-    At a wall clock, where no frame arrives to the microsecond, those at the borders.
+    At a wall clock, where no frame arrives to the microsecond, only the limits themselves.
     """
     carrier_us = board.clock.carrier_us
     borders = (0, carrier_us, -carrier_us, -board.config.late_window_us)
@@ -193,7 +193,7 @@ def _margins_around_borders_us(board: BoardClient) -> list[int]:
 def _judge_margins(
     board: BoardClient, kinds: Iterable[StreamKind], margins_us: Iterable[int]
 ) -> int:
-    """Send frames that arrive with the given margins; FAILED unless latched or dropped as due.
+    """FAILED unless frames with these margins are latched or, past the late window, dropped.
 
     Returns
     -------
@@ -217,7 +217,7 @@ def _judge_margins(
 
 
 def _judge_margin(board: BoardClient, kind: str, message: m.Message, ahead_us: int) -> int:
-    """Send a frame with a given margin; FAILED unless the board latches or drops it as due.
+    """FAILED unless a frame with this margin is latched or, past the late window, dropped.
 
     Returns
     -------

@@ -107,6 +107,7 @@ def _configure_again(board: BoardClient) -> None:
 
 
 def _stop(board: BoardClient) -> None:
+    """Send STOP."""
     board.stop()
 
 
@@ -144,7 +145,7 @@ def _drop_for_effect(counter: str) -> events.Event:
 
 
 def _input(clause: str, name: str, message: m.Message, **header: int) -> Effect:
-    """Return the effect of a request that is an input of the table of HG-6.2."""
+    """Return a request as an event, with the effect that the table of HG-6.2 gives it."""
     due = effects.effect_of_input(OutputInput[message.TYPE.name])
     return Effect(clause, name, lambda board: board.link.ask(message, **header), due)
 
@@ -155,13 +156,13 @@ def _foreign_mute(board: BoardClient) -> None:
 
 
 def _timer(reason: MuteReason, happen: events.Event, needs: m.Feature, *where: str) -> Effect:
-    """Return the effect of a timer that mutes."""
+    """Return the event of a timer that mutes, with the effect that is due after it."""
     due = effects.effect_of_timer(reason)
     return Effect("HG-6.11/5", f"a mute, {reason.name}", happen, due, needs, where)
 
 
 def _upload(name: str, happen: events.Event, due: effects.Due) -> Effect:
-    """Return the effect of a request of an upload."""
+    """Return an event of an upload, with the effect that is due after it."""
     return Effect("HG-7.4/1", name, happen, due, _UPLOADS)
 
 
@@ -207,7 +208,7 @@ _ARM: Final = next(event for event in _EVENTS if event.name == "ARM")
 
 
 def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held:
-    """Return the board's observable state after an event; FAILED if it accepts an old number."""
+    """Cause the event, return the state that the board holds; FAILED if it takes an old number."""
     since = board.link.mark()
     if last_us:  # dropped for its order: the margins tell of it
         board.link.stream(board.shortest_stream(), last_us)
@@ -364,7 +365,7 @@ def _ramp_moment(
     queued: int = 0,
     frames: int | None = None,
 ) -> Moment:
-    """Return a test moment during an amplitude ramp."""
+    """Return the moment in an amplitude ramp to which *bring* brings a board with *config*."""
     needs = _FADES if frames is None else _PLAYS | _FADES
     return Moment(name, _RAMPS | config, bring, queued, frames, needs, _RAMP_MS)
 
@@ -418,7 +419,7 @@ _ENDS: Final = (
 
 
 def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
-    """FAILED unless the end leads to its state, flushes, ends the playback and counts no timer."""
+    """FAILED unless ending the output in *moment* leads to its state and nothing goes on."""
     board.hello()
     board.configure(**{"hold_ms": 5000} | moment.config)
     is_over = end.event is not OutputInput.STOP
@@ -449,7 +450,7 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 
 
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
-    """FAILED unless PLAYBACK_ENDED is sent once if a sequence played, with its frames."""
+    """FAILED unless a board that played sends one PLAYBACK_ENDED with the frames it played."""
     board.link.barrier()
     told = [event for _, event in board.link.events(m.PlaybackEnded, since)]
     stored = playback.phases_that_fit(board, _STORED)

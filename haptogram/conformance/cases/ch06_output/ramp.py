@@ -270,7 +270,7 @@ def every_ceiling_within_a_ramp(board: BoardClient) -> None:
 
 
 def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
-    """Yield False for streamed and True for played drives; at wall-clock time only streamed."""
+    """Yield whether drives are played: False, and in virtual time True."""
     yield False
     if board.has(m.Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
         playback.send_phases_to_store(board, _SEQUENCE, frames=1)
@@ -280,7 +280,7 @@ def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
 def _judge_ramp_with_settings(
     board: BoardClient, ceiling: int, steps: Sequence[Mapping[str, Any]], *, plays: bool
 ) -> None:
-    """Change the configuration repeatedly during a hold ramp, and judge the result."""
+    """FAILED unless a hold ramp stays straight and on time while settings change in *steps*."""
     ramp_ms = _length_of_long_ramp_ms(board)
     before = {"hold_ms": _SHORT_MS, "ramp_ms": ramp_ms, "amplitude_ceiling": ceiling}
     since = board.arm(**before)
@@ -321,7 +321,7 @@ def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
 
 
 def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: int) -> None:
-    """Change the ceiling during a ramp, and judge the output after the ramp is cancelled."""
+    """FAILED unless a ceiling set in a ramp limits the output, also once the ramp is undone."""
     long = {"hold_ms": 5000, "host_timeout_ms": 10_000, "ramp_ms": _LONG_MS}
     short = {
         "hold": {"hold_ms": _SHORT_MS},
@@ -400,7 +400,7 @@ class TimerPair:
 
 
 def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> None:
-    """Judge the ramp for pairs of the hold with each other timer."""
+    """Judge the end of the ramp for the hold with each other timer, either of them first."""
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     others = timer_kinds(board, LEASE, UNATTENDED)
     ramp_ms = min(_LONG_MS, _ramp_time_ms(board, length_ms))
@@ -411,7 +411,7 @@ def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> 
 
 
 def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
-    """Return a duration, extended for a slow line or board, and in a retry."""
+    """Return *length_ms*, times a factor on a slow line or board or after the host was late."""
     slow_line, slow_board = board.wire.period_us(200), 2 * board.clock.ready_us(0)
     slow = max(slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
     delayed = board.wire.limits.lead_us // (DELAYED_LEAD_FACTOR * WALL_LEAD_US)
@@ -437,7 +437,7 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
 
 
 def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
-    """Start both timers; return the time of the ramp, and of a renewal."""
+    """Start both timers; return when the ramp is due, and the frame that renews one of them."""
     hold_ms = _ramp_time_ms(board, _SHORT_HOLD_MS if pair.is_hold_first else _LONG_HOLD_MS)
     other_ms = _ramp_time_ms(board, _OTHER_MS)
     settings: dict[str, Any] = {"hold_ms": hold_ms, "ramp_ms": pair.ramp_ms}

@@ -49,6 +49,7 @@ _Origin: TypeAlias = tuple[Callable[[], object], StateAndReason]
 
 
 def _output_state(board: BoardClient) -> StateAndReason:
+    """Return the output state and its reason, by STATUS."""
     status = board.status()
     return status.state, status.reason
 
@@ -211,7 +212,7 @@ def _judge_input_to_output_state(
 
 
 def _sessions_of_mutes() -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Yield names of MUTE, or of two of them in a row, and how the session of each differs."""
+    """Yield one MUTE, or two in a row, by name: for each what is XORed with the open session."""
     for name, foreign in (
         ("MUTE", 0),
         ("MUTE of another session", _FOREIGN),
@@ -319,7 +320,7 @@ def recover_from_hardware_fault(board: BoardClient) -> None:
 
 
 def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
-    """Raise a hardware fault in each state; yield its name and the receive mark of ARM."""
+    """Raise a hardware fault in each state; yield its name, and the receive mark before ARM."""
     for name, bring in output_states(board):
         since = board.arm()
         bring(board)

@@ -147,7 +147,10 @@ def no_upload_replaces_the_sequence_that_plays(board: BoardClient) -> None:
 
 
 def _judge_commit_of_playing_sequence(store: SequenceStore, end: m.Message, *, waits: bool) -> None:
-    """Complete an upload, play the sequence that it is to replace, and commit it before *end*."""
+    """FAILED unless an upload over the sequence that plays is committed only after *end*.
+
+    If *waits*, the playback is scheduled and has not begun.
+    """
     board, sequence = store.board, _IDS[0]
     name = f"a playback that {'waits' if waits else 'plays'}, until {end.TYPE.name}"
     store.put(sequence, 1)
@@ -224,7 +227,7 @@ def many_sequences_are_stored(board: BoardClient) -> None:
 
 
 def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
-    """Return the detail of NOT_FOUND, the number of stored sequences; None if this one is there."""
+    """Play *sequence*; return the detail of NOT_FOUND (how many are stored), None if it plays."""
     start_us = board.clock.ahead_us(_AHEAD_US)
     play = playback.play_request(board, sequence, loops=1, unattended_ms=9_999)
     answer = board.link.ask(play, time_us=start_us)
@@ -241,6 +244,7 @@ def _played_forms(board: BoardClient) -> list[uploads.UploadForm]:
 
 
 def _random_frame(board: BoardClient, form: uploads.UploadForm) -> bytes:
+    """Return a random frame of a sequence: points, or a code for each transducer."""
     if form.points:
         return random_points_to_send(board).serialize()
     return board.random.randbytes(form.frame_bytes)
@@ -386,7 +390,7 @@ def many_playback_frames_are_counted(board: BoardClient) -> None:
 
 
 def _check_playback_in_the_ring(board: BoardClient) -> None:
-    """FAILED unless ring records are numbered beyond 16 bits, with the late frame."""
+    """FAILED unless the ring numbers latches beyond 16 bits, and flags a late frame as LATE."""
     last = board.link.stream_next
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()

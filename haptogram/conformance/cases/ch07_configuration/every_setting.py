@@ -63,7 +63,7 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
 
 
 def _judge_ceilings(board: BoardClient) -> None:
-    """FAILED unless a drive is radiated as loud as each ceiling that is set meanwhile."""
+    """FAILED unless the loudest radiated amplitude equals each ceiling that is set."""
     for ceiling in _CEILINGS:
         board.configure(amplitude_ceiling=ceiling)
         check_fields(latching.read_back_radiated(board), "a ceiling set meanwhile", loudest=ceiling)
@@ -103,7 +103,7 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
 
 
 def _settings_beside_timers(board: BoardClient) -> list[dict[str, Any]]:
-    """Return changes of every field, with timers that cannot expire here."""
+    """Return changes of every field; timers are set too long to expire meanwhile."""
     lengths = [{name: ms} for name in ("hold_ms", "host_timeout_ms") for ms in (2000, 10_000)]
     found = [*every_other_setting(board), *lengths]
     if board.has(m.Feature.AMPLITUDE):
@@ -220,7 +220,7 @@ def every_other_setting(board: BoardClient) -> list[dict[str, Any]]:
 
 
 def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
-    """Return changes of each field that times no mute; at a wall clock merged into one."""
+    """Return changes of the fields that time no mute; at wall-clock time merged into one."""
     found = every_other_setting(board)
     if board.has(m.Feature.AMPLITUDE):
         found.append({"amplitude_ceiling": 50})
@@ -316,7 +316,7 @@ def configuration_changes_a_running_lease(board: BoardClient) -> None:
 def _lease_with_configuration(
     board: BoardClient, timer: TimerKind, changes: Mapping[str, Any]
 ) -> None:
-    """Change the configuration while a timer runs; judge when it expires."""
+    """Change the configuration while a timer runs; FAILED unless it mutes when it is now due."""
     length_ms = board.clock.timer_ms(_LENGTH_MS, len(board.bytes_of_frames(1)))
     before = {"host_timeout_ms": length_ms, "hold_ms": 5000, "ramp_ms": 0}
     after = before | dict(changes)

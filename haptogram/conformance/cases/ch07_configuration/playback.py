@@ -255,11 +255,12 @@ def streams_after_playback(board: BoardClient) -> None:
 
 
 def _playback_period_us(board: BoardClient) -> int:
+    """Return the period for playbacks in µs, as long as line and board need at least."""
     return playback.shortest_period_to_play_us(board, playback.PERIOD_US)
 
 
 def _playback_loop_numbers(frames: int) -> list[int]:
-    """Return numbers of loops at which loops, or all frames, are just over 2^b.
+    """Return loop counts at which the loops, or all their frames, just pass a power of two.
 
     Examples
     --------
@@ -275,7 +276,7 @@ def _playback_loop_numbers(frames: int) -> list[int]:
 def _latches_of_playback(
     board: BoardClient, frames: int, loops: int, period_us: int, look_us: int
 ) -> int:
-    """Return the latches of a playback that is stopped after a while; FAILED if it ends before."""
+    """Play, stop after *look_us*, return the latches; FAILED if the playback ended by itself."""
     board.arm()
     since, before = board.link.mark(), board.status().counters
     start_us = board.wire.now_us()

@@ -201,7 +201,7 @@ def takes_chunks_that_fit(board: BoardClient) -> None:
 def _judge_chunks(
     board: BoardClient, form: uploads.UploadForm, size: int, spans: Iterable[tuple[int, int]]
 ) -> None:
-    """FAILED unless upload chunks are accepted only inside the upload and from its start."""
+    """FAILED unless only chunks that start at offset 0 and fit in the upload are accepted."""
     for offset, length in spans:
         form.begin(board, bytes(size))
         chunk = m.UploadChunk(offset, bytes(length))
@@ -335,7 +335,7 @@ def _replaced_forms(board: BoardClient) -> Iterator[tuple[uploads.UploadForm, in
 
 
 def _replace_upload(board: BoardClient, form: uploads.UploadForm, frames: int) -> list[int]:
-    """Upload a sequence of random drives; return the CRC-32 of each, as the stream latches it."""
+    """Upload a sequence of random frames; return the CRC-32 of the drive of each."""
     if form.kind is m.UploadKind.PHASES:
         return list(
             map(latching.drive_crc, playback.send_phases_to_store(board, _REPLACED, frames=frames))

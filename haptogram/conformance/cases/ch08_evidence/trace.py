@@ -112,7 +112,7 @@ def evidence_names_one_time(board: BoardClient) -> None:
 
 
 def _judge_latch_times(board: BoardClient, mode: m.TraceMode, offsets_us: Sequence[int]) -> None:
-    """FAILED unless all evidence of a latch names the carrier period at or after its t_apply."""
+    """FAILED unless all evidence dates a latch to the first carrier period from t_apply on."""
     for offset_us in offsets_us:
         board.hello()
         since = board.arm(trace_mode=mode)

@@ -222,7 +222,7 @@ def _run_out_lease(board: BoardClient) -> None:
 
 
 def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> tuple[int, int]:
-    """Send frames due *ahead_us* from now; return now, and how many fit in the timers."""
+    """Send frames due *ahead_us* from now; return now, and how many the timers allowed to send."""
     base_us = board.clock.device_us()
     frames = (board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us)
     wires = board.within_timers(frames)
@@ -244,7 +244,7 @@ def _check_margins(
 
 
 def _judge_margins_of(board: BoardClient, good: m.Message, margins: Sequence[int]) -> None:
-    """Send frames with the given margins; FAILED unless STATUS reports their margins once."""
+    """FAILED unless STATUS reports the margins of the frames sent, and the next STATUS none."""
     board.hello()
     board.arm()
     board.status()
@@ -324,7 +324,7 @@ def every_request_keeps_margins(board: BoardClient) -> None:
 
 
 def _check_margins_behind(board: BoardClient, messages: list[m.Message]) -> None:
-    """FAILED unless STATUS reports the margins of three frames sent after *messages*."""
+    """FAILED unless STATUS still has the margins of three frames after asking *messages*."""
     board.hello()
     board.arm()
     board.status()

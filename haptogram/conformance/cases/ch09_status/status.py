@@ -201,7 +201,7 @@ class _LastLatch:
 
 
 def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch:
-    """Latch on a path; *stored* is the last frame of the sequence."""
+    """Latch on a path; return key and registers of the last latch (*stored*, if it plays)."""
     registers = board.random_registers()
     path.latch(board, board.phases(registers))
     if path.plays:
@@ -300,7 +300,7 @@ def every_latch_changes_the_status(board: BoardClient) -> None:
 def _judge_latch_on_path(
     board: BoardClient, path: _Path, stored: bytes, mode: m.TraceMode, text: str
 ) -> None:
-    """FAILED unless status, read-back and trace report a latch on a path; see _latch_on_path."""
+    """FAILED unless STATUS, read-back and trace all report the latch that *path* brings."""
     before, since = board.status(), board.link.mark()
     last = _latch_on_path(board, path, stored)
     after = board.status()

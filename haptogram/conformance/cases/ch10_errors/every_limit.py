@@ -30,7 +30,7 @@ _Beyond: TypeAlias = tuple[str, m.Message, m.ErrorCode, int | None, dict[str, An
 
 
 def _values_beyond(least: int, most: int, bits: int) -> list[int]:
-    """Return out-of-range values that differ from a limit in a bit or the sign, and 0.
+    """Return 0 and values outside the limits, by a power of two or by one bit of *bits*.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def _commits_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _begin_upload_with_limits(board: BoardClient) -> int:
-    """Begin an upload of a sequence, and return its bytes."""
+    """Begin an upload of a sequence, and return its size in bytes."""
     form = uploads.upload_forms(board, _SEQUENCE)[0]
     size = min(_SIZE_FRAMES, form.most_frames(board)) * form.frame_bytes
     uploads.announce_upload(board, form.request(size))

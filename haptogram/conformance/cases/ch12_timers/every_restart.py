@@ -197,7 +197,7 @@ def _muted_by_lease_after_ms(
 ) -> float:
     """Return the ms from the start of the lease to its mute, when a frame arrives in between.
 
-    The request *first*, if there is one, starts the timer anew, and is the remembered one.
+    If *plays*, it is the unattended timer. The request *first*, if given, restarts the timer.
     """
     since = board.link.mark()
     answer = board.link.ask(m.Arm())
@@ -220,7 +220,7 @@ def _muted_by_lease_after_ms(
 
 
 def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callable[[], bytes]]]:
-    """Yield stream frames that renew the lease: name, builder."""
+    """Yield frames and requests, also refused ones, that renew the lease: name, builder."""
     kinds, make = stream_kinds(board), partial(_frame_that_renews, board)
     for stream_kind in kinds:
         frame = stream_kind.make()
@@ -243,7 +243,7 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
 
 
 def _requests_that_renew(board: BoardClient, *, plays: bool) -> list[m.Message]:
-    """Return the requests that neither end nor start a playback, as far as one plays."""
+    """Return the valid requests except DISARM, PLAY and, while a sequence plays, STOP."""
     ends = (m.Disarm, m.Play, m.Stop) if plays else (m.Disarm, m.Play)
     valid = valid_requests_to_send(board, STORED + plays)
     return [message for message in valid if not isinstance(message, ends)]
@@ -252,7 +252,7 @@ def _requests_that_renew(board: BoardClient, *, plays: bool) -> list[m.Message]:
 def _repeated_renewals(
     board: BoardClient, *, plays: bool
 ) -> Iterator[tuple[str, Callable[[], bytes], m.Message]]:
-    """Yield requests that are sent again with the same number: name, builder, message.
+    """Yield requests that repeat a used number: name, builder, the request made before.
 
     The same bytes are answered from memory, others are refused.
     """
@@ -268,7 +268,7 @@ def _repeated_renewals(
 def _frame_that_renews(
     board: BoardClient, kind: int, payload: bytes, back: int | None = None, **header: Any
 ) -> bytes:
-    """Return a frame with the next number of its kind, or with a number *back* before it."""
+    """Return a frame with the next number; with *back*, a request numbered that much before."""
     if kind in m.STREAM_RANGE:
         return board.link.stream_raw(kind, payload, **header)
     seq = board.link.next_seq() if back is None else board.link.seq - back
@@ -310,7 +310,7 @@ Frames = dict[str, list[bytes]]
 
 
 def _bodies_that_renew_no_lease(board: BoardClient) -> Iterator[tuple[m.Message, bytes]]:
-    """Yield a message of every type of a host, and its body with a fresh number."""
+    """Yield each type of message that a host sends, with a body that has the next number."""
     for kind in stream_kinds(board):
         message, seq = kind.make(), board.link.stream_next
         yield message, board.link.body(message.TYPE, message.serialize(), seq=seq, flags=0x10)

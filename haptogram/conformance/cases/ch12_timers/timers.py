@@ -192,7 +192,7 @@ TIMERS_DO_NOT_WRAP: Final = (
 
 
 def _timer_stays(board: BoardClient, timer: TimerKind, length_ms: int) -> None:
-    """FAILED if a timer ends within the first tens of milliseconds."""
+    """FAILED if a timer of *length_ms* expires early, within the first tens of milliseconds."""
     since = board.link.mark()
     start_us = timer.start(board, length_ms)
     board.wire.idle_beyond(min(_LOOK_MS, length_ms - 2 * _OVER_MS) * _MS)
@@ -297,7 +297,7 @@ def every_drop_on_both_sides_of_the_wrap(board: BoardClient) -> None:
 
 
 def _play_across_timer_wrap(board: BoardClient) -> None:
-    """Play frames that start after the clock's wrap, then frames that span it."""
+    """Judge a playback that starts after the clock's wrap and, in virtual time, one across it."""
     lead_us = board.clock.ready_us(100 * _MS + 2 * board.wire.limits.lead_us)
     for offset_us in (30 * _MS, -30 * _MS):
         playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)

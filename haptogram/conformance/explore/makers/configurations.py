@@ -112,7 +112,7 @@ class RandomConfigs(DialogueMaker):
         return self.last
 
     def _ceilings(self, wanted: Sequence[int]) -> Sequence[int]:
-        """Return the amplitude ceilings whose effect SPEC.md defines (HG-7.9/2)."""
+        """Return the wanted ceilings; without amplitude control only 0 and 255 (HG-7.9/2)."""
         is_graded = m.Feature.AMPLITUDE in self._can
         return [ceiling for ceiling in wanted if is_graded or ceiling in (0, 255)]
 
@@ -137,7 +137,7 @@ class RandomConfigs(DialogueMaker):
         )
 
     def _lengths(self, slots: tuple[int, ...], part: float) -> list[int]:
-        """Return timer lengths that expire after each number of slots, or never."""
+        """Return timer lengths (ms) that end after each number of slots, if any may; a long one."""
         never = [self._random.choice(_NEVER_MS)]
         if not self.with_timers:
             return never
@@ -157,5 +157,5 @@ class RandomConfigs(DialogueMaker):
 
 
 def _in_slots_ms(number: int, part: float) -> int:
-    """Convert slots to ms."""
+    """Return the duration in ms of *number* slots and a *part* of one."""
     return round(_SLOT_MS * (number + part))

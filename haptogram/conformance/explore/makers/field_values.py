@@ -90,7 +90,7 @@ def _numbers(record: Record, base: int) -> Iterator[tuple[int, int, int]]:
 
 
 def _nearby_values(value: int, bits: int) -> set[int]:
-    """Return nearby values, multiples, and values that differ in one masked bit."""
+    """Return values near *value*: one off, about double, with one more bit; and the extremes."""
     near = {value - 1, value + 1, 2 * value - 1, 2 * value, value + value // 2}
     masked = {value | 1 << bit for bit in (range(4, 8) if bits == 8 else (bits // 2, bits - 1))}
     return {0, 1, _NO_VALUE, (1 << bits) - 1, *near, *masked}

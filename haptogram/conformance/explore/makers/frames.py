@@ -136,7 +136,7 @@ class RandomFrames(DialogueMaker):
         return DialogueAction(0, f"HELLO {which}", body)
 
     def _ahead_us(self, at: At) -> int:
-        """Return how far a frame is scheduled ahead, in us."""
+        """Return how many µs ahead a frame is due: *at* slots, a named case, or (None) anything."""
         horizon_us = self._identity.max_horizon_us
         if at is None:  # its time counts for nothing
             return self._pick((0, -3 * SLOT_US, 8 * SLOT_US, 1 << 31, self._across(1 << 32)))
@@ -151,7 +151,7 @@ class RandomFrames(DialogueMaker):
         return named[at] if at in named else self._limit_us()
 
     def _limit_us(self) -> int:
-        """Return a time ahead at which a board's answer changes, to the microsecond."""
+        """Return a time ahead in µs at a limit or 1 µs before: horizon, late window, half clock."""
         horizon_us, lead_us = self._identity.max_horizon_us, self._identity.latch_lead_us
         windows = [lead_us - window_us for window_us in LATE_WINDOWS_US] * 3
         edge = self._pick((horizon_us + 1, *windows, 1, 2**31 - 1, -(2**31)))

@@ -192,7 +192,7 @@ class RandomRequests(RandomUploads):
     # --- single steps of uploads, mostly refused --------------------------------------
 
     def _begin(self) -> m.Message:
-        """Return an UPLOAD_BEGIN with random fields, some of them refused."""
+        """Return an UPLOAD_BEGIN with random fields; the board refuses some of them."""
         pick, data = self._pick, bytes(2 * self._count)
         size = pick((len(data), self._count, len(data) + 1, 0))
         kind = pick((m.UploadKind.PHASES, m.UploadKind.PHASES, m.UploadKind.CORRECTION))

@@ -135,7 +135,7 @@ class RandomStream(RandomFrames):
         return m.FocalPoint(x_um, y_um, z_um, level, phase)
 
     def _element(self) -> tuple[int, int]:
-        """Return where a transducer of the grid is, in whole micrometres."""
+        """Return x and y of a random transducer of the grid, in whole micrometres."""
         identity, across = self._identity, self._across
         x_um, y_um = (
             (2 * across(n) - n + 1) * identity.pitch_um // 2

@@ -83,7 +83,7 @@ class RandomUploads(RandomStream):
         return [self.frame(step) for step in steps]
 
     def _kinds(self) -> list[m.UploadKind]:
-        """Return the kinds of upload that the board takes, repeated by their weight."""
+        """Return the kinds of upload that the board takes; PHASES three times, to be likelier."""
         has_room = has_room_in_dialogue(self._identity)
         weights = {
             m.UploadKind.PHASES: 3 * bool(self._can & m.Feature.SEQUENCE_PHASES and has_room),
@@ -93,7 +93,7 @@ class RandomUploads(RandomStream):
         return [kind for kind, weight in weights.items() for _ in range(weight)]
 
     def _data(self, kind: m.UploadKind, points: int) -> bytes:
-        """Return the random data of an upload."""
+        """Return random data for an upload: codes or points of some frames, one correction."""
         frames = 1 if kind is m.UploadKind.CORRECTION else self._across(1, STORED_FRAMES + 1)
         if kind is not m.UploadKind.POINTS:
             return self._random.randbytes(frames * self._count)

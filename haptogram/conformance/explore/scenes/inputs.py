@@ -137,7 +137,7 @@ class SceneInputs:
     # --- steps to a state ------------------------------------------------------------------------
 
     def _steps(self) -> _Makers:
-        """Return the single actions of scenes, by name."""
+        """Return the makers of actions that a scene can name, by name."""
         makers = self.makers
         return {
             "a frame due now": partial(self.frame, 0.0),
@@ -166,7 +166,7 @@ class SceneInputs:
         }
 
     def _rows(self) -> dict[str, Callable[[], list[DialogueAction]]]:
-        """Return the action sequences of scenes, by name."""
+        """Return the makers of several actions that a scene can name, by name."""
         makers, configs = self.makers, self.makers.configs
         return {
             "nothing": list,
@@ -205,7 +205,7 @@ class SceneInputs:
         return found
 
     def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> DialogueAction:
-        """Return a stream frame at a time, each given field set to one of its choices."""
+        """Return a stream frame due *at*, each field of *choices* set to one of its values."""
         return self.frame(at, **{name: self._pick(values) for name, values in choices.items()})
 
     # --- requests --------------------------------------------------------------------------------
@@ -287,7 +287,7 @@ class SceneInputs:
         )
 
     def _damaged(self, damage: int) -> DialogueAction:
-        """Return a frame with the given damage."""
+        """Return a stream frame or a PING with the given kind of damage."""
         action = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
         return action._replace(name=f"damage {damage}", damage=damage)
 
@@ -325,6 +325,6 @@ def _alone(make: Callable[[], DialogueAction]) -> list[DialogueAction]:
 
 
 def _row_names(row: str) -> list[list[str]]:
-    """Split the description of a scene into the action names of each slot."""
+    """Return the action names of each slot of a row: '|' parts slots, '+' parts actions."""
     slots = (slot.split("+") for slot in row.split("|"))
     return [[name.strip() for name in names if name.strip()] for names in slots]

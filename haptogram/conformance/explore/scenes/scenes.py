@@ -101,7 +101,7 @@ class RandomScenes(SceneMaker):
     # --- with timers that end ------------------------------------------------------------------
 
     def _renewals(self) -> ActionSlots:
-        """Return scenes in which a frame does or does not renew a short lease."""
+        """Return slots in which frames do or do not renew a short lease, an ARM after each."""
         found = self._inputs.slots("timers 1 - -")
         for _ in range(_RENEWALS):
             (name,) = self._next("renewals", lambda: ((name,) for name in self._inputs.names))
@@ -109,16 +109,16 @@ class RandomScenes(SceneMaker):
         return found[:-1]
 
     def _timed_pair(self) -> ActionSlots:
-        """Return a state with timers, one input, then silence."""
+        """Return slots: a state in which timers run, one input, then silence."""
         return [
             *self._pair("states with timers", self.timed),
             *self._silent(self._random.choice(_SILENT)),
         ]
 
     def _watched(self) -> ActionSlots:
-        """Return scenes that set one field in a timed state, and read back after each change.
+        """Return slots that set one field in a timed state, and read back after each change.
 
-        Neither action may end the ramp of a hold.
+        Neither setting nor reading may end the ramp of a hold.
         """
         names = [field.name for field in fields(m.Config)]
         ramps = [state for state in self.timed if "ramp" in state]
@@ -135,9 +135,9 @@ class RandomScenes(SceneMaker):
         return found
 
     def _filled(self) -> ActionSlots:
-        """Return a running output with the same input in each slot.
+        """Return slots: a running output, then the same input in each.
 
-        One of the slots often has a different input.
+        One of them often has another input.
         """
         rows = [row for row in _RUNNING if self._inputs.knows(row)]
         row, filler = self._next("fillers", lambda: product(rows, _FILLERS))
@@ -155,14 +155,14 @@ class RandomScenes(SceneMaker):
     # --- without ---------------------------------------------------------------------------------
 
     def _quick_pair(self) -> ActionSlots:
-        """Return a state without timers and one input, sometimes followed by frames."""
+        """Return slots: a state without timers, one input, and sometimes frames after it."""
         found = self._pair("states", self.quick)
         if self._random.random() < _GOES_ON:
             found += self._inputs.slots("ARM + frames")
         return found
 
     def _pair(self, kind: str, states: list[str]) -> ActionSlots:
-        """Return a state followed by one input; each state meets each group of inputs once."""
+        """Return slots: a state, one input; over time each state meets each group of inputs."""
         groups = self._inputs.groups
         state, group = self._next(kind, lambda: product(states, groups))
         return [*self._state(state), self._inputs.named(self._random.choice(groups[group]))]

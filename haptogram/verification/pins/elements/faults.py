@@ -157,7 +157,7 @@ def faults_of_pins(drives: PinDrives, places: Sequence[int], judged: Bools) -> d
 
 
 def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault | None:
-    """Return the fault of a pin that its own drives show: dead, silent, late or constant."""
+    """Return the fault that a pin's own drives show (dead, silent, late, constant); else None."""
     run = drives.run
     meant = run.weights[:, place]
     seen = drives.weights[frames, place]
@@ -184,6 +184,7 @@ def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) ->
 
 
 def _wrong_count_text(wrong: Bools) -> str:
+    """Return "in N of M frames" from a mask of the wrong ones."""
     return f"in {int(wrong.sum())} of {len(wrong)} frames"
 
 
@@ -206,7 +207,7 @@ def _remaining_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]
 def _constant_pin_fault(
     seen: ComplexArray, errors: FloatArray, limit: float, meant: ComplexArray
 ) -> PinFault | None:
-    """Return an error, or a phase, that is the same in every frame."""
+    """Return the fault of one phase error, or one phase, in all frames; None if they vary."""
     shift = float(np.angle(np.exp(1j * errors).sum()))
     if np.abs(wrapped_phases(errors - shift)).max() <= 2.0 * limit and abs(shift) > limit / 2.0:
         degrees = math.degrees(shift)

@@ -92,7 +92,7 @@ def levels_of_pins_in_time(record: PinRecord) -> LevelsInTime | None:
 
 
 def _busy_windows(record: PinRecord, count: int) -> Any:
-    """Return a mask (T,) of windows in which host bytes arrive; None if none are captured."""
+    """Return a mask (T,) of windows filled with host bytes; None if there is no such window."""
     if record.to_board is None or len(record.to_board.times) < 2:
         return None
     times_s = record.seconds(record.to_board.times)

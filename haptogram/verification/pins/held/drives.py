@@ -137,7 +137,7 @@ def held_pin_drives(record: PinRecord, *, window: float | None = None) -> HeldDr
 
 
 def _group_bounds(before: FloatArray, window: float) -> Iterator[tuple[int, int]]:
-    """Yield index ranges of values that follow each other within *window*."""
+    """Yield index ranges of sorted values that are at most *window* from the next one."""
     if not len(before):
         return
     cuts = np.flatnonzero(np.diff(before) > window) + 1
@@ -181,7 +181,7 @@ def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, Floa
 def _latch_of_changes(
     after: FloatArray, before: FloatArray, owners: _Ints, limit: float
 ) -> PinLatch:
-    """Return the latch that a group of pin changes makes, with its late pins."""
+    """Return one latch of a group of pin changes: begin, end, pins, and those late by *limit*."""
     places, firsts, counts = np.unique(owners, return_index=True, return_counts=True)
     begin = float(before[firsts].min())
     late = after[firsts] - begin > limit
@@ -235,7 +235,7 @@ def _joined_held_drives(
 
 
 def _joined_latch(latches: list[PinLatch]) -> PinLatch:
-    """Merge groups of changes without a drive between them into one latch."""
+    """Merge changes with no steady drive between them into one latch; the largest dates it."""
     if len(latches) == 1:
         return latches[0]
     last = max(latches, key=lambda one: len(one.places))

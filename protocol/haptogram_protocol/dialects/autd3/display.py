@@ -68,7 +68,7 @@ class Autd3Display(Display):
         return [Close()]
 
     def _written(self, operations: Sequence[Operation]) -> list[Operation]:
-        """Return the messages that write operations to all devices, then read."""
+        """Return a Write with one operation for each device, then a Read."""
         self._message_id = (self._message_id + 1) % (MAX_MESSAGE_ID + 1)
         frames = tuple(Autd3DeviceFrame(self._message_id, (each,)) for each in operations)
         return [Write(frames), Read()]

@@ -130,7 +130,7 @@ class Autd3DeviceReader:
         return Autd3DeviceFrame(message_id, tuple(operations))
 
     def _read_operation(self, payload: bytes, at: int) -> Operation:
-        """Parse the operation at *at*; count unknown and truncated ones."""
+        """Return the operation at *at*; count and name one that is unknown or truncated."""
         operation, self._foci_of_pattern = parse_autd3_operation(payload, at, self._foci_of_pattern)
         if isinstance(operation, Unsupported):
             self._counters["operations_unsupported"] += 1

@@ -133,7 +133,10 @@ class Autd3BoardEnd:
         return readers[kind](received, at)
 
     def _read_stranger(self, received: bytes, at: int) -> tuple[Operation | None, int]:
-        """Reject bytes that are no handshake; name other known protocol versions."""
+        """End the link: its bytes are no handshake; name the protocol if known.
+
+        None, with the bytes needed to tell, if there are too few.
+        """
         start = received[at : at + _STRANGER_BYTES]
         served = "served is the link of autd3 38"
         for magic, name in _STRANGERS.items():
@@ -144,7 +147,10 @@ class Autd3BoardEnd:
         return self._give_up(f"message {received[at]:02X}h before the handshake; {served}")
 
     def _read_hello(self, received: bytes, at: int) -> tuple[Operation | None, int]:
-        """Parse the handshake; give up on another version."""
+        """Return the handshake and its size; end the link if it is of another version.
+
+        None, with the bytes needed, if it is incomplete.
+        """
         if len(received) < at + _HELLO_LAYOUT.size:
             return None, _HELLO_LAYOUT.size
         _, version, magic = _HELLO_LAYOUT.unpack_from(received, at)
@@ -158,7 +164,10 @@ class Autd3BoardEnd:
         return messages.Hello(version), _HELLO_LAYOUT.size
 
     def _read_geometry(self, received: bytes, at: int) -> tuple[Operation | None, int]:
-        """Parse the poses of the devices; give up on a wrong number."""
+        """Return the devices' poses and size; end the link if they are too many or there already.
+
+        None, with the bytes needed, if they are incomplete.
+        """
         if len(received) < at + _COUNT.size:
             return None, _COUNT.size
         (count,) = _COUNT.unpack_from(received, at)
@@ -179,7 +188,7 @@ class Autd3BoardEnd:
         return messages.Open(poses), end - at
 
     def _read_frames(self, received: bytes, at: int) -> tuple[Operation | None, int]:
-        """Parse one frame for each device."""
+        """Return one frame for each device and their size; None, with that size, if incomplete."""
         devices = self._devices or []
         size = 1 + len(devices) * DEVICE_FRAME_BYTES
         if len(received) < at + size:
@@ -192,12 +201,12 @@ class Autd3BoardEnd:
         return messages.Write(frames), size
 
     def _read_close(self, *_: object) -> tuple[Operation, int]:
-        """Return the end of the link."""
+        """Return the message that closes the link; it has no bytes behind its type."""
         self._ended = True
         return messages.Close(), 1
 
     def _give_up(self, reason: str) -> tuple[Operation, int]:
-        """End the link as undecodable for *reason*."""
+        """Count the link as undecodable and return the end of it, with *reason*."""
         self._ended = True
         self.counters["links_undecodable"] += 1
         return messages.Undecodable(reason), 0
@@ -306,7 +315,7 @@ class Autd3HostEnd:
         return messages.Autd3States(tuple(states)), end - at
 
     def _read_refusal(self, received: bytes, at: int) -> tuple[Reply | None, int]:
-        """Parse a refusal with its text; None if it is incomplete."""
+        """Return a refusal with its text, and its size; (None, 0) if it is incomplete."""
         if len(received) < at + _COUNT.size:
             return None, 0
         (size,) = _COUNT.unpack_from(received, at)

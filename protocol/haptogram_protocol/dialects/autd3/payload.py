@@ -78,7 +78,7 @@ def pack_autd3_operation(operation: Operation) -> bytes:
 
 
 def _payload_slice(payload: bytes, start: int, size: int) -> bytes:
-    """Return a slice of a payload; raise IndexError if it is too short."""
+    """Return *size* bytes from *start* on; raise IndexError if there are fewer."""
     if start + size > len(payload):
         raise IndexError("the operation does not end within its frame")
     return payload[start : start + size]
@@ -87,7 +87,10 @@ def _payload_slice(payload: bytes, start: int, size: int) -> bytes:
 def _autd3_head(
     payload: bytes, at: int, first: struct.Struct, later: struct.Struct
 ) -> tuple[tuple[int, ...], bool, int]:
-    """Return the head of a part, whether the part is the first, and where its data begin."""
+    """Return the head of a part, True if it is the first one, and where its data begin.
+
+    The head of the first part (*first*) is longer than that of others (*later*).
+    """
     is_first = bool(payload[at + 1] & _BEGIN)
     layout = first if is_first else later
     return layout.unpack_from(payload, at), is_first, at + layout.size
@@ -101,28 +104,33 @@ def _packed_autd3_head(
 
 
 def _unpack_autd3_silencer(payload: bytes, at: int, _: int) -> operations.Silencer:
+    """Return the silencer operation at *at*."""
     flags, *steps = _SILENCER.unpack_from(payload, at)
     return operations.Silencer(bool(flags & _FIXED_UPDATE_RATE), bool(flags & _STRICT), *steps)
 
 
 def _pack_autd3_silencer(operation: operations.Silencer) -> bytes:
+    """Return the bytes of a silencer operation."""
     flags = _FIXED_UPDATE_RATE * operation.update_rate | _STRICT * operation.strict
     return _SILENCER.pack(flags, operation.intensity, operation.phase)
 
 
 def _unpack_autd3_gain(payload: bytes, at: int, _: int) -> operations.Gain:
+    """Return the drive of one device at *at*; IndexError if it is cut off."""
     segment, flags = _GAIN.unpack_from(payload, at)
     drives = _payload_slice(payload, at + _GAIN.size, _GAIN_BYTES)
     return operations.Gain(segment, bool(flags & 1), drives)
 
 
 def _pack_autd3_gain(operation: operations.Gain) -> bytes:
+    """Return the bytes of the drive of one device."""
     if len(operation.drives) != _GAIN_BYTES:
         raise LocalProtocolError(f"{len(operation.drives)} bytes of drives, not {_GAIN_BYTES}")
     return _GAIN.pack(operation.segment, operation.update) + operation.drives
 
 
 def _unpack_autd3_modulation(payload: bytes, at: int, _: int) -> operations.Modulation:
+    """Return the part of a modulation at *at*; IndexError if it is cut off."""
     head, is_first, at = _autd3_head(payload, at, _MODULATION_START, _MODULATION_PART)
     flags, size, *rest = head
     start = operations.ModulationStart(*rest) if is_first else None
@@ -131,12 +139,18 @@ def _unpack_autd3_modulation(payload: bytes, at: int, _: int) -> operations.Modu
 
 
 def _pack_autd3_modulation(operation: operations.Modulation) -> bytes:
+    """Return the bytes of a part of a modulation."""
     head = _autd3_flags(operation) | _SEGMENT_1 * operation.segment, len(operation.samples)
     packed = _packed_autd3_head(head, operation.start, _MODULATION_START, _MODULATION_PART)
     return packed + operation.samples
 
 
 def _unpack_autd3_foci(payload: bytes, at: int, foci_of_pattern: int) -> operations.FociSTM:
+    """Return the part of a sequence of foci at *at*; IndexError if it is cut off.
+
+    A part after the first has no number of foci in a pattern: *foci_of_pattern* is that of the
+    first.
+    """
     head, is_first, at = _autd3_head(payload, at, _FOCI_START, _FOCI_PART)
     flags, patterns, segment, *rest = head
     start = operations.FociStart(*rest) if is_first else None
@@ -147,6 +161,7 @@ def _unpack_autd3_foci(payload: bytes, at: int, foci_of_pattern: int) -> operati
 
 
 def _pack_autd3_foci(operation: operations.FociSTM) -> bytes:
+    """Return the bytes of a part of a sequence of foci."""
     head = _autd3_flags(operation), operation.patterns, operation.segment
     return _packed_autd3_head(head, operation.start, _FOCI_START, _FOCI_PART) + operation.foci
 
@@ -158,12 +173,14 @@ def _autd3_flags(operation: operations.Modulation | operations.FociSTM) -> int:
 
 
 def _unpack_autd3_swap(payload: bytes, at: int, _: int) -> operations.SwapSegment:
+    """Return the change of segment at *at*, by its tag with or without a transition."""
     tag = operations.Tag(payload[at])
     layout = _GAIN_SWAP if tag is operations.Tag.GAIN_SWAP else _SWAP_WITH_TRANSITION
     return operations.SwapSegment(tag, *layout.unpack_from(payload, at))
 
 
 def _pack_autd3_swap(operation: operations.SwapSegment) -> bytes:
+    """Return the bytes of a change of segment."""
     if operation.tag is operations.Tag.GAIN_SWAP:
         return _GAIN_SWAP.pack(operation.segment)
     rest = operation.transition_mode, operation.transition_value

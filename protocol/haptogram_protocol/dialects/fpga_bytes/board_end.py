@@ -128,14 +128,14 @@ class FpgaBoardEnd:
     # --- frames ----------------------------------------------------------------------------------
 
     def _count_command(self, operation: Operation) -> None:
-        """Count a command by its kind, or as a byte of the present frame."""
+        """Count a begin, select or swap in its own way; any other as a byte of the frame."""
         if (count := self._counts.get(type(operation))) is not None:
             count(operation)
         elif self._frames.frame_bytes:
             self._frames.frame_bytes += 1
 
     def _count_begin(self, _: operations.Begin) -> None:
-        """Count the frame before, if incomplete or replaced, as a new one begins."""
+        """Count the frame before as incomplete or without commit, now that a new one begins."""
         cursor, frames = self._cursor, self._frames
         if cursor.listening:
             self._count_end_of_frame(cursor.listening[0])  # those that listen are alike
@@ -152,13 +152,13 @@ class FpgaBoardEnd:
             self._frames.frame_bytes += 1
 
     def _count_select(self, operation: operations.Select) -> None:
-        """Count the frame of the selected board, if it was not committed."""
+        """Count the selected board's frame as without commit, where frames have no start byte."""
         if not self._rules.starts and operation.board < len(self._cursor.written):
             self._count_end_of_frame(operation.board)
         self._frames.frame_bytes += 1
 
     def _count_end_of_frame(self, board: int) -> None:
-        """Count a frame of *board* that was followed by another without swap."""
+        """Count the last frame of *board*: cut short, or whole and never committed."""
         whole = self._whole_frames(board)
         if 0 < self._cursor.written[board] < self._rules.channels:
             self.counters["frames_cut_short"] += 1
@@ -185,7 +185,7 @@ class FpgaBoardEnd:
     # --- codes -----------------------------------------------------------------------------------
 
     def _take_codes(self, codes: bytes, found: list[Operation]) -> None:
-        """Append *codes* to the current run of channels."""
+        """Collect *codes* for the next channels; emit a run at the last channel."""
         cursor, channels = self._cursor, self._rules.channels
         self._frames.frame_bytes += len(codes)
         if not cursor.listening:
@@ -205,7 +205,7 @@ class FpgaBoardEnd:
                 self._emit_run(found)
 
     def _count_codes(self, codes: bytes, at: int) -> None:
-        """Count misplaced or out-of-range *codes*."""
+        """Count *codes* out of range, before a start byte, or beyond the last channel."""
         rules, frames, cursor = self._rules, self._frames, self._cursor
         if strange := codes.translate(None, self._fitting[cursor.kind]):
             self.counters["codes_out_of_range"] += len(strange)
@@ -217,7 +217,7 @@ class FpgaBoardEnd:
             self.counters["codes_beyond_array"] += beyond
 
     def _emit_run(self, found: list[Operation]) -> None:
-        """Emit the current run of codes."""
+        """Append the collected codes to *found* as one operation, and begin a new run."""
         cursor, rules = self._cursor, self._rules
         codes = bytes(self._run)
         first = (cursor.at - len(codes)) % rules.channels

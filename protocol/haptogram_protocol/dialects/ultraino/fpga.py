@@ -68,14 +68,14 @@ _End = TypeVar("_End", FpgaBoardEnd, FpgaHostEnd)
 
 
 def _simple_ultraino_end(end: type[_End], *, fb: str = FALLS_THROUGH) -> _End:
-    """Return an end of one FPGA; *fb*: what its firmware does with the byte FB."""
+    """Return an end of the wire to one FPGA, whose firmware treats the byte FB as *fb* says."""
     if fb not in RULES:
         raise LocalProtocolError(f"fb={fb!r}; it is one of {', '.join(map(repr, RULES))}")
     return end(RULES[fb])
 
 
 def _chained_ultraino_end(end: type[_End], *, boards: int = 2) -> _End:
-    """Return an end of a chain of FPGAs."""
+    """Return an end of the wire to a chain of *boards* FPGAs."""
     return end(chained_ultraino_rules(boards), boards)
 
 

@@ -29,7 +29,7 @@ from haptogram.verification.watch import (
     latch,
     watch,
 )
-from haptogram.verification.watch.frames import FrameDefects
+from haptogram.verification.watch.diagnosis import FrameDefects
 from watched_runs import TARGETS, latches, model_of, targets_of, watched
 
 pytestmark = pytest.mark.sampled(2)

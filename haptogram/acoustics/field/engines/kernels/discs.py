@@ -41,7 +41,7 @@ def _lengths_to_centre_kernel(places: F8, x: float, y: float, z: float, lengths:
 def _phases_at_centre_kernel(
     places: F8, x: float, y: float, z: float, lags: F4, phases: F4
 ) -> None:
-    """Set the phases (N,) at the centre, in half turns."""
+    """Set the phases (N,), in half turns, in which the waves arrive at the disc's centre."""
     for n in range(phases.size):
         turns = _distance_kernel(places, n, x, y, z) + 0.5 * lags[n]
         phases[n] = 2.0 * (turns - np.rint(turns))
@@ -49,9 +49,9 @@ def _phases_at_centre_kernel(
 
 @jit_sums
 def _levels_kernel(elements: F4, drive: F4, z: Float, lengths: F4, loss: Float, at: F4) -> Float:
-    """Set each element's level at the centre, relative to the mean length; return that length.
+    """Set each element's level at the disc's centre, relative to the mean distance; return that.
 
-    Then the parts of the distances along the elements' normals that are the same all over the disc.
+    *at* also gets the part of its distance along its normal, which is the same all over the disc.
     """
     pz, nz, middle = elements[2], elements[5], lengths.mean()
     for n in range(lengths.size):
@@ -66,7 +66,7 @@ def _stress_kernel(
     x: Float, y: Float, a: Float, b: Float, elements: F4, at: F4, lengths: F4, phases: F4, gain: F4,
     absorption: Float, front: Float,
 ) -> float:  # fmt: skip
-    """Return |p|^2 less |rho c v|^2 along the disc, at (a, b) of it, whose centre is (x, y)."""
+    """Return |p|^2 - |rho c v|^2 at the offset (a, b) on a disc with the centre (x, y)."""
     px, py, nx, ny = elements[0], elements[1], elements[3], elements[4]
     levels, rises = at[0], at[1]
     g0, g1, g2, g3, g4, g5 = gain[0], gain[1], gain[2], gain[3], gain[4], gain[5]

@@ -103,7 +103,7 @@ def _lattice_block_kernel(
 
 @jit_inline
 def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
-    """Return the number of buffered waves after one more: 0 once a full buffer was summed."""
+    """Count one more buffered wave; add the buffer to the sums when it is full (then 0)."""
     if held + 1 < WAVES:
         return held + 1
     add_waves_kernel(t, m, re, im)
@@ -122,7 +122,7 @@ def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 def _lattice_rows_kernel(
     places: F8, gy: F8, careful: bool, rows: F4, depth: F8, height: F4
 ) -> None:  # fmt: skip
-    """Compute (y - gy)^2 for each row, and z^2."""
+    """Set (y - gy)^2 of points for each row of the lattice, and their z^2."""
     depth[:] = 0.0
     for j in range(gy.size):
         _squares_kernel(places[1], gy[j], depth, careful, rows[0, j], rows[1, j])
@@ -242,9 +242,10 @@ def _free_wave_kernel(
     places: Any, pairs: Any, s: Any, amplitude: Any, phase: Any, careful: Any, flat: Any,
     constants: Any, gain: Any, loss: Any, offset: Any, scratch: Any, t: Any, m: Any,
 ) -> Any:  # fmt: skip
-    """Fill phase *t* and magnitude *m* of the element with position and normal *s*.
+    """Set phase *t* and magnitude *m*, at each point, of the wave of an element at *s*.
 
-    *careful* and *flat* are constants where it is inlined; *flat* finds the heights in *offset*.
+    *s* is position and normal. *careful* and *flat* are constants where it is inlined; *flat* finds
+    the heights in *offset*.
     """
     square, low, height, ahead, none = offset[0], offset[1], offset[2], offset[3], offset[4]
     if flat:
@@ -265,7 +266,7 @@ def _free_wave_kernel(
 
 @jit_inline
 def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) -> Any:
-    """Fill r and 1/r of an element in the plane; *height* holds the squares of the heights."""
+    """Set distances r and 1/r of points from an element of a flat array; *height* is z^2."""
     x, y, x_low, y_low = pairs[0], pairs[1], pairs[3], pairs[4]
     sx, sy = np.float32(s[0]), np.float32(s[1])
     for p in range(r.size):
@@ -277,7 +278,7 @@ def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) 
 
 @jit_inline
 def _offsets_kernel(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) -> Any:
-    """Set r^2, the offset along the normal and its square."""
+    """Set r^2 of points from an element, their offset along its normal and its square."""
     x, y, z, x_low, y_low, z_low = pairs[0], pairs[1], pairs[2], pairs[3], pairs[4], pairs[5]
     sx, sy, sz = np.float32(s[0]), np.float32(s[1]), np.float32(s[2])
     nx, ny, nz = np.float32(s[3]), np.float32(s[4]), np.float32(s[5])

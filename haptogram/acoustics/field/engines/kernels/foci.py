@@ -24,7 +24,7 @@ Fitted: TypeAlias = tuple[tuple[float, float, float], float, float, int, bool, f
 
 @jit_inline
 def _place_kernel(target: Any, frame: Any) -> Any:
-    """Return the coordinates of *target* in the frame, in wavelengths."""
+    """Return *target* in the coordinates of *frame*, whose axes are in wavelengths."""
     u, v, w = target[0] - frame[3, 0], target[1] - frame[3, 1], target[2] - frame[3, 2]
     return (
         np.float32(frame[0, 0] * u + frame[0, 1] * v + frame[0, 2] * w),
@@ -103,7 +103,7 @@ def _coherent_phase_kernel(phases: Any, places: Any, x: Any, y: Any, z: Any) -> 
 def _normal_equations_kernel(
     phases: Any, places: Any, x: Any, y: Any, z: Any, common: Any, sums: Any
 ) -> Any:
-    """Sum products of the slopes u (less those at the origin) and the residuals e, in turns."""
+    """Set the sums of the fit: products of slopes (relative to the origin) and phase errors."""
     r0 = np.sqrt(x * x + y * y + z * z)
     cx, cy, cz = x / r0, y / r0, z / r0
     xx, xy, xz, yy, yz, zz = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO

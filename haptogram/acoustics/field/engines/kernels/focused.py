@@ -45,9 +45,9 @@ _disc_stress_kernel = inlined(disc_stress_kernel)
 def _residuals_kernel(
     places: F8, point: F8, per_wavelength: float, common: float, mean: F8, products: F8
 ) -> None:
-    """Set *products*: sums of the residuals, in turns, that a step of the fit needs.
+    """Set *products*, the sums over elements of phase errors (in turns) that a fit's step needs.
 
-    They are those with the unit vectors less their *mean*, their sum, and that of their squares.
+    Errors times unit vectors less their *mean*, errors, and squared errors.
     """
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     x, y, z, total, square = 0.0, 0.0, 0.0, 0.0, 0.0

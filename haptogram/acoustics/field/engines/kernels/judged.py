@@ -52,7 +52,7 @@ def _turns_to_target_kernel(
 
 @jit_checked
 def _metric_kernel(covariance: F8, wavenumber: float, first: F8, second: F8, metric: F8) -> None:
-    """Set k^2 A C A^T (00, 01, 11) of the two directions of A."""
+    """Set k^2 A C A^T (00, 01, 11), C the covariance, A the rows *first* and *second*."""
     a, b, c = covariance[0], covariance[1], covariance[2]
     d, e, f = covariance[3], covariance[4], covariance[5]
     for i in range(3):
@@ -68,7 +68,7 @@ def _bound_kernel(
     places: F8, target: F8, matrix: F8, wavenumber: float, limit: float, distance_m: float,
     observed: F8, found: F8,
 ) -> bool:  # fmt: skip
-    """Compute the uncertainty of the focus; return whether all coordinates are observable.
+    """Set the uncertainty of the focus; return False if a coordinate cannot be observed.
 
     *observed*: the least share of the eigenvalues, the share of the distance from which on the
     second order counts, how much that is, and the share at which a focus is lost.

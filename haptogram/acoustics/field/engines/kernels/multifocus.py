@@ -117,7 +117,7 @@ def _received_kernel(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
 
 @jit_inline
 def _send_back_kernel(re: Any, im: Any, p: Any, q: Any, drive_re: Any, drive_im: Any) -> Any:
-    """Add conj(g) (p + j q): back-propagation from one focus."""
+    """Add the drive that a focus's pressure p + j q sends back to each element."""
     for n in range(re.size):
         drive_re[n] = drive_re[n] + re[n] * p + im[n] * q
         drive_im[n] = drive_im[n] + re[n] * q - im[n] * p

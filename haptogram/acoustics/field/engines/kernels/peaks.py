@@ -32,9 +32,10 @@ SUMS: Final = 12
 
 @jit_inline
 def _wave_kernel(dx: Any, dy: Any, dz: Any, turns: Any, axes: Any, medium: Any) -> Any:
-    """Return a wave: cosine and sine of its phase, 1 / r, the ray along two axes, the magnitude.
+    """Return an element's wave at a point: cosine and sine of its phase, 1 / r, ray, magnitude.
 
-    Then the slopes of the magnitude along them, and its second derivatives (00, 01, 11).
+    The ray is along two axes. Then the slopes of the magnitude along them, and its second
+    derivatives (00, 01, 11).
     """
     (ax, ay, az, ah), (bx, by, bz, bh) = axes
     distance, inverse, height, level, gain, by_cosine, bend = wave_bend_kernel(dx, dy, dz, medium)
@@ -68,7 +69,7 @@ def _with_heights_kernel(axes: Any, medium: Any) -> Any:
 def _peak_sums_kernel(
     places: F8, x: float, y: float, z: float, axes: F8, medium: F8, sums: F8
 ) -> None:
-    """Set the *sums* (SUMS,) of the waves at a place."""
+    """Set *sums* (SUMS,): pressure at a place, its first and second derivatives on two axes."""
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     both, k = _with_heights_kernel(axes, medium), 2.0 * math.pi * medium[0]
     s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -100,7 +101,10 @@ def _peak_sums_kernel(
 
 @jit_checked
 def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, float, float, bool]:
-    """Return gradient and Hessian (00, 01, 11) of ln |p|^2, and whether they are of a peak."""
+    """Return gradient and Hessian (00, 01, 11) of ln |p|^2, and True if it is at a peak.
+
+    Without *both* those of the first axis alone.
+    """
     p = complex(sums[0], sums[1])
     first, second = complex(sums[2], sums[3]) / p, complex(sums[4], sums[5]) / p
     h00 = 2.0 * (complex(sums[6], sums[7]) / p - first * first).real
@@ -117,7 +121,7 @@ def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, floa
 def _level_kernel(
     places: F8, start: F8, axes: F8, a: float, b: float, medium: F8, sums: F8
 ) -> bool:
-    """Set *sums* at an offset from *start*; return whether there is sound."""
+    """Set *sums* at an offset (a, b) along *axes* from *start*; return False if silent there."""
     x = start[0] + a * axes[0, 0] + b * axes[1, 0]
     y = start[1] + a * axes[0, 1] + b * axes[1, 1]
     z = start[2] + a * axes[0, 2] + b * axes[1, 2]
@@ -185,7 +189,7 @@ def climb_kernel(
 def _response_kernel(
     places: F8, place: F8, axes: F8, medium: F8, sums: F8, h00: float, h01: float, h11: float
 ) -> tuple[float, float]:
-    """Return the sensitivity of the peak position to phase errors, summed over elements."""
+    """Return how far phase errors of one radian can move the peak along two axes, at most."""
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     x, y, z = place[0], place[1], place[2]
     both, k = _with_heights_kernel(axes, medium), 2.0 * math.pi * medium[0]

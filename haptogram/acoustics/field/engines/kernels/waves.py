@@ -37,7 +37,7 @@ ZERO = np.float32(0.0)
 
 @jit_inline
 def _lengths_kernel(a: Any, b: Any, r: Any, inverse: Any) -> Any:
-    """Fill r and 1/r, r^2 = a + b."""
+    """Set r and 1/r of distances whose square is a + b."""
     for p in range(a.size):
         square = a[p] + b[p]
         inverse[p] = ONE / np.sqrt(square)
@@ -127,7 +127,7 @@ def _gains_kernel(gain: Any) -> Any:
 
 @jit_inline
 def _losses_kernel(loss: Any, amplitude: Any) -> Any:
-    """Return the four coefficients of the absorption, times an amplitude, as a tuple."""
+    """Return *amplitude* times the four coefficients of the absorption in r, as a tuple."""
     return loss[0] * amplitude, loss[1] * amplitude, loss[2] * amplitude, loss[3] * amplitude
 
 

@@ -68,7 +68,7 @@ class PatternMemory:
         return is_short
 
     def _emit_pattern(self, halves: bytearray, found: list[Operation]) -> None:
-        """Append a decoded pattern to *found*."""
+        """Append a pattern of half bytes to *found* as slots, a whole byte each two."""
         digits = halves.translate(_HIGH_NIBBLE).decode("ascii")
         slots = bytes.fromhex(digits + "0" * (len(digits) % 2))
         found.append(operations.SetPattern(self._board, self.patterns, slots))
@@ -192,7 +192,7 @@ class ArduinoBoardEnd:
         raise no_dialect_bytes_for(message, self._firmware.wire)
 
     def _take_halves(self, hops: int, halves: bytes, found: list[Operation]) -> None:
-        """Store half bytes in the memory of a board, or forward them beyond the chain."""
+        """Store half bytes at the board *hops* along the chain; beyond the last, forward them."""
         if hops > self._boards:
             self.counters["bytes_beyond_chain"] += len(halves)
             found += [_FORWARDS[byte - self._boards] for byte in halves]
@@ -204,7 +204,7 @@ class ArduinoBoardEnd:
             self._patterns = whole
 
     def _swap(self, found: list[Operation]) -> None:
-        """Count replaced and short frames, end the durations, and emit a swap."""
+        """Emit a swap; count frames that it leaves short, replaced or without their durations."""
         if (replaced := self.uncommitted - 1) > 0:
             self._count_replaced(replaced)
         if self._restart(found):
@@ -229,7 +229,7 @@ class ArduinoBoardEnd:
         return any(are_short)
 
     def _command(self, found: list[Operation]) -> None:
-        """Commit the durations, or restart firmware without durations."""
+        """Commit the durations; firmware that has none restarts its pattern instead."""
         if self._firmware.durations:
             self._end_durations(found)
             self._commanded += self._patterns > self._patterns_by_then

@@ -98,7 +98,7 @@ class ArduinoFirmware:
         return bytes(filled)
 
     def _pulse(self, slots: bytes, pin: int) -> Pulse | None:
-        """Return the pulse of a pin in a pattern; None for more than one pulse."""
+        """Return the pulse of a pin in a period of *slots*; None if it has several."""
         levels = [port >> pin % 8 & 1 for port in slots[pin // 8 :: self.ports]]
         width = sum(levels)
         if width in (0, self.steps):

@@ -1,4 +1,4 @@
-"""Losses that elements of a focus have together: a group out of step, a carrier that is not steady.
+"""Elements of a focus out of step, alone or together, and a carrier that is not steady.
 
 The place of a focus is fitted to all elements, so that what is left of each phase is rounding.
 Elements whose numbers have something in common, and which are all off by more than rounding, are
@@ -8,10 +8,12 @@ off by a rule.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Collection
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptogram.acoustics.arrays import BoolArray, ComplexArray, FloatArray
 from haptogram.acoustics.field.reference import arrival_at_point
@@ -19,11 +21,12 @@ from haptogram.acoustics.model.model import AcousticModel
 from haptogram.acoustics.reconstruct.estimates import Vector
 from haptogram.acoustics.reconstruct.patterns.fit import PatternPhases, fit_pattern_point
 from haptogram.acoustics.reconstruct.patterns.found import OneFocus, Placed
-from haptogram.acoustics.solvers.focus_fit import fit_focus
+from haptogram.acoustics.solvers.focus_fit import fit_focus, wrapped_phases
 
 from ..groups import groups_of_elements
 from .defect import Defect, Diagnosis
 from .latch import HALVED, UPLOAD, SeenLatch
+from .mistakes import Aim, MistakeFit
 
 _ROUNDING: Final = 0.32  # RMS error in steps: rounding and cutting off leave 0.29
 _LEAST_LAG: Final = 0.75  # least lag of a group, in steps: codes that are cut off are off by less
@@ -31,6 +34,7 @@ _SPREAD: Final = 0.6  # spread within a group, in steps: rounding, and the fit o
 _SOUNDING: Final = 1e-6
 _LEAST: Final = 0.95  # least amplitude while bytes arrive, relative to the usual one
 _MOST: Final = 1000  # most latches whose phases are compared
+_NAMED: Final = 8  # elements; more are counted
 
 
 class CommonLosses:
@@ -125,13 +129,13 @@ class CommonLosses:
         return found
 
     def _focus(self, weights: ComplexArray, near_m: Vector) -> tuple[FloatArray, float]:
-        """Return the place of the focus of *weights*, and its pressure."""
+        """Return the position of the focus of *weights* near *near_m*, and the pressure there."""
         sounding = np.abs(weights) > _SOUNDING
         place = fit_focus(self._model, np.angle(weights), near_m, active=sounding).position_m
         return place, arrival_at_point(self._model, weights, place)[0]
 
     def _phase_errors(self, weights: ComplexArray, near_m: Vector) -> tuple[BoolArray, FloatArray]:
-        """Return the active elements, and their phase errors beside a focus in any air."""
+        """Return a mask of sounding elements, and their errors to a focus at any speed of sound."""
         array, radiated = self._model.array, self._model.radiated(weights)
         active = np.abs(radiated) > _SOUNDING
         phases = PatternPhases(
@@ -141,3 +145,66 @@ class CommonLosses:
         )
         start = array.local_m(np.array(near_m))
         return active, fit_pattern_point(phases, start, free_speed=True).residual_rad
+
+
+class ElementMistakes:
+    """Collects elements out of step, frame by frame.
+
+    Parameters
+    ----------
+    model : AcousticModel
+        Array and air.
+    """
+
+    def __init__(self, model: AcousticModel) -> None:
+        self._model = model
+        self._off: dict[tuple[int, int], list[int]] = defaultdict(list)  # element, steps: latches
+        self._swapped: dict[tuple[int, int], list[int]] = defaultdict(list)
+        self._taken = 0
+
+    def take(self, number: int, aim: Aim) -> None:
+        """Look at a latch that is not as expected."""
+        if self._taken == _MOST:
+            return
+        positions, k = self._model.array.positions_m, self._model.wavenumber
+        rows = aim.phases_rad[None], aim.target_m[None], np.array([aim.step_rad])
+        residual = MistakeFit(positions, k, *rows).residual_of_focus()
+        if residual is None:
+            return
+        error = np.abs(np.nan_to_num(residual))
+        off = np.flatnonzero(error > aim.step_rad)
+        rest = error[error <= aim.step_rad]
+        if math.sqrt(float(np.mean(rest**2))) > _ROUNDING * aim.step_rad:
+            return  # air or array are not quite those that are thought
+        self._taken += bool(len(off))
+        if len(off) == 2 and self._is_swap(aim, residual, off):
+            first, second = off.tolist()
+            self._swapped[first, second].append(number)
+            return
+        half = round(math.pi / aim.step_rad)  # which has no sign
+        for element in off.tolist():
+            steps = round(residual[element] / aim.step_rad)
+            self._off[element, max(steps, half) if steps == -half else steps].append(number)
+
+    def diagnoses(self, known: Collection[int]) -> list[Diagnosis]:
+        """Return the defects, but for elements that are named otherwise."""
+        found = [
+            Diagnosis(Defect.ELEMENTS, f"elements {a} and {b} are swapped", tuple(latches))
+            for (a, b), latches in self._swapped.items()
+        ][:_NAMED]
+        off = {key: latches for key, latches in self._off.items() if key[0] not in known}
+        if len(off) > _NAMED:
+            latches = sorted({number for of_one in off.values() for number in of_one})
+            count = len({element for element, _ in off})
+            return [*found, Diagnosis(Defect.ELEMENTS, f"{count} elements", tuple(latches))]
+        return found + [
+            Diagnosis(Defect.ELEMENTS, f"element {element}, {steps:+d} steps", tuple(latches))
+            for (element, steps), latches in sorted(off.items())
+        ]
+
+    def _is_swap(self, aim: Aim, residual: FloatArray, pair: NDArray[np.intp]) -> bool:
+        """Return True if each of two elements has the phase that the other should have."""
+        distance = np.linalg.norm(self._model.array.positions_m[pair] - aim.target_m, axis=1)
+        between = float(self._model.wavenumber * (distance[1] - distance[0]))
+        errors = wrapped_phases(residual[pair] - between * np.array([-1.0, 1.0]))
+        return bool(np.abs(errors).max() <= aim.step_rad and math.isfinite(between))
