@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
 from haptogram.driver.line.link import Link, request_parts
 from haptogram.errors import ConfigurationError, WrongProtocolError
@@ -44,9 +42,8 @@ def read_geometry(link: Link, identity: HelloReply) -> TransducerArray:
 
 def array_of_geometry(elements: Sequence[Element]) -> TransducerArray:
     """Return the array whose *elements* GET_GEOMETRY reports."""
-    positions = np.array([(e.x_um, e.y_um, e.z_um) for e in elements]) / 1e6
-    normals = np.array([(e.nx, e.ny, e.nz) for e in elements]) / 32767
-    return TransducerArray.from_positions(positions, normals)
+    positions_um = [(e.x_um, e.y_um, e.z_um) for e in elements]
+    return TransducerArray.from_wire(positions_um, [(e.nx, e.ny, e.nz) for e in elements])
 
 
 def assumed_model_of_identity(

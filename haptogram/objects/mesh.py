@@ -50,6 +50,12 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         ) from error
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise ConfigurationError(f"{path}: the mesh has no surface")
+    low, high, vertices = int(mesh.faces.min()), int(mesh.faces.max()), len(mesh.vertices)
+    if low < 0 or high >= vertices:
+        raise ConfigurationError(
+            f"{path}: a triangle has the vertex {low if low < 0 else high}, must be 0 to "
+            f"{vertices - 1}"
+        )
     if not np.isfinite(mesh.vertices).all():
         raise ConfigurationError(f"{path}: the mesh has a vertex that is not finite")
     with np.errstate(over="ignore"):  # of vertices at 1e300

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Point3: TypeAlias = tuple[float, float, float]
 
 MAX_POINTS: Final = 200_000
+_THIN: Final = 2  # a surface that keeps so many times the points of its area is thin
 _LOWEST_RESOLUTION_M: Final = 1e-5
 
 
@@ -231,6 +232,9 @@ class MeshSurface:
         _check_shape_resolution(resolution_m, float(np.ptp(self.mesh.bounds, axis=0).max()))
         count = _checked_point_count(float(self.mesh.area) / resolution_m**2)
         points = even_mesh_points(self.mesh, count, resolution_m)
+        while len(points) > _THIN * count:  # there is room for more than the area says
+            count = _checked_point_count(len(points))
+            points = even_mesh_points(self.mesh, count, resolution_m)
         return points[round_trip_over_mesh(points)]
 
 

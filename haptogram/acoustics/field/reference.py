@@ -103,7 +103,7 @@ def _field_propagators(model: AcousticModel, points: FloatArray) -> ComplexArray
     """Return (M, N) the pressure at each point by each element at full amplitude."""
     x, y, z = (points[:, None, i] - model.array.positions_m[:, i] for i in range(3))
     distance = np.sqrt(x * x + y * y + z * z)
-    gain = _field_gain(model, (x, y, z), distance)
+    gain = field_gain(model, (x, y, z), distance)
     strength = math.sqrt(2.0) * model.transducer.source_strength_pa_m
     magnitude = strength * gain * np.exp(-model.medium.absorption_np_m * distance) / distance
     turns = distance / model.wavelength_m
@@ -161,10 +161,18 @@ def arrival_at_point(
     return total / math.sqrt(2.0), (total / largest if largest > 0.0 else 0.0)
 
 
-def _field_gain(
+def field_gain(
     model: AcousticModel, offsets: tuple[FloatArray, ...], distance: FloatArray
 ) -> FloatArray:
-    """Return the directivity of each element toward each point, from its own normal."""
+    """Return the directivity of each element toward each point, from its own normal.
+
+    Parameters
+    ----------
+    offsets : tuple of numpy.ndarray
+        x, y and z (M, N) from each element to each point.
+    distance : (M, N) numpy.ndarray
+        Their lengths.
+    """
     normals, directivity = model.array.normals, model.transducer.directivity
     if hasattr(directivity, "gain_towards"):  # isinstance of a Protocol takes 20 µs
         directions = np.stack(offsets, axis=-1) / distance[..., None]

@@ -15,8 +15,9 @@ from haptogram.acoustics.arrays import ComplexArray, FloatArray, as_point_array
 from haptogram.acoustics.field.reference import FieldEngine
 from haptogram.acoustics.levels.dynamics import Resonator
 from haptogram.acoustics.model.drive import as_drive_sequence
-from haptogram.settings.arguments import check_positive
+from haptogram.settings.arguments import check_number
 
+_FRAME_S: Final = (1e-9, 1e9)  # in a shorter one rounding hides how far a resonator moves
 _VALUES_PER_CHUNK: Final = 1 << 20  # 16 MB of complex128
 
 
@@ -44,7 +45,7 @@ def mean_square_pressure(
     points_m : (M, 3) array_like
         Points, in metres; worked through in chunks, so that memory stays bounded.
     frame_s : float
-        Duration of a frame.
+        Duration of a frame, 1e-9 to 1e9 s.
     resonator : Resonator, optional
         Envelope of the transducers.
 
@@ -56,7 +57,8 @@ def mean_square_pressure(
     Raises
     ------
     ConfigurationError
-        No drive, or as :func:`~haptogram.acoustics.field.reference.pressure`.
+        No drive, a duration out of range, or as
+        :func:`~haptogram.acoustics.field.reference.pressure`.
 
     Examples
     --------
@@ -69,7 +71,7 @@ def mean_square_pressure(
     True
     """
     drives = as_drive_sequence(weights, engine.model.array.count)
-    check_positive("frame_s", frame_s)
+    check_number("frame_s", frame_s, *_FRAME_S, "s")
     points = as_point_array("points_m", points_m)
     size = max(1, _VALUES_PER_CHUNK // len(drives))
     result = np.empty(len(points))

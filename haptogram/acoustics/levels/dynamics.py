@@ -19,12 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptogram.acoustics.arrays import ComplexArray
+from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import as_weights
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import check_number, check_positive
+from haptogram.settings.arguments import check_number, check_positive, check_whole
 
 DEFAULT_BANDWIDTH_HZ: Final = 2000.0  # -6 dB width of a common 10 mm part: ProWave 400PT120
 _MAX_BANDWIDTH_HZ: Final = 1e6
+_MOST_SAMPLES: Final = 1_000_000  # of a frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,7 @@ class Resonator:
 
     def modulation_response(self, modulation_hz: float) -> float:
         """Return |H| = 1 / sqrt(1 + (2 pi f tau)^2), the amplitude of one sideband."""
+        check_number("modulation_hz", modulation_hz, 0.0, math.inf)
         return 1.0 / math.hypot(1.0, 2.0 * math.pi * modulation_hz * self.time_constant_s)
 
     def dwell_mean_square(self, dwell_s: float) -> float:
@@ -100,14 +103,30 @@ class Resonator:
         Returns
         -------
         (F * samples_per_frame, ...) numpy.ndarray of complex128
+
+        Raises
+        ------
+        ConfigurationError
+            No frame, another shape of *start*, samples that are not 1 to a million, or a result of
+            more than half of the memory.
         """
-        if samples_per_frame < 1:
-            raise ConfigurationError(f"samples_per_frame is {samples_per_frame}, must be 1 or more")
-        targets = as_weights(commands)
+        targets, before = as_weights(commands), as_weights(start)
+        if not targets.ndim or not len(targets):
+            raise ConfigurationError(
+                f"commands have shape {targets.shape}, must be (F, ...), F at least 1"
+            )
+        try:
+            state = np.broadcast_to(before, targets.shape[1:])
+        except ValueError as error:
+            raise ConfigurationError(
+                f"start has shape {before.shape}, must be that of one command, {targets.shape[1:]}"
+            ) from error
+        check_whole("samples_per_frame", samples_per_frame, 1, _MOST_SAMPLES)
+        shape = (len(targets) * samples_per_frame, *targets.shape[1:])
+        check_array_memory("an envelope", shape, 16)
         step_s = check_positive("frame_s", frame_s) / samples_per_frame
         left = np.array([self.decay(step_s * (i + 1)) for i in range(samples_per_frame)])
         left = left.reshape(-1, *(1,) * (targets.ndim - 1))
-        state = np.broadcast_to(as_weights(start), targets.shape[1:])
         parts = []
         for target in targets:
             parts.append(target + left * (state - target))

@@ -13,14 +13,16 @@ from numpy.typing import ArrayLike
 from haptogram.acoustics.arrays import FloatArray, as_coordinates
 from haptogram.acoustics.field.reference import (
     FieldEngine,
-    check_field_points,
     pressure_level_in_front,
 )
 from haptogram.acoustics.local_maximum import STEPS, climb_to_maximum
+from haptogram.acoustics.memory import check_array_memory
 from haptogram.acoustics.model.drive import as_drive
+from haptogram.errors import ConfigurationError
 from haptogram.settings.arguments import check_number
 
 _POINTS_PER_WAVELENGTH: Final = 3
+_NUMBERS_PER_POINT: Final = 12  # that the search holds at once
 _CLIMBED: Final = 8  # maxima of the grid that are refined
 _MAX_HALF_WIDTH_M: Final = 0.5
 
@@ -60,7 +62,8 @@ def largest_secondary_lobe(
     Raises
     ------
     ConfigurationError
-        A half-width outside 10 to 500 mm, or as :func:`~haptogram.acoustics.pressure`.
+        A half-width outside 10 to 500 mm, no sound at the target, or as
+        :func:`~haptogram.acoustics.pressure`.
 
     Examples
     --------
@@ -71,13 +74,16 @@ def largest_secondary_lobe(
     check_number("half_width_m", half_width_m, 0.010, _MAX_HALF_WIDTH_M)
     target = as_coordinates("target_m", target_m)
     count = math.ceil(2.0 * half_width_m * _POINTS_PER_WAVELENGTH / engine.model.wavelength_m)
+    check_array_memory("the grid of a search", (count + 1, count + 1, _NUMBERS_PER_POINT), 8)
     side = np.linspace(-half_width_m, half_width_m, count + 1)
     x, y = np.meshgrid(side, side, indexing="ij")
     array = engine.model.array
     height_m = array.local_m(target)[2]
     points = array.world_m(np.stack([x.ravel(), y.ravel(), np.full(x.size, height_m)], axis=1))
     drive = as_drive(weights, engine.model.array.count)
-    check_field_points(engine.model, target[None])
+    focus = abs(complex(engine.pressure(drive, target[None])[0]))
+    if not focus > 0.0:
+        raise ConfigurationError(f"no sound at {target.tolist()} m: it is no focus")
     level = pressure_level_in_front(engine, drive, points).reshape(x.shape)
     tops = np.flatnonzero(_lobe_maxima(level))
     if len(tops) < 2:
@@ -91,7 +97,6 @@ def largest_secondary_lobe(
         float(side[1] - side[0]),
         STEPS[STEPS[:, 2] == 0.0] @ array.axes,
     )
-    focus = abs(complex(engine.pressure(drive, target[None])[0]))
     x_m, y_m, z_m = top_m.tolist()
     return SecondaryLobe((x_m, y_m, z_m), 20.0 * math.log10(found / focus))
 

@@ -22,6 +22,7 @@ from haptogram.errors import ConfigurationError
 from haptogram.settings.frozen import dataclass
 
 _STENCIL_M: Final = 1e-5
+_STENCIL: Final = 3e-3  # of the ends of unit rays
 _MAX_STEPS: Final = 400  # a steered focus of a small aperture creeps along its ridge
 _SETTLED_M: Final = 1e-7
 #: A step so short leads no higher where rounding errors are larger.
@@ -209,8 +210,7 @@ def climb_to_pressure_peak(
 ) -> FloatArray | None:
     """Return (D,) the offset of the pressure peak next to *start_m* along (D, 3) *axes*.
 
-    A step that hardly climbs is halved: with the curvature of 1 / r alone, without that of the
-    directivity, it may lead as far behind the peak as it began before it.
+    A step that hardly climbs is halved: far from the peak the second order leads beyond it.
 
     Parameters
     ----------
@@ -237,8 +237,9 @@ def climb_to_pressure_peak(
             least = math.exp(_LEAST_CLIMB * min(float(here.gradient @ part), 1.0))
             if there is not None and there.level > least * here.level:
                 break
-        else:  # at the top, as far as rounding errors can tell
-            return offset if float(np.linalg.norm(step)) < AT_TOP_M else None
+        else:  # at the edge of the field, or at the top, as far as rounding errors can tell
+            is_top = there is not None and float(np.linalg.norm(step)) < AT_TOP_M
+            return offset if is_top else None
         offset, here = offset + part, there
     return None
 
@@ -259,33 +260,35 @@ class PressureLevel:
     ) -> PressureLevel | None:
         """Return those at a place; None at an element, behind the array or without sound.
 
-        With a wave q = m e^{jkr}, the magnitude m is differentiated numerically, and its second
-        derivative is that of 1 / r.
+        A wave is q = g m, the gain g by direction and m = e^{(jk - absorption) r} / r by distance.
         """
-        places_m = place_m + _STENCIL_M * np.concatenate([0.0 * axes[:1], axes, -axes])
+        around_m = place_m + _STENCIL_M * np.concatenate([0.0 * axes[:1], axes, -axes])
         try:
-            arrivals = reference.propagators(model, places_m)
-        except ConfigurationError:  # within 1 mm of an element, or behind the array
+            reference.check_field_points(model, around_m)
+        except ConfigurationError:  # within 1 mm of an element, at the plane of the array or behind
             return None
-        count, k, waves = len(axes), model.wavenumber, arrivals * weights
-        rays_m = places_m[:, None, :] - model.array.positions_m
-        distance = np.sqrt(np.einsum("mni,mni->mn", rays_m, rays_m))
-        here, r = waves[0], distance[0]
-        pressure = complex(here.sum())
+        rays_m = place_m - model.array.positions_m
+        r = np.sqrt(np.einsum("ni,ni->n", rays_m, rays_m))
+        rays = rays_m / r[:, None]
+        strength = math.sqrt(2.0) * model.transducer.source_strength_pa_m
+        rate = complex(-model.medium.absorption_np_m, model.wavenumber)
+        m = model.radiated(weights) * (strength * np.exp(rate * r) / r)
+        gain, turn, bend = _gain_derivatives(model, rays, axes)
+        waves = m * gain
+        pressure = complex(waves.sum())
         if not abs(pressure) > 0.0:
             return None
-        still = waves[1:] * np.exp(-1j * k * (distance[1:] - r))
-        fading = (still[:count] - still[count:]) / (2.0 * _STENCIL_M)
-        cosines = axes @ (rays_m[0] / r[:, None]).T
-        turning = 1j * k * cosines
-        slopes = fading + turning * here
+        cosines, steep = axes @ rays.T, rate - 1.0 / r  # steep: of ln m, along the ray
+        turn, bend = turn / r, bend / r**2
         both = cosines[:, None] * cosines
-        apart = np.eye(count)[:, :, None]
-        bends = turning[:, None] * slopes + fading[:, None] * turning
-        bends += here * (1j * k / r * (apart - both) + (3.0 * both - apart) / r**2)
+        apart = (np.eye(len(axes))[:, :, None] - both) / r
+        across = cosines[:, None] * turn
+        slopes = m * (steep * cosines * gain + turn)
+        bends = gain * ((steep**2 + 1.0 / r**2) * both + steep * apart)
+        bends = m * (bends + steep * (across + across.swapaxes(0, 1)) + bend)
         first = slopes.sum(axis=1) / pressure
         second = bends.sum(axis=2) / pressure - np.outer(first, first)
-        return cls(pressure, here, slopes, 2.0 * first.real, 2.0 * second.real)
+        return cls(pressure, waves, slopes, 2.0 * first.real, 2.0 * second.real)
 
     @property
     def ascent(self) -> FloatArray:
@@ -307,3 +310,33 @@ class PressureLevel:
         """True if the curvature is that of a peak, in every direction."""
         values = np.linalg.eigvalsh(self.curvature)
         return bool(values[-1] < _LEAST_CURVED * values[0] < 0.0)
+
+
+def _gain_derivatives(
+    model: AcousticModel, rays: FloatArray, axes: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the gains (N,) along unit *rays* (N, 3), their slopes (D, N) and bends (D, D, N).
+
+    By how far the end of a ray moves along *axes*: differences of the fourth order.  An element
+    that falls silent within them, since the place is beside it, counts as equally loud around.
+    """
+    count = len(axes)
+    pairs = [(i, j) for i in range(count) for j in range(i, count)]
+    ways = np.array([axes[i] if i == j else axes[i] + axes[j] for i, j in pairs])
+    moves = _STENCIL * np.array([0.0, -2.0, -1.0, 1.0, 2.0])
+    ends = rays + moves[:, None, None, None] * ways[:, None, :]
+    ends = ends.reshape(-1, *rays.shape)
+    lengths = np.sqrt(np.einsum("mni,mni->mn", ends, ends))
+    gains = reference.field_gain(model, tuple(np.moveaxis(ends, 2, 0)), lengths)
+    gains = np.where((gains == 0.0).any(axis=0), gains[0], gains).reshape(5, len(ways), -1)
+    middle, *around = gains
+    twice_down, down, up, twice_up = around
+    slope = (8.0 * (up - down) - (twice_up - twice_down)) / (12.0 * _STENCIL)
+    bend = 16.0 * (up + down) - (twice_up + twice_down) - 30.0 * middle
+    bend /= 12.0 * _STENCIL**2
+    bends = np.empty((count, count, len(rays)))
+    own = [pairs.index((i, i)) for i in range(count)]
+    for (i, j), along in zip(pairs, bend, strict=True):
+        mixed = along if i == j else (along - bend[own[i]] - bend[own[j]]) / 2.0
+        bends[i, j] = bends[j, i] = mixed
+    return middle[0], slope[own], bends

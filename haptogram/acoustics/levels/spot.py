@@ -20,6 +20,7 @@ _HALF_PRESSURE: Final = 10.0 ** (-6.0 / 20.0)
 _STEPS_PER_WAVELENGTH: Final = 32
 _LATERAL_REACH: Final = 8.0  # half the length of a line across the beam, in wavelengths
 _AXIAL_REACH: Final = 40.0
+_AT_CENTRE_M: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class FocalSpot:
         Along the array's own x and y through the target; relative to |p| at the target.
     depth_3db_m : (float, float)
         From the axial maximum toward the array and away from it, along the line from the array's
-        centre through the target.
+        centre through the target; of a target at the centre, along the array's own z.
     axial_peak_m : float
         Distance of the axial maximum from the target along that line; negative toward the array.
 
@@ -91,10 +92,14 @@ def _axial_spot(
     engine: FieldEngine, drive: ArrayLike, target: FloatArray
 ) -> tuple[tuple[float, float], float]:
     """Return the -3 dB depths before and behind the axial maximum, and its offset from target."""
-    ray = target - engine.model.array.centre_m
+    array = engine.model.array
+    ray = target - array.centre_m
     distance = float(np.linalg.norm(ray))
+    axis = ray / distance if distance > _AT_CENTRE_M else array.axes[2]
+    # Between elements that face each other the centre is no element.
+    nearest = float(np.linalg.norm(target - array.positions_m, axis=1).min())
     steps, level = _spot_line(
-        engine, drive, target, ray / distance, _AXIAL_REACH, nearest=-0.8 * distance
+        engine, drive, target, axis, _AXIAL_REACH, nearest=-0.8 * max(distance, nearest)
     )
     # The main lobe's own maximum: uphill from the target, past nothing.
     top = int(np.argmin(np.abs(steps)))

@@ -17,7 +17,7 @@ def read_element_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
     ConfigurationError
         A file that cannot be read, with the *option* that names it; a cell that is too long.
     """
-    with reading_file(path, option):
+    with reading_file(path, option, (OSError, ValueError)):
         is_pipe = path.is_fifo()
     if is_pipe:  # the second reader would find nothing
         raise ConfigurationError(

@@ -35,6 +35,9 @@ REGISTER_BITS: Final = 8  # phase bits of the registers of most boards, and of t
 FULL_AMPLITUDE: Final = 255
 _CEILING: Final = 1.0 + 1e-6  # a magnitude of 1, with the rounding of single precision
 
+#: Half a step, and what rounding takes from it: half of full amplitude is between two codes, and
+#: takes the upper one at any phase.
+_UP: Final = 0.5 + 1e-10
 _MAX_WEIGHT: Final = 1e6  # the field is linear; far above, single precision is not
 
 
@@ -107,7 +110,7 @@ class Drive:
             raise ConfigurationError(
                 f"weights[{element}] has the magnitude {levels.max():g}, must be 1 at most"
             )
-        amplitudes = np.floor(FULL_AMPLITUDE * np.minimum(levels, 1.0) + 0.5)
+        amplitudes = np.floor(FULL_AMPLITUDE * np.minimum(levels, 1.0) + _UP)
         # np.angle(0) may be pi for a negative zero; where() keeps code 0 for a silent element.
         angles = np.where(values == 0.0, 0.0, np.angle(values))
         return cls(quantise_phase(angles, phase_bits), amplitudes.astype(np.uint8), phase_bits)

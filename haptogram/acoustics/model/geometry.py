@@ -32,6 +32,7 @@ from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.settings.arguments import check_positive, check_whole
 from haptogram.settings.frozen import dataclass, field
 
+_WIRE_UNIT: Final = 32767  # of a normal in an i16
 MIN_SPACING_M: Final = 0.1e-3
 MAX_COORDINATE_M: Final = 100.0  # keeps micrometres far inside an int32
 DEFAULT_PITCH_M: Final = 0.010
@@ -94,6 +95,7 @@ class TransducerArray:
     centre_m: FloatArray = field(init=False, repr=False)
     fronts: FloatArray = field(init=False, repr=False)
     axes: FloatArray = field(init=False, repr=False)
+    _wire_normals: NDArray[np.int16] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         positions = as_point_array("positions_m", self.positions_m).copy()
@@ -116,6 +118,7 @@ class TransducerArray:
             ("centre_m", positions.mean(axis=0)),
             ("fronts", _element_fronts(positions, normals)),
             ("axes", array_axes(positions, normals, self.grid_shape)),
+            ("_wire_normals", np.rint(normals * _WIRE_UNIT).astype(np.int16)),
         ):
             read_only_array(array)
             object.__setattr__(self, name, array)
@@ -142,6 +145,20 @@ class TransducerArray:
             else as_point_array("normals", normals)
         )
         return cls(positions, faces)
+
+    @classmethod
+    def from_wire(cls, positions_um: ArrayLike, normals: ArrayLike) -> Self:
+        """Return the array of whole micrometres and normals in 1/32767: HG-4.3/6.
+
+        Its digest is that of these numbers, though normals of another length become unit vectors.
+        """
+        given = as_point_array("normals", normals)
+        check_array_magnitudes("normals", given, _WIRE_UNIT + 1.0)
+        array = cls.from_positions(as_float_array("positions_um", positions_um) / 1e6, given)
+        kept = given.astype(np.int16)
+        read_only_array(kept)
+        object.__setattr__(array, "_wire_normals", kept)
+        return array
 
     @classmethod
     def from_file(cls, path: str | Path) -> Self:
@@ -262,8 +279,7 @@ class TransducerArray:
             grid = type(self).grid(nx, ny, pitch_m=round(self.pitch_m * 1e6) / 1e6)
             if grid.digest() == self.digest():
                 return grid
-        normals = np.rint(self.normals * 32767) / 32767
-        return type(self).from_positions(self.positions_um() / 1e6, normals)
+        return type(self).from_wire(self.positions_um(), self._wire_normals)
 
     def digest(self) -> int:
         """Return the u32 CRC-32 over the elements in order, 18 bytes each.
@@ -272,7 +288,7 @@ class TransducerArray:
         """
         records = np.empty(self.count, dtype=[("position", "<i4", 3), ("normal", "<i2", 3)])
         records["position"] = self.positions_um()
-        records["normal"] = np.rint(self.normals * 32767)
+        records["normal"] = self._wire_normals
         return zlib.crc32(records.tobytes())
 
 

@@ -112,12 +112,18 @@ def frame_coherence_at_target(target: FrameTarget, latched: ComplexArray) -> flo
 
 
 def least_frame_coherence(target: FrameTarget, allowed_codes: int = 0) -> float:
-    """Return S3's limit, cos of the phase limit, less the amplitude codes that may be missing."""
-    loudness = np.abs(target.arrivals)
-    largest = float(target.amplitudes @ loudness)
-    missing = allowed_codes * AMPLITUDE_STEP * float(loudness.sum())
-    share = max(0.0, 1.0 - missing / largest) if largest > 0.0 else 0.0
-    return least_coherence(target.phase_limit_rad, share)
+    """Return S3's limit, cos of the phase limit, less the amplitude codes that may be missing.
+
+    Less, too, the elements that have the target in a side lobe of opposite sign.
+    """
+    levels = target.amplitudes * target.loudness
+    largest = float(np.abs(levels).sum())
+    if not largest > 0.0:
+        return least_coherence(target.phase_limit_rad, 0.0)
+    missing = allowed_codes * AMPLITUDE_STEP * float(np.abs(target.loudness).sum()) / largest
+    against = (largest - abs(float(levels.sum()))) / 2.0 / largest
+    share = max(0.0, 1.0 - missing - against)
+    return least_coherence(target.phase_limit_rad, share) - against
 
 
 def least_coherence(limit_rad: float, share: float) -> float:

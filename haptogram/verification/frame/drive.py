@@ -86,6 +86,8 @@ def judge(
     """
     check_argument_kind("model", model, AcousticModel, "an AcousticModel")
     check_choice("solver", solver, METHODS)
+    check_argument_kind("tolerance", tolerance, (Tolerance, type(None)), "a Tolerance")
+    check_argument_kind("uncertainty", uncertainty, (Uncertainty, type(None)), "an Uncertainty")
     latched = drive if isinstance(drive, Drive) else _judged_weights(drive, phase_bits)
     if latched.count != model.array.count:
         raise ConfigurationError(f"drive of {latched.count}, array of {model.array.count} elements")

@@ -18,7 +18,7 @@ from haptogram.settings.frozen import dataclass
 
 _STEPS: Final = 60
 _LONGEST_STEP_RAD: Final = 0.7  # longest step: the main lobe reaches to about 2
-_SETTLED_M: Final = 2e-6
+_SETTLED_M: Final = 2e-5  # the Newton step after such a one is 0.1 µm at most
 #: Error of the peak search: its last step, and rounding errors.
 _SEARCH_M: Final = 5e-6
 #: How far the ideal peak may be from the target of one focus: further away it is another one.

@@ -101,10 +101,19 @@ class FrameTarget:
         arrivals: ComplexArray = propagators(self.model, self.position_m[None, :])[0]
         return arrivals
 
+    @cached_property
+    def loudness(self) -> FloatArray:
+        """(N,) peak pressure at the target, of each element with its ideal phase.
+
+        Below 0 where the target is in a side lobe of opposite sign, as wide pistons have them.
+        """
+        loudness: FloatArray = (self.arrivals * np.exp(1j * self.phases_rad)).real
+        return loudness
+
     @property
     def intended_pressure_rms_pa(self) -> float:
         """Pressure at the target, of the intended amplitudes with ideal phases."""
-        return float(np.abs(self.arrivals) @ self.amplitudes) / math.sqrt(2.0)
+        return abs(float(self.loudness @ self.amplitudes)) / math.sqrt(2.0)
 
     @cached_property
     def axis(self) -> FloatArray:

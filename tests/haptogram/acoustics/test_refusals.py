@@ -36,6 +36,8 @@ ENGINE = NumpyEngine(MODEL)
 LAG = Resonator.from_bandwidth()
 ONE, PLACE = np.ones(16), [0.0, 0.0, 0.1]
 TWO = np.ones((2, 16))
+HALVES = np.sign(MODEL.array.positions_m[:, 0])  # in antiphase: nothing in the middle
+IN_TAR = NumpyEngine(MODEL.with_sound_speed(1e-3))
 
 
 @pytest.mark.parametrize("kind", [NumpyEngine, NumbaEngine])
@@ -107,6 +109,21 @@ def test_what_has_no_field_is_refused_by_every_engine(kind, weights, points, mes
         (lambda: measure_spot(ENGINE, ONE, [0, 0, -0.1]), "100 mm behind"),
         (lambda: largest_secondary_lobe(ENGINE, TWO, PLACE), r"must be \(16,\)"),
         (lambda: largest_secondary_lobe(ENGINE, ONE, [0, 0, -0.1]), "100 mm behind"),
+        (lambda: largest_secondary_lobe(ENGINE, HALVES, PLACE), "no sound"),
+        (
+            lambda: largest_secondary_lobe(IN_TAR, ONE, PLACE, 0.5),
+            "the grid of a search .* at most",
+        ),
+        (lambda: mean_square_pressure(ENGINE, TWO, [PLACE], 1e-25, LAG), "frame_s is 1e-25, must"),
+        (lambda: LAG.envelope([1.0], 1e-3, 1.5), "samples_per_frame is 1.5, must be a whole"),
+        (lambda: LAG.envelope([1.0], 1e-3, 10**12), "samples_per_frame is 1000000000000, must be"),
+        (lambda: LAG.envelope(np.ones((10**5, 10)), 1e-3, 10**6), "an envelope of .* must be at"),
+        (lambda: LAG.envelope([], 1e-3, 2), r"commands have shape \(0,\), must be"),
+        (lambda: LAG.envelope(1.0, 1e-3, 2), r"commands have shape \(\), must be"),
+        (lambda: LAG.envelope(TWO, 1e-3, 2, ONE[:3]), r"start has shape \(3,\), must be .*16"),
+        (lambda: LAG.modulation_response("fast"), "modulation_hz is 'fast', must be a number"),
+        (lambda: TransducerArray.parse("x" * 5000), "the name is too long; a grid is written"),
+        (lambda: TransducerArray.parse("x" * 5000 + ".csv"), "the name is too long"),
         (
             lambda: Reconstructor(MODEL).reconstruct(Drive.muted(3)),
             "drive of 3, array of 16 elements",

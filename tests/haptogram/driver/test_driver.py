@@ -66,6 +66,17 @@ def test_an_array_that_is_no_grid_is_read_element_by_element():
         np.testing.assert_allclose(driver.model.array.positions_m, array.positions_m, atol=1e-9)
 
 
+@pytest.mark.parametrize("radius_m", [0.12, 0.122, 0.15, 0.2])
+def test_a_bowl_is_read_with_normals_of_any_direction(radius_m):
+    flat = AcousticModel.default(8, 8)
+    x, y, _ = flat.array.positions_m.T
+    places = np.column_stack([x, y, radius_m - np.sqrt(radius_m**2 - x * x - y * y)])
+    array = TransducerArray.from_positions(places, [0.0, 0.0, radius_m] - places)
+    with Driver(BoardPort(model=AcousticModel(array, flat.medium, flat.transducer))) as driver:
+        assert driver.model.array.digest() == array.digest()
+        assert driver.warnings == []
+
+
 def test_a_model_of_another_size_is_refused_and_the_port_closed(port):
     with pytest.raises(ConfigurationError, match="256 transducers, the board 16"):
         Driver(port, model=AcousticModel.default())

@@ -94,6 +94,23 @@ def test_the_way_round_has_no_long_jump_and_closes(mesh, resolution_m):
     assert steps.mean() < 1.7
 
 
+@pytest.mark.parametrize("width_m", [1e-2, 1e-3, 1e-4, 1e-6])
+@pytest.mark.parametrize("resolution_m", [0.010, 0.005, 0.002])
+def test_a_thin_surface_has_no_gaps(width_m, resolution_m):
+    """A strip of 200 mm: its area has room for few points, its length for many."""
+    corners = [[0, 0, 0], [0.2, 0, 0], [0.2, width_m, 0], [0, width_m, 0]]
+    strip = MeshSurface(trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]))
+    places = np.sort(strip.sample(resolution_m)[:, 0])
+    gaps = np.diff(np.concatenate([[0.0], places, [0.2]]))
+    assert gaps.max() < 2.5 * resolution_m
+
+
+def test_a_thread_that_is_too_long_is_refused():
+    corners = [[0, 0, 0], [20.0, 0, 0], [20.0, 1e-9, 0]]
+    with pytest.raises(ConfigurationError, match="points at this resolution, must be 200000"):
+        MeshSurface(trimesh.Trimesh(corners, [[0, 1, 2]])).sample(1e-5)
+
+
 def test_bodies_apart_are_joined_by_few_jumps():
     points = MeshSurface(two_balls()).sample(0.003)
     gap_m = 0.06 - 0.03 - 0.01
@@ -177,6 +194,9 @@ end_header
 0 1 0
 """
 FLAT_TO_NOTHING = "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"  # three points on one line
+NO_VERTEX = POINT_CLOUD.replace(
+    "end_header", "element face 1\nproperty list uchar int vertex_indices\nend_header"
+)
 NOT_FINITE = "v 0 0 0\nv 1 0 0\nv 0 nan 0\nv 1 1 0\nf 1 2 3\nf 1 2 4\n"
 
 
@@ -186,6 +206,8 @@ NOT_FINITE = "v 0 0 0\nv 1 0 0\nv 0 nan 0\nv 1 1 0\nf 1 2 3\nf 1 2 4\n"
         ("cloud.ply", POINT_CLOUD, "no surface"),
         ("flat.obj", FLAT_TO_NOTHING, "no surface"),
         ("nan.obj", NOT_FINITE, "not finite"),
+        ("above.ply", NO_VERTEX + "3 0 1 7\n", "a triangle has the vertex 7, must be 0 to 2"),
+        ("below.ply", NO_VERTEX + "3 0 1 -1\n", "a triangle has the vertex -1, must be 0 to 2"),
         ("empty.obj", "", "the file is empty"),
         ("empty.stl", "", "the file is empty"),
         ("noise.stl", "solid of nothing", "no surface|not a mesh"),

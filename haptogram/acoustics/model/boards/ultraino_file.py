@@ -135,6 +135,8 @@ class _UltrainoReader:
             parser.Parse(data, True)
         except xml.parsers.expat.ExpatError as error:
             raise ConfigurationError(f"line {error.lineno} is not XML, or not whole") from error
+        except (LookupError, ValueError) as error:
+            raise ConfigurationError(f"its encoding cannot be read: {error}") from error
         return self._first
 
     def _begin_element(self, tag: str, attributes: dict[str, str]) -> None:

@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import (
     AcousticModel,
+    CircularPiston,
     Medium,
     NumpyEngine,
     PointSource,
+    RectangularPiston,
     Transducer,
     TransducerArray,
     focus_phases,
@@ -23,6 +25,7 @@ from haptogram.acoustics.levels.shift import (
     predict_focal_shift,
 )
 from haptogram.acoustics.levels.spot import measure_spot
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import hemisphere_targets, targets
 
@@ -140,6 +143,17 @@ def test_a_single_element_has_no_maximum_in_front_of_it():
         find_pressure_peak(NumpyEngine(model), [1.0], (0.0, 0.0, 0.05))
 
 
+@pytest.mark.parametrize(
+    "piston", [RectangularPiston(0.0054, 0.0044, (0.6, 0.8, 0.0)), CircularPiston(0.002)]
+)
+@pytest.mark.parametrize("target", [(-0.269, -0.024, 0.028), (-0.284, -0.03, 0.023)])
+def test_the_plane_of_an_array_is_no_maximum(piston, target):
+    """There the baffle cuts off a field that rises up to it, level on both sides."""
+    model = AcousticModel(TransducerArray.grid(5, 4), Medium(321.0, 1.2, 3.0), Transducer(piston))
+    with pytest.raises(ConfigurationError, match="rises up to the array"):
+        find_pressure_peak(NumpyEngine(model), focus(model, target), target)
+
+
 def test_silence_has_no_maximum():
     with pytest.raises(ConfigurationError, match="no sound"):
         find_pressure_peak(ENGINE, np.zeros(256), (0.0, 0.0, 0.1))
@@ -183,6 +197,21 @@ def test_a_spot_off_the_axis_reaches_from_null_to_null(target):
         top = int(np.argmax(level * (np.abs(offsets) < 0.01)))
         low, high = least[least < top].max(), least[least > top].min()
         assert width_m == pytest.approx(offsets[high] - offsets[low], abs=1.5e-4)
+
+
+@pytest.mark.parametrize("name", ["tinylev", "sonicsurface-stack"])
+def test_a_spot_between_elements_that_face_each_other_has_its_depth(name):
+    """At the centre no line leads there from the array: its own z; and just beside as well."""
+    model = AcousticModel(LAYOUTS[name].array(), MODEL.medium, MODEL.transducer)
+    up, offsets = model.array.axes[2], np.arange(-2e-3, 2e-3, 1e-5)
+    for above_m in (0.0, 1e-4, 1e-3):
+        target = model.array.centre_m + above_m * up
+        weights = focus(model, target)
+        spot = measure_spot(NumpyEngine(model), weights, target)
+        level = np.abs(pressure(model, weights, target + offsets[:, None] * up))
+        loud = offsets[level > level.max() * 10.0 ** (-3.0 / 20.0)]
+        assert sum(spot.depth_3db_m) == pytest.approx(np.ptp(loud), abs=5e-5)
+        assert spot.axial_peak_m == pytest.approx(offsets[level.argmax()], abs=1.5e-4)
 
 
 def test_a_wide_array_makes_a_narrow_spot_across_its_width():

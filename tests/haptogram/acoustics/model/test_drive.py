@@ -88,6 +88,13 @@ def test_the_tie_rule_rounds_up(bits, step):
     assert quantise_phase([0.5 * size], bits)[0] == 1 % 2**bits
 
 
+@given(seeds)
+def test_an_amplitude_between_two_codes_takes_the_upper_one_at_any_phase(seed):
+    phases = np.random.default_rng(seed).uniform(0.0, 6.3, 255)
+    weights = (np.arange(255) + 0.5) / 255.0 * np.exp(1j * phases)
+    assert Drive.from_weights(weights).amplitude_codes.tolist() == list(range(1, 256))
+
+
 @given(phase_bits)
 def test_quantising_what_was_quantised_changes_nothing(bits):
     codes = np.arange(2**bits)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from haptogram.acoustics import TransducerArray
 from haptogram.acoustics.model.geometry import MAX_COORDINATE_M
 from haptogram.errors import ConfigurationError
-from strategies_acoustics import grids
+from strategies_acoustics import grids, seeds
 
 
 def test_element_number_counts_along_y_first():
@@ -57,6 +57,31 @@ def test_digest_is_the_crc_of_the_elements_as_the_wire_has_them_in_order():
     records = struct.pack("<3i3h", 12346, 0, 0, 0, 0, 32767)
     records += struct.pack("<3i3h", -1000, 2000, 3000, 0, 0, 32767)
     assert array.digest() == zlib.crc32(records)
+
+
+@given(seeds, st.integers(1, 40))
+def test_what_a_host_learns_on_the_wire_has_the_digest_of_the_array(seed, count):
+    """Normals are unit vectors to half a step of an i16: made so again, they round otherwise."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-0.3, 0.3, (count, 3))
+    array = TransducerArray.from_positions(places, rng.normal(size=(count, 3)))
+    learned = array.on_wire()
+    assert learned.digest() == array.digest()
+    assert learned.on_wire().digest() == array.digest()
+    np.testing.assert_allclose(learned.normals, array.normals, atol=5e-5)
+    np.testing.assert_allclose(np.linalg.norm(learned.normals, axis=1), 1.0, rtol=1e-12)
+
+
+def test_the_digest_is_that_of_the_numbers_on_the_wire_of_any_board():
+    """A board may round its normals as it likes."""
+    positions_um, normals = [[1000, 0, 0], [0, 99_000_000, -5]], [[0, 0, 32766], [1, -18918, 26754]]
+    records = b"".join(
+        struct.pack("<3i3h", *place, *normal)
+        for place, normal in zip(positions_um, normals, strict=True)
+    )
+    array = TransducerArray.from_wire(positions_um, normals)
+    assert array.digest() == zlib.crc32(records)
+    assert array.normals[0].tolist() == [0.0, 0.0, 1.0]
 
 
 @given(st.integers(0, 8), st.integers(0, 2), st.sampled_from([2e-6, -2e-6]))

@@ -59,6 +59,8 @@ REFUSED = {
     ),
     "another file": ("<a/>", "0 transducers"),
     "no XML": ("x,y,z", "line 1 is not XML"),
+    "an unknown encoding": (FINE.replace("UTF-8", "UTF-88"), "encoding cannot be read"),
+    "an encoding of many bytes": (FINE.replace("UTF-8", "shift_jis"), "encoding cannot be read"),
     "half a file": (FINE[: len(FINE) // 2], "not whole"),
     "depth": ("<void>" * 500, "nested"),
     "two of a number": (FINE.replace("<int>2</int>", "<int>1</int>"), "same orderNumber"),

@@ -13,6 +13,7 @@ from haptogram.acoustics import (
     focus_phases,
     quantise_phase,
 )
+from haptogram.acoustics.model.boards.table import LAYOUTS
 from haptogram.acoustics.reconstruct.tracking import FocusTracker
 from haptogram.errors import ConfigurationError
 from strategies_acoustics import seeds, targets
@@ -65,6 +66,24 @@ def test_other_arrays_and_resolutions(shape, bits):
         codes = codes_of(model, target, bits)
         reference = fit_focus(model, dequantise_phase(codes, bits), target, phase_bits=bits)
         assert tracker.acquire(codes).position_m == pytest.approx(reference.position_m, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["tinylev", "sonicsurface-stack"])
+def test_a_fit_may_start_at_the_centre_of_elements_that_face_each_other(name):
+    model = AcousticModel(LAYOUTS[name].array(), BOARD.medium, BOARD.transducer)
+    centre = model.array.centre_m
+    for away in ([1e-3, 0.0, 0.0], [0.0, 5e-4, -1e-3]):
+        codes = codes_of(model, centre + np.array(away))
+        fix = FocusTracker(model).fit(codes, tuple(centre.tolist()))
+        assert fix.converged
+        assert fix.position_m == pytest.approx(centre + away, abs=2e-4)
+
+
+def test_a_fit_that_starts_on_an_element_has_a_place():
+    model = AcousticModel.default(5, 5)
+    for start in model.array.positions_m.tolist():
+        fix = FocusTracker(model).fit(codes_of(model, (0.0, 0.0, 0.06)), tuple(start))
+        assert np.isfinite([*fix.position_m, fix.residual_rms_rad, fix.clearance_m]).all()
 
 
 def test_an_array_on_a_bowl_that_lies_elsewhere():

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from haptogram import judge
-from haptogram.acoustics import AcousticModel, Drive, focus_phases, superpose_foci
+from haptogram.acoustics import (
+    AcousticModel,
+    CircularPiston,
+    Drive,
+    Transducer,
+    focus_phases,
+    pressure,
+    superpose_foci,
+)
 from haptogram.acoustics.solvers.several import frame_weights
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus, FrameKey
@@ -202,6 +210,31 @@ def test_a_right_drive_passes_and_its_mirror_fails(target, weights, changes):
     assert not judge(MODEL, target, weights.reshape(10, 12)[::-1].ravel(), **changes)
 
 
+@pytest.mark.parametrize("radius_m", [0.0055, 0.007, 0.009])
+@pytest.mark.parametrize("bits", [5, 8, 12])
+def test_a_right_drive_passes_where_wide_pistons_have_their_side_lobes(radius_m, bits):
+    """Their sound comes there with opposite sign: in step it is not, nor can it be."""
+    flat = AcousticModel.default(8, 8)
+    model = dataclasses.replace(flat, transducer=Transducer(CircularPiston(radius_m)))
+    for target in ((0.06, 0.05, 0.05), (-0.1, 0.02, 0.06), (0.0, 0.0, 0.03), (0.02, 0.0, 0.12)):
+        drive = np.exp(1j * focus_phases(model, target))
+        verdict = judge(model, target, drive, phase_bits=bits)
+        assert verdict.passed
+        found = abs(complex(pressure(model, drive, [target])[0])) / math.sqrt(2.0)
+        assert verdict.intended_pressure_rms_pa == pytest.approx(found, rel=1e-9)
+        inverted = drive * np.where(np.arange(64) == 27, -1.0, 1.0)
+        assert not judge(model, target, inverted, phase_bits=bits).passed
+
+
+@pytest.mark.parametrize("code", [0, 31, 127, 128, 254])
+def test_an_amplitude_between_two_codes_passes(code):
+    """Half of full amplitude is one: what it rounds to does not hang on the phase."""
+    levels = np.full(MODEL.array.count, (code + 0.5) / 255.0)
+    for turn in np.linspace(0.0, 6.0, 5):
+        verdict = judge(MODEL, TARGET, levels * np.exp(1j * (PHASES + turn)), amplitudes=levels)
+        assert verdict.passed
+
+
 @pytest.mark.parametrize(
     ("target", "drive", "changes", "message"),
     [
@@ -216,6 +249,8 @@ def test_a_right_drive_passes_and_its_mirror_fails(target, weights, changes):
         (TARGET, WEIGHTS, {"amplitudes": [1.0]}, "amplitudes has shape"),
         (TARGET, WEIGHTS, {"amplitudes": TAPER - 0.5}, "amplitudes is -0.3, must be 0 to 1"),
         (TARGET, WEIGHTS, {"solver": "best"}, "solver"),
+        (TARGET, WEIGHTS, {"tolerance": 0.5}, "tolerance is 0.5, must be a Tolerance"),
+        (TARGET, WEIGHTS, {"uncertainty": 3}, "uncertainty is 3, must be an Uncertainty"),
         (TARGET, WEIGHTS, {"tolerance": Tolerance(miss_mm=10.0)}, "half of that at most"),
     ],
 )

@@ -133,6 +133,18 @@ def test_all_at_once_is_as_one_by_one(name, bits):
         assert ways == {COMPILED: len(pairs)}
 
 
+@pytest.mark.parametrize("side", [5, 6, 7])
+def test_small_arrays_near_by_are_judged_as_one_by_one(side):
+    """There the directivity bends the level along the beam as much as the waves do."""
+    model = AcousticModel.default(side, side)
+    low, high = np.array([(-0.02, -0.02, 0.035), (0.02, 0.02, 0.06)])
+    pairs = run_of(model, np.random.default_rng(side).uniform(low, high, (8, 3)))
+    found, expected, ways = both_ways(model, pairs)
+    assert_same_verdicts(found, expected)
+    assert all(verdict.passed for verdict in expected)
+    assert ways[COMPILED] >= 4
+
+
 def test_times_and_board_computed_drives_are_as_one_by_one():
     pairs = run_of(MODEL, path(MODEL, 12))
     changed = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from haptogram.acoustics.field.engines.kernels.waves import (
     cos_sin_kernel,
     flip_sign_kernel,
 )
+
+_BESIDE: Final = np.float32(1e-3)  # wavelengths
 
 Fitted: TypeAlias = tuple[tuple[float, float, float], float, float, int, bool, float]
 
@@ -50,6 +52,8 @@ def fit_phases_kernel(
         phases[n] = np.float32(codes[order[n]]) * scale + lags[n]
     sums, step = np.empty(14), np.empty(3)
     x, y, z = _place_kernel(start, frame)
+    if min(x * x + y * y + z * z, _least_square_kernel(places, x, y, z, count)) == ZERO:
+        z += _BESIDE  # at the origin and on an element there is no direction
     common = _coherent_phase_kernel(phases, places, x, y, z)
     taken, converged, longest = 0, False, 2.5
     while taken < max_steps and not converged:

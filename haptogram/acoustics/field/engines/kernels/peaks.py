@@ -17,7 +17,7 @@ from haptogram.acoustics.field.engines.kernels.jit import jit_checked, jit_inlin
 from haptogram.acoustics.field.engines.kernels.pistons import (
     cos_sin_turns_kernel,
     height_kernel,
-    wave_slope_kernel,
+    wave_bend_kernel,
 )
 
 F8 = NDArray[np.float64]
@@ -31,17 +31,29 @@ SUMS: Final = 12
 
 
 @jit_inline
-def _slopes_kernel(dx: Any, dy: Any, dz: Any, turns: Any, axes: Any, medium: Any) -> Any:
-    """Return an element's wave at a point (cosine, sine, magnitude) and its slopes along two axes.
+def _wave_kernel(dx: Any, dy: Any, dz: Any, turns: Any, axes: Any, medium: Any) -> Any:
+    """Return an element's wave at a point: cosine and sine of its phase, 1 / r, ray, magnitude.
 
-    Then the two direction cosines, and 1 / r.
+    The ray is along two axes. Then the slopes of the magnitude along them, and its second
+    derivatives (00, 01, 11).
     """
     (ax, ay, az, ah), (bx, by, bz, bh) = axes
-    distance, inverse, size, radial, rising = wave_slope_kernel(dx, dy, dz, medium)
+    distance, inverse, height, level, gain, by_cosine, bend = wave_bend_kernel(dx, dy, dz, medium)
     u = (dx * ax + dy * ay + dz * az) * inverse
     v = (dx * bx + dy * by + dz * bz) * inverse
-    cosine, sine = cos_sin_turns_kernel(distance * medium[0] + turns)
-    return cosine, sine, size, radial * u + rising * ah, radial * v + rising * bh, u, v, inverse
+    c, s = cos_sin_turns_kernel(distance * medium[0] + turns)
+    steep = -inverse - medium[2]  # of ln level, along the ray
+    cu, cv = (ah - height * u) * inverse, (bh - height * v) * inverse  # slopes of that cosine
+    gu, gv = by_cosine * cu, by_cosine * cv
+    first, second = steep * u * gain + gu, steep * v * gain + gv
+    ring = inverse * (steep * gain - inverse * height * by_cosine)
+    ray = gain * (steep * steep + inverse * inverse) - ring
+    mixed = by_cosine * (steep - inverse)
+    m00 = ring + ray * u * u + 2.0 * mixed * u * cu + bend * cu * cu
+    m01 = ray * u * v + mixed * (u * cv + v * cu) + bend * cu * cv
+    m11 = ring + ray * v * v + 2.0 * mixed * v * cv + bend * cv * cv
+    slopes, bends = (level * first, level * second), (level * m00, level * m01, level * m11)
+    return c, s, inverse, (u, v), level * gain, slopes, bends
 
 
 @jit_inline
@@ -63,28 +75,26 @@ def _peak_sums_kernel(
     s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     s6, s7, s8, s9, s10, s11 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(px.size):
-        c, s, size, first, second, u, v, inverse = _slopes_kernel(
+        c, s, inverse, (u, v), size, (m0, m1), (m00, m01, m11) = _wave_kernel(
             x - px[n], y - py[n], z - pz[n], turns[n], both, medium
         )
-        c_size, s_size, ku, kv = c * size, s * size, k * u, k * v
-        re0, im0 = c * first - s_size * ku, s * first + c_size * ku
-        re1, im1 = c * second - s_size * kv, s * second + c_size * kv
-        bend, spread = k * inverse, inverse * inverse
-        r00, i00 = spread * (3.0 * u * u - 1.0), bend * (1.0 - u * u)
-        r01, i01 = spread * 3.0 * u * v, -bend * u * v
-        r11, i11 = spread * (3.0 * v * v - 1.0), bend * (1.0 - v * v)
-        s0 += c_size
-        s1 += s_size
-        s2 += re0
-        s3 += im0
-        s4 += re1
-        s5 += im1
-        s6 += c_size * r00 - s_size * i00 - ku * (im0 + s * first)
-        s7 += s_size * r00 + c_size * i00 + ku * (re0 + c * first)
-        s8 += c_size * r01 - s_size * i01 - ku * im1 - kv * s * first
-        s9 += s_size * r01 + c_size * i01 + ku * re1 + kv * c * first
-        s10 += c_size * r11 - s_size * i11 - kv * (im1 + s * second)
-        s11 += s_size * r11 + c_size * i11 + kv * (re1 + c * second)
+        ku, kv, bend = k * u, k * v, k * inverse * size
+        r00, i00 = m00 - size * ku * ku, 2.0 * ku * m0 + bend * (1.0 - u * u)
+        r01, i01 = m01 - size * ku * kv, ku * m1 + kv * m0 - bend * u * v
+        r11, i11 = m11 - size * kv * kv, 2.0 * kv * m1 + bend * (1.0 - v * v)
+        ku, kv = size * ku, size * kv
+        s0 += c * size
+        s1 += s * size
+        s2 += c * m0 - s * ku
+        s3 += s * m0 + c * ku
+        s4 += c * m1 - s * kv
+        s5 += s * m1 + c * kv
+        s6 += c * r00 - s * i00
+        s7 += s * r00 + c * i00
+        s8 += c * r01 - s * i01
+        s9 += s * r01 + c * i01
+        s10 += c * r11 - s * i11
+        s11 += s * r11 + c * i11
     sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = s0, s1, s2, s3, s4, s5
     sums[6], sums[7], sums[8], sums[9], sums[10], sums[11] = s6, s7, s8, s9, s10, s11
 
@@ -191,7 +201,7 @@ def _response_kernel(
     h00, h01, h11 = h00 * scale, h01 * scale, h11 * scale
     one, other = 0.0, 0.0
     for n in range(px.size):
-        c, s, size, first, second, u, v, _ = _slopes_kernel(
+        c, s, _, (u, v), size, (first, second), _ = _wave_kernel(
             x - px[n], y - py[n], z - pz[n], turns[n], both, medium
         )
         c, s = c * re - s * im, c * im + s * re

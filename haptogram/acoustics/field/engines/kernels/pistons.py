@@ -42,11 +42,18 @@ def _terms(count: int, base: float, first: int, step: int) -> list[float]:
 _SINE: Final = _power_series(_terms(16, math.pi, 1, 2), 8, 0.25)
 _COSINE: Final = _power_series(_terms(16, math.pi, 0, 2), 9, 0.25)
 _LOSS: Final = _power_series(_terms(16, 1.0, 0, 1), 7, MOST_LOSS)
-_GAIN: Final = _power_series(
-    [(-1) ** m / (math.factorial(m) * math.factorial(m + 1)) for m in range(24)],
-    12,
-    MOST_GAIN_SQUARE,
-)
+
+
+def _gain_series(order: int, degree: int) -> tuple[float, ...]:
+    """Return the coefficients of a derivative of the gain 2 J1(x) / x, by q = x^2 / 4."""
+    signs = [(-1) ** (m + order) for m in range(24)]
+    terms = [s / (math.factorial(m) * math.factorial(m + order + 1)) for m, s in enumerate(signs)]
+    return _power_series(terms, degree, MOST_GAIN_SQUARE)
+
+
+_GAIN: Final = _gain_series(0, 12)
+_GAIN_SLOPE: Final = _gain_series(1, 11)
+_GAIN_BEND: Final = _gain_series(2, 10)
 
 
 @jit_inline
@@ -66,43 +73,47 @@ def cos_sin_turns_kernel(turns: Any) -> Any:
 
 
 @jit_inline
-def wave_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
-    """Return distance, its inverse, and the magnitude of a piston at unit weight."""
-    distance, inverse, size, _, _ = wave_slope_kernel(dx, dy, dz, medium)
-    return distance, inverse, size
+def _ray_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
+    """Return distance, its inverse, the cosine of the angle to the normal, and the level there."""
+    l0, l1, l2, l3, l4, l5, l6, l7 = _LOSS
+    distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+    inverse = 1.0 / distance
+    cosine = (dx * medium[4] + dy * medium[5] + dz * medium[6]) * inverse
+    u = medium[2] * distance
+    loss = l0 + u * (l1 + u * (l2 + u * (l3 + u * (l4 + u * (l5 + u * (l6 + u * l7))))))
+    return distance, inverse, cosine, medium[1] * loss * inverse
 
 
 @jit_inline
-def wave_slope_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
-    """Return distance, its inverse, the magnitude of a piston at unit weight, and its slopes.
-
-    They are the derivatives along the ray, the height kept, and along the height.
-    """
+def wave_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
+    """Return distance, its inverse, and the magnitude of a piston at unit weight."""
     d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, d12 = _GAIN
-    l0, l1, l2, l3, l4, l5, l6, l7 = _LOSS
-    square = dx * dx + dy * dy + dz * dz
-    distance = np.sqrt(square)
-    inverse = 1.0 / distance
-    cosine = (dx * medium[4] + dy * medium[5] + dz * medium[6]) * inverse
+    distance, inverse, cosine, level = _ray_kernel(dx, dy, dz, medium)
     q = medium[3] * (1.0 - cosine * cosine)
     high = d6 + q * (d7 + q * (d8 + q * (d9 + q * (d10 + q * (d11 + q * d12)))))
     gain = d0 + q * (d1 + q * (d2 + q * (d3 + q * (d4 + q * (d5 + q * high)))))
-    e6, e7, e8, e9 = 6.0 * d6, 7.0 * d7, 8.0 * d8, 9.0 * d9
-    turn = e6 + q * (
-        e7 + q * (e8 + q * (e9 + q * (10.0 * d10 + q * (11.0 * d11 + q * 12.0 * d12))))
-    )
-    turn = d1 + q * (2.0 * d2 + q * (3.0 * d3 + q * (4.0 * d4 + q * (5.0 * d5 + q * turn))))
-    u = medium[2] * distance
-    loss = l0 + u * (l1 + u * (l2 + u * (l3 + u * (l4 + u * (l5 + u * (l6 + u * l7))))))
-    level = medium[1] * loss * inverse
-    rising = -2.0 * medium[3] * cosine * inverse * turn * level
-    return (
-        distance,
-        inverse,
-        level * gain,
-        -level * gain * (inverse + medium[2]) - rising * cosine,
-        rising,
-    )
+    return distance, inverse, level * gain
+
+
+@jit_inline
+def wave_bend_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
+    """Return distance, its inverse, cosine of the angle, level, gain, its slope and its bend.
+
+    The magnitude of a piston at unit weight is the level times the gain, whose derivatives are
+    those by the cosine.
+    """
+    d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11 = _GAIN_SLOPE
+    e0, e1, e2, e3, e4, e5, e6, e7, e8, e9, e10 = _GAIN_BEND
+    distance, inverse, cosine, level = _ray_kernel(dx, dy, dz, medium)
+    q = medium[3] * (1.0 - cosine * cosine)
+    turn = d5 + q * (d6 + q * (d7 + q * (d8 + q * (d9 + q * (d10 + q * d11)))))
+    turn = d0 + q * (d1 + q * (d2 + q * (d3 + q * (d4 + q * turn))))
+    bend = e5 + q * (e6 + q * (e7 + q * (e8 + q * (e9 + q * e10))))
+    bend = e0 + q * (e1 + q * (e2 + q * (e3 + q * (e4 + q * bend))))
+    gain = -2.0 * turn - q * bend  # Bessel's equation
+    per_cosine = -2.0 * medium[3] * cosine  # of q
+    by_cosine = per_cosine * per_cosine * bend - 2.0 * medium[3] * turn
+    return distance, inverse, cosine, level, gain, per_cosine * turn, by_cosine
 
 
 @jit_inline
@@ -126,7 +137,7 @@ def arrivals_kernel(places: F8, point: F8, medium: F8) -> tuple[float, float, fl
         im += sine
         p += size * cosine
         q += size * sine
-        loud += size
+        loud += abs(size)  # below 0 in a side lobe of opposite sign
     return math.atan2(im, re) / (2.0 * math.pi), math.sqrt(p * p + q * q), loud
 
 
@@ -157,7 +168,7 @@ def mean_outer_kernel(
     for n in range(px.size):
         dx, dy, dz = x - px[n], y - py[n], z - pz[n]
         _, inverse, size = wave_kernel(dx, dy, dz, medium)
-        w = size if loud else 1.0
+        w = abs(size) if loud else 1.0
         dx, dy, dz = dx * inverse - mx, dy * inverse - my, dz * inverse - mz
         total += w
         sx += w * dx
