@@ -201,7 +201,7 @@ class _LastLatch:
 
 
 def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch:
-    """Latch on a path; return key and registers of the last latch (*stored*, if it plays)."""
+    """Latch by *path*; return key and phase codes of the last latch, *stored* if the path plays."""
     registers = board.random_registers()
     path.latch(board, board.phases(registers))
     if path.plays:
@@ -210,13 +210,13 @@ def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch
 
 
 def _latch_late(board: BoardClient, frame: m.Message) -> None:
-    """Send a frame that is late, within the late window, and wait for its latch."""
+    """Send a frame that is ready 5 ms late, within the late window, and wait for its latch."""
     board.link.stream(frame, board.late_time_us(_LATE_US))
     board.clock.wait_latched()
 
 
 def _latch_and_replace(board: BoardClient, frame: m.Message) -> None:
-    """Latch the later of two frames that fall on one carrier period."""
+    """Latch *frame*, the later of two that fall on one carrier period."""
     period_us = board.clock.carrier_us
     t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(frame.serialize())))
     board.link.stream(board.flat_phases(), t_us - period_us + 1)
@@ -225,7 +225,7 @@ def _latch_and_replace(board: BoardClient, frame: m.Message) -> None:
 
 
 def _latch_and_flush(board: BoardClient, frame: m.Message) -> None:
-    """Latch at once a frame that flushes one for later."""
+    """Queue a frame due in 2 s, then latch *frame* at once, which flushes it."""
     board.link.stream(board.flat_phases(), board.clock.ahead_us(2_000_000))
     latching.latch_now(board, frame)
 
@@ -246,7 +246,7 @@ def _play_in_time(board: BoardClient, _: m.Message) -> None:
 
 
 def _await_end(board: BoardClient, since: int) -> None:
-    """Wait for the end of the playback."""
+    """Wait for PLAYBACK_ENDED from piece *since* on; FAILED if it does not come."""
     latches = _LOOPS * _FRAMES
     traces_us = board.wire.period_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
     playback.await_playback_end(board, since, latches * playback.period_to_play(board) + traces_us)
@@ -271,7 +271,7 @@ def _paths_of_latches(board: BoardClient) -> Iterator[_Path]:
 
 
 def _last_stored_frame(board: BoardClient) -> bytes:
-    """Store a sequence if supported; return its last frame."""
+    """Store a sequence and return its last frame; empty if the board stores none."""
     if not board.has(m.Feature.SEQUENCE_PHASES):
         return b""
     return playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)[-1]
@@ -300,7 +300,10 @@ def every_latch_changes_the_status(board: BoardClient) -> None:
 def _judge_latch_on_path(
     board: BoardClient, path: _Path, stored: bytes, mode: m.TraceMode, text: str
 ) -> None:
-    """FAILED unless STATUS, read-back and trace all report the latch that *path* brings."""
+    """FAILED unless STATUS, read-back and trace all report the latch that *path* brings.
+
+    *stored* is the last frame of the sequence; *mode* OFF: there is no trace.
+    """
     before, since = board.status(), board.link.mark()
     last = _latch_on_path(board, path, stored)
     after = board.status()
@@ -337,7 +340,10 @@ def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, te
 def _check_traces(
     latches: list[latching.ClientLatch], path: _Path, last: _LastLatch, last_us: int, text: str
 ) -> None:
-    """FAILED unless the traced latches are late as due, and the last has its key and time."""
+    """FAILED unless the traced latches are late as due, and the last has its key and time.
+
+    Those of *path* are the last of *latches*; *last_us* is the time due.
+    """
     _, latched, late, _ = path.counted
     new = latches[-latched:]
     flags = [latch.late for latch in new]
