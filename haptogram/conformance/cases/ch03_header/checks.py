@@ -248,7 +248,7 @@ def _judge_burst_of_mutes(
 def _is_line_time_zero(board: BoardClient) -> bool:
     """Return True, in mid carrier period, if 4096 bytes come within one such period.
 
-    Else return False at once: the host does not know when bytes are on the line.
+    Return False at once on a slower line and at a wall clock.
     """
     if not board.clock.is_one_moment(_LONGEST):
         return False

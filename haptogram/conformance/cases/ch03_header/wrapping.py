@@ -159,8 +159,8 @@ def _wrong_latch_numbers(
 ) -> dict[str, int]:
     """Return the reports of the last latch whose number is not *index* modulo 2^32, by name.
 
-    Reports are STATUS, read-back and, unless *mode* is OFF, the trace from piece *since* on (-1: it
-    shows no latch).  Empty: all are right.
+    Reports are STATUS, read-back and, unless *mode* is OFF, the trace from received frame *since*
+    on (-1: it shows no latch).  Empty: all are right.
     """
     told = {"last_seq": board.status().last_seq}
     if board.has(m.Feature.READ_LATCHED):

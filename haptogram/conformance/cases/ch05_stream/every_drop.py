@@ -115,7 +115,7 @@ def _disordered_drop(board: BoardClient, kind: StreamKind, last_us: int) -> Iter
 
 
 def _late_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    """Yield frames due 1 µs to 2^30 µs before the late window begins."""
+    """Yield frames due 1 µs to 2^30 µs longer ago than the late window is."""
     now_us = board.clock.device_us() - board.config.late_window_us
     for late_us in (1, 1000, 70_000, 1_000_000, 2**30):
         yield board.link.stream_wire(kind.make(), now_us - late_us)

@@ -346,7 +346,7 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
 
 
 def _check_one_latch_a_period(board: BoardClient, since: int, mode: m.TraceMode, text: str) -> None:
-    """FAILED if two latches from piece *since* on are less than half a carrier period apart."""
+    """FAILED if two latches from received frame *since* on are within half a carrier period."""
     times = sorted(latch.t_us for latch in latching.latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     told = f"of {len(times)} latches {len(near)} are in the carrier period of another"
@@ -406,7 +406,10 @@ def every_session_between_two_latches(board: BoardClient) -> None:
 
 
 def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m.TraceMode) -> None:
-    """FAILED if two latches around an off, by each of *names*, are in one carrier period."""
+    """FAILED if a latch before and one after the output is switched off are in one carrier period.
+
+    Each way of *names* to switch it off is tried, with either latch streamed or played.
+    """
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     played = (False, True) if board.has(m.Feature.SEQUENCE_PHASES) else (False,)
     for name, *plays in itertools.product(names, played, played):

@@ -231,9 +231,9 @@ def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held
 
 
 def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situation) -> None:
-    """Bring the board to *situation* and cause *some* events; FAILED if one changes too much.
+    """Bring the board to *situation*, cause *some* events; FAILED if one changes more than is due.
 
-    That is held state other than its effect; events of other situations are left out.
+    Due are the changes of its effect; events of other situations are left out.
     """
     before: Held | None = None
     last_us = brought_us = 0
@@ -432,7 +432,7 @@ _ENDS: Final = (
 
 
 def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
-    """FAILED unless *end*, sent in the state *moment*, leads to its state and nothing goes on."""
+    """FAILED unless *end*, sent in state *moment*, leads to the state due and nothing goes on."""
     board.hello()
     board.configure(**{"hold_ms": 5000} | moment.config)
     is_over = end.event is not OutputInput.STOP
@@ -463,9 +463,9 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 
 
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
-    """FAILED unless a board that played in *moment* sends one PLAYBACK_ENDED, others none.
+    """FAILED unless PLAYBACK_ENDED came once if a playback ran in *moment*, else never.
 
-    It has to name the frames played; pieces from number *since* on count.
+    It has to name the frames played; received frames from number *since* on count.
     """
     board.link.barrier()
     told = [event for _, event in board.link.events(m.PlaybackEnded, since)]
@@ -484,7 +484,7 @@ def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) 
 def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> None:
     """Arm, watch for *watch_ms*; FAILED if a timer, ramp, queue or playback from before goes on.
 
-    Pieces from number *since* on count.
+    Received frames from number *since* on count.
     """
     before = len(board.link.events(m.StateChanged, since))
     board.arm()

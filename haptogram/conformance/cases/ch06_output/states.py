@@ -238,7 +238,7 @@ def _mute_of_sessions(board: BoardClient, sessions: tuple[int, ...]) -> None:
 def _judge_rest_behind_mutes(board: BoardClient, since: int, before: m.Counters, name: str) -> None:
     """FAILED if a MUTE with nothing queued counts more than frames and requests, or sends events.
 
-    STATE_CHANGED may tell of MUTED, once; pieces from number *since* on count.
+    STATE_CHANGED may tell of MUTED, once; received frames from number *since* on count.
     """
     grown = board.counted_since(before)
     wrong = {key: n for key, n in grown.items() if n and key not in ("frames", "requests")}
@@ -329,7 +329,7 @@ def recover_from_hardware_fault(board: BoardClient) -> None:
 
 
 def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
-    """Yield a hardware fault raised in each state: name, number of the first piece after ARM."""
+    """Yield a fault raised in each state: name, number of the first frame received after ARM."""
     for name, bring in output_states(board):
         since = board.arm()
         bring(board)

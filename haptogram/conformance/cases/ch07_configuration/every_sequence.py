@@ -328,7 +328,7 @@ def _store_most_frames(board: BoardClient) -> tuple[uploads.UploadForm, list[byt
 
 
 def _begin_traced_playback(board: BoardClient) -> int:
-    """Open a session, arm with the trace ring on; return the number of the next piece."""
+    """Open a session, arm with the trace ring on; return the number of the next received frame."""
     board.hello()
     return board.arm(trace_mode=m.TraceMode.RING)
 

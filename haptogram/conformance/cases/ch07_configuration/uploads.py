@@ -33,7 +33,10 @@ _LEAST_BYTES: Final = 40  # of an upload with pieces, if the board has room
 
 
 def _sequence_form(board: BoardClient) -> uploads.UploadForm:
-    """Return the first supported upload form of a sequence; else that of the correction."""
+    """Return the first supported upload form of a sequence; else that of the correction.
+
+    UNIMPLEMENTED if the board takes no upload.
+    """
     return max(uploads.upload_forms(board), key=lambda form: form.target > 0)
 
 

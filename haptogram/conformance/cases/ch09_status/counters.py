@@ -222,9 +222,9 @@ def _run_out_lease(board: BoardClient) -> None:
 
 
 def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> tuple[int, int]:
-    """Send copies of *good* due *ahead_us* from now; return the device time now and how many.
+    """Send copies of *good* due *ahead_us* from now; return the device time now, and how many.
 
-    Those that come only when a timer of the board may have ended are not sent.
+    The time is in µs.  Those that come only when a timer may have ended are not sent.
     """
     base_us = board.clock.device_us()
     frames = (board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us)

@@ -98,7 +98,7 @@ def every_playback_last_seq(board: BoardClient) -> None:
 
 
 def _read_last_latch(board: BoardClient) -> dict[str, object]:
-    """Return the last latch as reported by STATUS and read-back, by name."""
+    """Return the last latch by STATUS and, where it can be read back, READ_DRIVE, by field name."""
     status = board.status()
     told: dict[str, object] = {"seq": status.last_seq, "latch_us": status.last_latch_us}
     return told | (
@@ -238,7 +238,7 @@ def _play_at_once(board: BoardClient, _: m.Message) -> None:
 
 
 def _play_in_time(board: BoardClient, _: m.Message) -> None:
-    """Play the stored sequence from a later time on, to its end."""
+    """Play the stored sequence to its end, from a time on that is 5 ms or more ahead."""
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(500), ahead_us=5 * _MS)
     playback.play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
@@ -246,7 +246,7 @@ def _play_in_time(board: BoardClient, _: m.Message) -> None:
 
 
 def _await_end(board: BoardClient, since: int) -> None:
-    """Wait for PLAYBACK_ENDED from piece *since* on; FAILED if it does not come."""
+    """Wait for PLAYBACK_ENDED from received frame *since* on; FAILED if it does not come."""
     latches = _LOOPS * _FRAMES
     traces_us = board.wire.period_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
     playback.await_playback_end(board, since, latches * playback.period_to_play(board) + traces_us)
@@ -318,7 +318,7 @@ def _judge_latch_on_path(
 def _check_status(
     before: m.StatusReply, after: m.StatusReply, path: _Path, last: _LastLatch, text: str
 ) -> None:
-    """FAILED unless STATUS reports the last latch, and its counters the frames of the path."""
+    """FAILED unless *after* reports the *last* latch, and counters grew by the frames of *path*."""
     index = before.last_seq if path.plays else last.key.index
     check_fields(after, f"{text}: STATUS_REPLY", last_seq=index)
     moved = after.last_latch_us != before.last_latch_us
@@ -328,7 +328,7 @@ def _check_status(
 
 
 def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, text: str) -> None:
-    """FAILED unless READ_DRIVE returns key, time and registers of the last latch."""
+    """FAILED unless READ_DRIVE returns key and codes of *last*, and the latch time of *after*."""
     for kind in drive_kinds(board):
         due = {"key": last.key, "t_latch_us": after.last_latch_us}
         due |= {"data": latching.full_client_drive(last.registers)}

@@ -280,7 +280,7 @@ def _frame_that_renews(
 
 
 def _dropped_frame_that_renews(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
-    """Return one stream frame that the board drops for a given reason."""
+    """Return one stream frame of *kind* that the board drops for the reason *drop*."""
     return next(iter(drop.frames(board, kind, 0)))
 
 

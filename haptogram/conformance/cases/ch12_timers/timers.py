@@ -300,7 +300,7 @@ def every_drop_on_both_sides_of_the_wrap(board: BoardClient) -> None:
 
 
 def _play_across_timer_wrap(board: BoardClient) -> None:
-    """Judge a playback that starts after the clock's wrap and, in virtual time, one across it."""
+    """Judge a playback from 30 ms after the clock's wrap on and, in virtual time, one across it."""
     lead_us = board.clock.ready_us(100 * _MS + 2 * board.wire.limits.lead_us)
     for offset_us in (30 * _MS, -30 * _MS):
         playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
