@@ -57,17 +57,17 @@ _REQUESTS: Final[tuple[tuple[m.Feature, Callable[[BoardClient], m.Message]], ...
 
 
 def _zeros(board: BoardClient) -> bytes:
-    """Return a code of 0 for each transducer."""
+    """Return code 0, one byte, for each transducer."""
     return bytes(board.identity.transducers)
 
 
 def _advertised_drives(board: BoardClient) -> m.Drives:
-    """Return a DRIVES frame of codes 255."""
+    """Return a DRIVES frame with phase and amplitude code 255 for each transducer."""
     return m.Drives(bytes([255]) * 2 * board.identity.transducers)
 
 
 def _latches_as_advertised(board: BoardClient, message: m.Message) -> None:
-    """FAILED unless the board latches a frame of a type that it advertises."""
+    """FAILED unless the armed board latches *message*, a frame of a type that it advertises."""
     board.arm()
     with board.counting(latched=1):
         index = latching.latch_now(board, message)
@@ -75,7 +75,7 @@ def _latches_as_advertised(board: BoardClient, message: m.Message) -> None:
 
 
 def _traces_as_advertised(board: BoardClient, mode: m.TraceMode, kind: type[m.Message]) -> None:
-    """FAILED unless a latch sends an event of *kind* in the advertised trace mode."""
+    """FAILED unless the board sends an event of type *kind* for a latch in trace mode *mode*."""
     since = board.arm(trace_mode=mode)
     latching.latch_now(board)
     board.link.barrier()

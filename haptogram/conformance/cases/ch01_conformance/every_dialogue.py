@@ -86,7 +86,11 @@ def random_dialogues_match_the_model(board: BoardClient) -> None:
 
 
 def _goes_on_after_dialogue(board: BoardClient, number: int, compared: int, start_us: int) -> bool:
-    """Return True if neither the number nor the time of the random dialogues is used up."""
+    """Return True if another random dialogue is to be played after *number* of them.
+
+    A time set by the user, counted from *start_us*, decides alone.  Else 60 are played in virtual
+    time; at a wall clock 20 that were *compared*, or 4 s of them.  If exhaustive, three times that.
+    """
     passed_us = board.wire.now_us() - start_us
     if board.explore_us:
         return passed_us < board.explore_us
@@ -142,9 +146,10 @@ class DialogueDifferences:
 def _judge_random_dialogue(
     lockstep: Lockstep, number: int, coverage: DialogueCoverage, found: DialogueDifferences
 ) -> bool:
-    """Play one random dialogue; minimise and record it if it breaks a new clause.
+    """Play random dialogue *number* on board and model; add a new clause's difference to *found*.
 
-    Returns False if the host was late: nothing was compared, or a difference did not recur.
+    The dialogue is minimised first; *coverage* leads it to what was not sent yet.  Returns False if
+    nothing was compared because the host was late, or if a difference did not recur.
     """
     board = lockstep.board
     seed = board.random.getrandbits(32)

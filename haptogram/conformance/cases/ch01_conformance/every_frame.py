@@ -51,7 +51,10 @@ _RULES: Final[dict[str, tuple[str, Evidence]]] = {
 
 
 def _standing_case(clause: str) -> Case:
-    """Return the case that fails if any frame of the run broke the standing rule *clause*."""
+    """Return the case that fails if any frame of the run broke the standing rule *clause*.
+
+    The case is NOT-OBSERVED if no frame of the run was judged by that rule.
+    """
     summary, evidence = _RULES[clause]
 
     def body(board: BoardClient) -> None:

@@ -87,7 +87,7 @@ def accepts_a_spare_stuffing_byte(board: BoardClient) -> None:
 
 
 def _runs_to_stuff(most: int) -> list[int]:
-    """Return lengths up to *most* of zero-free runs, at and near multiples of a COBS block.
+    """Return lengths up to *most* of zero-free runs, within 4 bytes of 1 to 3 COBS blocks of 254.
 
     Examples
     --------
@@ -101,6 +101,8 @@ def _runs_to_stuff(most: int) -> list[int]:
 def _runs_before_full_ends(shown: int, room: int) -> list[int]:
     """Return run lengths < *room* that end a frame of *shown* codes near a full COBS block.
 
+    A zero follows the run; the codes and the CRC behind it are 253 to 255 or 508 bytes.
+
     Examples
     --------
     >>> _runs_before_full_ends(512, 512)
@@ -112,7 +114,10 @@ def _runs_before_full_ends(shown: int, room: int) -> list[int]:
 
 
 def _drives_to_stuff(board: BoardClient) -> Iterator[tuple[int, m.Message, bytes]]:
-    """Yield drives with a zero after each COBS run length: length, frame, registers."""
+    """Yield random drives whose only zero is behind a run of each length: length, frame, registers.
+
+    The registers are N phase codes, then N amplitude codes.
+    """
     count = board.identity.transducers
     graded = board.has(m.Feature.AMPLITUDE)
     room = 2 * count if graded else count
@@ -152,7 +157,7 @@ def every_drive_is_stuffed(board: BoardClient) -> None:
 
 
 def _ask_with_stuffing(board: BoardClient, count: int, name: str) -> m.DriveReply:
-    """Return the READ_DRIVE reply for *count* elements; FAILED if it arrives damaged."""
+    """Return the READ_DRIVE reply for *count* elements; FAILED if it is missing or damaged."""
     wire, seq = board.link.request_wire(m.ReadDrive(m.DriveKind.LATCHED, 0, count))
     since = board.link.mark()
 
@@ -210,12 +215,12 @@ def frames_have_crc32_checksum(board: BoardClient) -> None:
 
 
 def _is_framed_greeting(piece: ReceivedByClient) -> bool:
-    """Return True if a piece begins like an answer to HELLO, with any checksum."""
+    """Return True if a piece is of type HELLO_REPLY or ERROR, even with a wrong checksum."""
     return piece.unstuffed[:1] in (bytes([m.HelloReply.TYPE]), bytes([m.Error.TYPE]))
 
 
 def _check_checksum(board: BoardClient) -> None:
-    """FAILED if a frame of the board, in a dialogue of all kinds, has a wrong CRC."""
+    """FAILED if a frame of the board, in a dialogue of all requests, has a wrong CRC or none."""
     board.prepare()
     for piece in full_client_dialogue(board):
         if piece.reason in ("crc", "short"):
@@ -254,7 +259,7 @@ def wrong_checksums_renew_no_lease(board: BoardClient) -> None:
 
 
 def _bytes_like_mute(board: BoardClient) -> Iterator[tuple[str, bytes]]:
-    """Yield malformed frames that contain all or most of a MUTE: description, bytes."""
+    """Yield malformed frames that hold a MUTE or part of it: description, bytes, no delimiters."""
     noise = malformed_noise(board.random, MAX_ENCODED_BYTES)
     for session in (board.link.session, 0):
         body = board.link.body(m.Mute.TYPE, seq=board.link.seq + 1, session=session)
@@ -298,7 +303,10 @@ def every_damaged_mute_is_none(board: BoardClient) -> None:
 
 
 def _judge_damaged_mutes(board: BoardClient, *, is_played: bool) -> None:
-    """FAILED if one of the bytes mutes, flushes or ends a playback."""
+    """FAILED if one of the malformed MUTEs mutes, flushes the queue or ends a playback.
+
+    The output is on meanwhile: by a playback if *is_played*, else by a latch, with a frame queued.
+    """
     board.hello()
     board.arm()
     if is_played:

@@ -96,7 +96,7 @@ def every_cut_frame_is_read(board: BoardClient) -> None:
 
 
 def _ask_in_pieces(board: BoardClient, cuts: list[int], pause_us: int) -> None:
-    """Send a PING in pieces with pauses between them; FAILED unless the board answers."""
+    """Send a PING cut at the byte offsets *cuts*, with pauses; FAILED unless the board answers."""
     wire, seq = board.link.request_wire(m.Ping(board.random.getrandbits(64)))
     since = board.link.mark()
     for start, stop in zip([0, *cuts], [*cuts, len(wire)], strict=True):
@@ -210,7 +210,7 @@ def line_is_silent_before_hello(board: BoardClient) -> None:
 
 
 def _paused_bytes(board: BoardClient) -> Iterator[Paused]:
-    """Yield requests, stream frames of every format, and bytes that are no frame."""
+    """Yield requests, stream frames of every kind and malformed frames: name, counter, builder."""
     link = board.link
     yield "PING", "requests", lambda: link.request_wire(m.Ping(7))[0]
     if board.has(m.Feature.SEQUENCE_PHASES):
@@ -241,14 +241,20 @@ def every_pause_ends_no_frame(board: BoardClient) -> None:
 
 
 def _pauses_ms(board: BoardClient) -> tuple[int, ...]:
-    """Return the pauses to test in ms: few at a wall clock, none long if STATUS is periodic."""
+    """Return the pauses to test in ms, up to 1.5 s at a wall clock, else up to 70 s.
+
+    If the board sends STATUS periodically, none is longer than 10 s.
+    """
     if not board.wire.is_virtual:
         return _PAUSES_AT_WALL_MS
     return _PAUSES_MS[:-1] if board.config.status_period_ms else _PAUSES_MS
 
 
 def _judge_pause(board: BoardClient, paused: Paused, place: str, pause_ms: int) -> None:
-    """FAILED unless a frame sent with a pause inside, and the next PING, are counted once each."""
+    """FAILED unless a frame with a pause at *place*, and the next PING, are counted once each.
+
+    On failure the frame is sent again without a pause: if that fails too, that is the finding.
+    """
     name, counter, make = paused
     counts = {counter: 1} | {"requests": 1 + (counter == "requests")}
     text = f"with a pause of {pause_ms} ms {place}" if pause_ms else "without a pause"

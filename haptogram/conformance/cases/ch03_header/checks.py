@@ -109,7 +109,10 @@ def frames_before_mute(board: BoardClient) -> None:
 
 
 def _judge_answers_in_burst(board: BoardClient, name: str, *wires: bytes) -> None:
-    """Send a burst; FAILED unless its requests are carried out, or refused as overtaken."""
+    """Send *wires* back to back; FAILED unless each request among them gets its reply.
+
+    ARM and PLAY may be refused, as a MUTE has overtaken them; *name* begins the finding.
+    """
     answers = iter(board.link.exchange(*wires))
     for _, sent in (m.parse_body(decode_frame(wire.strip(DELIMITER))) for wire in wires):
         if sent.TYPE in m.REQUEST_RANGE:
@@ -132,7 +135,7 @@ def _judge_answer_in_burst(
 
 
 def _judge_silence_behind_mute(board: BoardClient) -> None:
-    """FAILED unless the board is MUTED, silent, and stays so."""
+    """FAILED unless the board is MUTED, silent, and stays so for 5 ms or two playback periods."""
     muted: dict[str, object] = {"state": OutputState.MUTED, "reason": MuteReason.MUTE, "queued": 0}
     before = board.check_status("behind MUTE", **muted).counters
     latching.check_silent(board, "behind MUTE")
@@ -158,12 +161,12 @@ def mute_passes_all_checks(board: BoardClient) -> None:
 
 
 def _request_in_burst(board: BoardClient, message: m.Message) -> bytes:
-    """Return the frame of a request, to be sent in a burst."""
+    """Return the bytes of a request with the next number; a PLAY begins at once."""
     return board.link.request_wire(message, flags=flags_at_once(message))[0]
 
 
 def _mute_in_burst(board: BoardClient, session: int | None) -> bytes:
-    """Return the frame of a MUTE, to be sent in a burst."""
+    """Return the bytes of a MUTE of *session*; None: of the open one."""
     return board.link.request_wire(m.Mute(), session=session)[0]
 
 
@@ -176,7 +179,7 @@ def _hello_in_burst(board: BoardClient) -> bytes:
 
 
 def _enabling_requests(board: BoardClient) -> Iterator[tuple[str, _Between]]:
-    """Yield requests that could enable the output after a MUTE: name, frame builder."""
+    """Yield requests that could enable the output after a MUTE: name, builder of their frames."""
     link = board.link
 
     def arm() -> bytes:
@@ -243,7 +246,10 @@ def _judge_burst_of_mutes(
 
 
 def _is_line_time_zero(board: BoardClient) -> bool:
-    """If bytes take no time on the line, wait for mid carrier period and return True."""
+    """Return True, in mid carrier period, if 4096 bytes come within one such period.
+
+    Return False at once on a slower line and at a wall clock.
+    """
     if not board.clock.is_one_moment(_LONGEST):
         return False
     carrier_us = board.clock.carrier_us

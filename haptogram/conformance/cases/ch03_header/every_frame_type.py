@@ -70,7 +70,11 @@ def crc_of_every_type(board: BoardClient) -> None:
 
 
 def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
-    """Return each host message type with zero, valid and oversized payloads."""
+    """Return (type, payload) of every message that a host sends.
+
+    Payloads are zeros for requests, valid for stream frames and HELLO, and 3000 random bytes for
+    MUTE and UPLOAD_CHUNK.
+    """
     fixed = [(int(kind.TYPE), bytes(kind.LAYOUT.size)) for kind in request_types_of_host()]
     messages = [kind.make() for kind in stream_kinds(board)]
     messages.append(m.UploadChunk(0, board.random.randbytes(_LONG)))
@@ -80,7 +84,7 @@ def _payloads_of_every_type(board: BoardClient) -> list[tuple[int, bytes]]:
 
 
 def _damaged_of_every_type(body: bytes) -> bytes:
-    """Return a frame body with one bit flipped after its type, and the CRC from before."""
+    """Return *body* with bit 3 of its last byte flipped, then the CRC of the body as it was."""
     whole = bytearray(malformed_frames.malformed_with_crc(body))
     whole[len(body) - 1] ^= 0x08
     return bytes(whole)
@@ -204,7 +208,10 @@ def header_of_every_reply(board: BoardClient) -> None:
 
 
 def _check_header(board: BoardClient, answer: ReceivedByClient, message: m.Message | None) -> None:
-    """FAILED unless an answer is of the open session, and of the type of its request or ERROR."""
+    """FAILED unless an answer is of the open session, and is ERROR or the reply to *message*.
+
+    None: the request is of a type that no message has, and only ERROR is right.
+    """
     name = message.TYPE.name if message is not None else "an unknown request"
     check_answer_session(answer, board.link.session, name)
     kind = answer.frame_header.type
@@ -218,7 +225,7 @@ def _check_header(board: BoardClient, answer: ReceivedByClient, message: m.Messa
 
 
 def _unknown_frame_types(types: Iterable[int]) -> list[int]:
-    """Return the types that no message has."""
+    """Return those of *types* that no message has."""
     return [kind for kind in types if kind not in m.MESSAGES]
 
 
@@ -242,7 +249,10 @@ def judge_foreign_types(board: BoardClient, kinds: Sequence[int], *sessions: int
 
 
 def _frame_of_foreign_type(board: BoardClient, kind: int, session: int) -> bytes:
-    """Return a frame of any type and session; a request has a number that was used before."""
+    """Return a frame of type *kind*: an empty stream frame, or a request of 4 zeros.
+
+    A request has the number of the last one.
+    """
     if kind in m.STREAM_RANGE:
         seq = None if session == board.link.session else board.link.stream_next
         return board.link.stream_raw(kind, b"", session=session, seq=seq)
@@ -271,7 +281,7 @@ def judge_unknown_requests(board: BoardClient, kinds: Sequence[int], *sessions: 
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """A frame of a host in the making."""
+    """A frame of a host before it is encoded."""
 
     kind: int
     payload: bytes
@@ -286,7 +296,7 @@ class _Frame:
 
 
 def _frame_with_defects(board: BoardClient, frame: _Frame, defects: Iterable[str]) -> _Frame:
-    """Return a frame with the given defects."""
+    """Return *frame* with defects, by name: a wrong type, session, flags, length or number."""
     draw, stream = board.random, frame.kind in m.STREAM_RANGE
     used = board.link.stream_next - 1 if stream else board.link.seq
     varies = frame.kind == m.UploadChunk.TYPE
@@ -305,7 +315,7 @@ def _frame_with_defects(board: BoardClient, frame: _Frame, defects: Iterable[str
 
 
 def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Frame) -> int:
-    """Return the detail of the ERROR for a defect; *right* is the frame without one."""
+    """Return the detail due in an ERROR for *defect* in *frame*; *right* is it without defects."""
     kind = m.MESSAGES[right.kind]
     return {
         "type": frame.kind,
@@ -317,7 +327,7 @@ def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Fr
 
 
 def _pairs_of_defects(defects: Iterable[str], *, thorough: bool) -> list[tuple[str, ...]]:
-    """Return defects alone, in pairs and all at once; unless *thorough* only neighbours, all."""
+    """Return defects alone, in pairs and all at once; not *thorough*: adjacent pairs, and all."""
     every = tuple(defects)
     if not thorough:
         return [*itertools.pairwise(every), every]

@@ -256,7 +256,7 @@ def _check_counted_values(board: BoardClient) -> None:
 
 
 def _check_geometry_values(board: BoardClient) -> None:
-    """FAILED unless GET_GEOMETRY has positions within 5 m and normals of length 1."""
+    """FAILED unless each coordinate in GET_GEOMETRY is within 5 m, each normal 1 long (2 %)."""
     reply = board.link.call(m.GetGeometry(0, 0xFFFF), m.GeometryReply)
     far = [e for e in reply.elements if max(abs(e.x_um), abs(e.y_um), abs(e.z_um)) > 5_000_000]
     check(not far, f"a transducer 5 m away: {far[:1]}")
@@ -316,7 +316,7 @@ def refuses_wrong_lengths(board: BoardClient) -> None:
 
 
 def _near_lengths(kind: type[m.Message]) -> set[int]:
-    """Return the lengths one byte shorter and one byte longer than a message."""
+    """Return the payload lengths, not negative, one byte below and one above that of *kind*."""
     return {kind.LAYOUT.size - 1, kind.LAYOUT.size + 1} - {-1}
 
 
@@ -336,7 +336,10 @@ def every_wrong_length(board: BoardClient) -> None:
 
 
 def _check_wrong_lengths(board: BoardClient, wrong: Sequence[tuple[type[m.Message], int]]) -> None:
-    """FAILED unless requests of wrong length are refused, naming the right length."""
+    """FAILED unless each request in *wrong* (type, payload bytes) is refused for its length.
+
+    The ERROR has to name the right length, 0 if that varies.
+    """
     with board.counting(requests=len(wrong)):
         for kind, size in wrong:
             right = 0 if kind.TAIL else kind.LAYOUT.size
@@ -375,7 +378,7 @@ def reads_unaligned_values(board: BoardClient) -> None:
 
 
 def _requests_with_values(board: BoardClient) -> Iterator[m.Message]:
-    """Yield valid READ_DRIVE, SET_CONFIG and upload requests."""
+    """Yield valid READ_DRIVE, SET_CONFIG and UPLOAD_BEGIN requests that the board supports."""
     yield from (m.ReadDrive(kind, 0, 1) for kind in drive_kinds(board))
     if board.has(m.Feature.CONFIG):
         yield m.SetConfig(board.config)
@@ -397,7 +400,10 @@ def every_unlisted_value(board: BoardClient) -> None:
 
 
 def _judge_unlisted(board: BoardClient, wrong_values: Callable[[ValueByte], Sequence[int]]) -> None:
-    """FAILED unless a request with a wrong value in one of its bytes is refused, by its offset."""
+    """FAILED unless requests with a wrong value in one byte are refused, naming its offset.
+
+    *wrong_values* returns the wrong values of a byte.
+    """
     for message in _requests_with_values(board):
         for byte in value_bytes(type(message)):
             values = wrong_values(byte)

@@ -144,7 +144,7 @@ def sequence_numbers_are_unwrapped(board: BoardClient) -> None:
 
 
 def _advance_to_number(board: BoardClient, number: int) -> None:
-    """Use up stream numbers, in jumps of empty frames, until *number* is the next one."""
+    """Send empty frames, numbered in steps of up to 32767, until *number* is the next one."""
     link = board.link
     while link.stream_next < number:
         wires: list[bytes] = []
@@ -157,7 +157,11 @@ def _advance_to_number(board: BoardClient, number: int) -> None:
 def _wrong_latch_numbers(
     board: BoardClient, since: int, mode: m.TraceMode, index: int
 ) -> dict[str, int]:
-    """Return the reports of the last latch that have a wrong number, by name."""
+    """Return the reports of the last latch whose number is not *index* modulo 2^32, by name.
+
+    Reports are STATUS, read-back and, unless *mode* is OFF, the trace from received frame *since*
+    on (-1: it shows no latch).  Empty: all are right.
+    """
     told = {"last_seq": board.status().last_seq}
     if board.has(m.Feature.READ_LATCHED):
         told["DRIVE_REPLY"] = latching.read_drive(board, m.DriveKind.LATCHED, 0, 1).key.index
@@ -168,7 +172,7 @@ def _wrong_latch_numbers(
 
 
 def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -> None:
-    """FAILED unless frame numbers around each power of two are reported in full."""
+    """FAILED unless frame numbers beside 2^*least_bits* to 2^*most_bits* are reported in full."""
     mode = latching.ask_for_board_latches_if_supported(board)
     board.arm()
     latching.latch_now(board)

@@ -308,7 +308,10 @@ def responses_precede_playback_ended(board: BoardClient) -> None:
 def _responses_in_order(
     board: BoardClient, message: m.Message, due: tuple[type[m.Message], ...], *, session: int | None
 ) -> None:
-    """Send a request; FAILED unless reply and events arrive in the order *due*."""
+    """Send *message*; FAILED if messages of the types *due* come in another order within 10 ms.
+
+    *session* None: the open one.  One that does not come is no failure.
+    """
     since = board.link.mark()
     board.link.ask(message, session=session)
     board.wire.idle_beyond(_EVENTS_US)

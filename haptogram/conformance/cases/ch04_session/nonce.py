@@ -132,7 +132,10 @@ def new_nonce_keeps_settings(board: BoardClient) -> None:
 
 
 def _judge_kept_settings(board: BoardClient, name: str) -> None:
-    """FAILED unless configuration, correction and counters survive a new session."""
+    """Open a session; FAILED unless configuration, correction and counters stay as they were.
+
+    The board must not be ARMED nor have frames queued; *name* begins the finding.
+    """
     before, config = board.status(), board.config
     reply = board.hello()
     check_fields(reply, f"{name}: HELLO_REPLY", config_crc=before.config_crc)
@@ -308,12 +311,12 @@ def every_repeated_hello_reply_stays(board: BoardClient) -> None:
 
 
 def _paths_of_sessions(board: BoardClient) -> dict[str, str]:
-    """Return which sessions to open after A, in which order (BA: B, then A again); with titles."""
+    """Return titles of the orders in which to open sessions after A, by name: BA is B, then A."""
     return _PATHS if board.wire.is_virtual else {"BA": _PATHS["BA"]}
 
 
 def _open_sessions_in_turn(board: BoardClient, path: str, number: int) -> None:
-    """Open a session for each letter of *path* (A: the open one), by HELLOs of *number*."""
+    """Open the sessions *path*, a letter each (A: the open one), by HELLOs with number *number*."""
     nonces = {"A": board.link.session}
     for name in path:
         if name not in nonces:
@@ -342,7 +345,7 @@ def every_reply_ends_with_session(board: BoardClient) -> None:
 
 
 def _no_drive_in_session(board: BoardClient) -> None:
-    """FAILED if the board reads back a drive of the session before."""
+    """FAILED if the board reads back a drive of the session before; no read-back: do nothing."""
     if board.has(m.Feature.READ_LATCHED):
         judge_nothing_read_back(board, m.DriveKind.LATCHED, "behind another session")
 
@@ -353,7 +356,7 @@ def _no_latch_in_session(board: BoardClient) -> None:
 
 
 def _no_ring_in_session(board: BoardClient) -> None:
-    """FAILED if the trace ring has records of the session before."""
+    """FAILED if the trace ring has records of the session before; no ring: do nothing."""
     if board.has(m.Feature.TRACE_RING):
         check_fields(latching.read_ring(board), "the ring", oldest=0, next=0, records=())
 
@@ -366,7 +369,7 @@ def _no_upload_in_session(board: BoardClient) -> None:
 
 
 def _check_numbers_restart(board: BoardClient) -> None:
-    """FAILED unless sequence numbers and the trace divider restart with a new session."""
+    """FAILED unless a new session's first frame is latched, and its trace, if any, is event 0."""
     can_trace = board.has(m.Feature.CONFIG)
     modes = trace_modes(board, m.TraceMode.DRIVE, m.TraceMode.CRC)[:1] if can_trace else []
     since = board.arm(trace_mode=modes[0]) if modes else board.arm()
@@ -402,7 +405,10 @@ def every_possession_ends_with_session(board: BoardClient) -> None:
 def _judge_possession(
     board: BoardClient, path: str, judge: Callable[[BoardClient], None], ahead_us: int = 0
 ) -> None:
-    """Let a session own drives, queue, trace and upload; open those of *path*; call *judge*."""
+    """Let a session latch, queue, trace and upload; open the sessions of *path*; call *judge*.
+
+    The queued frame is due as soon as the line allows, and *ahead_us* later.
+    """
     if board.has(m.Feature.TRACE_RING | m.Feature.CONFIG):
         board.configure(trace_mode=m.TraceMode.RING)
     if board.has(m.Feature.SEQUENCE_PHASES):

@@ -183,7 +183,7 @@ def _largest_remembered_requests(board: BoardClient) -> Iterator[m.Message]:
 
 
 def _fill_ring(board: BoardClient) -> None:
-    """Fill the trace ring with latches, if the board is fast enough."""
+    """Fill the trace ring by a playback of 250 frames or 1 s; nothing without ring or playback."""
     if not board.has(m.Feature.TRACE_RING | m.Feature.CONFIG | m.Feature.SEQUENCE_PHASES):
         return
     board.arm(trace_mode=m.TraceMode.RING)
@@ -196,7 +196,7 @@ def _fill_ring(board: BoardClient) -> None:
 def _judge_remembered_reply(
     board: BoardClient, messages: Iterable[m.Message], betweens: dict[str, Between]
 ) -> None:
-    """FAILED unless repeated requests get the cached reply after each intervening action."""
+    """FAILED unless each of *messages*, repeated after each of *betweens*, has its cached reply."""
     for message in messages:
         board.arm()
         first = board.link.ask_at_once(message)
@@ -306,7 +306,7 @@ def every_refusal_leaves_the_number(board: BoardClient) -> None:
 
 
 def _requests_with_other_bytes(board: BoardClient, body: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield valid bodies with the number of *body* that differ in one field."""
+    """Yield valid bodies with the number of *body* that differ in one field: description, body."""
     for low in _LOW_FLAGS:
         yield f"flag {low:#x}", body[:1] + bytes([body[1] ^ low]) + body[2:]
     for at in range(4, 8):
@@ -329,7 +329,7 @@ def _request_with_flipped_byte(body: bytes, at: int) -> bytes:
 
 
 def _is_legal_request(board: BoardClient, body: bytes) -> bool:
-    """Return whether all values of a body are in its tables, and those of SET_CONFIG in bounds."""
+    """Return True if all values of a request are allowed; SET_CONFIG may change hold_ms alone."""
     try:
         message = m.MESSAGES[body[0]].deserialize(body[HEADER_BYTES:])
     except RemoteProtocolError:
@@ -465,7 +465,10 @@ def every_newest_number_stays(board: BoardClient) -> None:
 
 
 def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
-    """FAILED unless, after *use* numbered *step* past the newest, all old numbers are refused."""
+    """Send *use* numbered *step* (or < 0) from the newest; FAILED unless used numbers are refused.
+
+    Before that the reply remembered last, asked for again, has to be the same.
+    """
     board.link.ask(m.Arm())
     delayed = board.link.seq
     if not use.is_remembered:

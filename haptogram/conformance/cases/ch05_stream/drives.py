@@ -195,7 +195,7 @@ def every_sum_of_streamed_points(board: BoardClient) -> None:
 def _groups_of_full_points(
     board: BoardClient, number: int
 ) -> Iterator[tuple[str, tuple[m.FocalPoint, ...]]]:
-    """Yield groups of full-amplitude points: one repeated, one in antiphase with itself, random."""
+    """Yield name and group of *number* full-amplitude points: equal, half in antiphase, random."""
     place = random_point_to_send(board)
     for quarter in range(4):
         lag = (0x4000 * quarter + board.random.randrange(0x4000)) & 0xFFFF
@@ -264,8 +264,8 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
 def _judge_latched_foci(board: BoardClient, mode: Mode, targets_m: Sequence[_Target]) -> None:
     """Latch one frame per focus, read the drives back, then judge them.
 
-    They are judged after the last latch: the first judgement compiles code for seconds, in which a
-    hold would expire.
+    *targets_m* are (x, y, z); *mode*: the frames are PHASES, DRIVES or POINTS.  The first judgement
+    compiles code for seconds, in which a hold would expire: it comes after the last latch.
     """
     from ...judge.focusing import judge_focus, judge_of_model, judged_host_frames
 
@@ -299,7 +299,7 @@ def streamed_points_make_a_focus(board: BoardClient) -> None:
 
 
 def _random_point_to_stream(board: BoardClient) -> m.FocalPoint:
-    """Return a point off the axes, 80 to 200 mm above the array, not too quiet."""
+    """Return a random point: x and y ±4 to 40 mm, z 80 to 200 mm, 15 to 46 % of full amplitude."""
 
     def away(low: int, high: int) -> int:
         return board.random.choice((-1, 1)) * board.random.randrange(low, high)
@@ -314,7 +314,11 @@ def _random_point_to_stream(board: BoardClient) -> m.FocalPoint:
 
 
 def _errors_of_random_points(board: BoardClient, points: int) -> tuple[Errors, Errors]:
-    """Latch random superpositions; return the errors of phases and amplitudes, in steps."""
+    """Latch drives of *points* random points; return the errors of phase and amplitude codes.
+
+    One error, in steps of a code, for each transducer of each drive; of phases only where the
+    amplitude is 1/16 of the full one or more.
+    """
     from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
 
     model, found = _model_of_streamed_points(board), []
@@ -329,7 +333,7 @@ def _errors_of_random_points(board: BoardClient, points: int) -> tuple[Errors, E
 
 
 def _check_errors(errors: Errors, name: str) -> None:
-    """FAILED if an error of a code, in steps, is larger than rounding can make it."""
+    """FAILED if an error of a code is beyond 1.5 steps; *name* begins the finding."""
     worst = float(abs(errors).max())
     check(worst <= _WORST, f"{name} is off by {worst:.2f} steps before rounding")
 
@@ -382,7 +386,10 @@ def streamed_points_lie_on_every_side(board: BoardClient) -> None:
 def _random_point_on_side(
     board: BoardClient, side: tuple[int, int, int], number: int
 ) -> m.FocalPoint:
-    """Return a point on *side* (-1, 1) of each axis, or on its plane (0), up to 1 m away."""
+    """Return a random point with *side* (-1, 0, 1) as signs of x, y, z, each of them up to 1 m.
+
+    Its amplitude is at most 1/*number* of the full one.
+    """
     longest = board.random.choice((400, 40_000, 1_000_000))
     x, y, z = (sign * board.random.randrange(1, longest + 1) for sign in side)
     level = board.random.choice((0, board.random.randrange(65_535 // number), 65_535 // number))

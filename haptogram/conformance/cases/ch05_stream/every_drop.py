@@ -71,7 +71,7 @@ class Drop:
 
 
 def _stale_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    """Yield frames of other sessions."""
+    """Yield frames of *kind* of other sessions and of none, with the next and the last number."""
     one_bit_off = (board.link.session ^ 1 << bit for bit in range(16))
     for session in (board.link.session ^ _STALE, 0, *one_bit_off):
         for seq in (board.link.stream_next, board.link.stream_next - 1):
@@ -79,19 +79,19 @@ def _stale_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]
 
 
 def _old_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    """Yield frames with old sequence numbers."""
+    """Yield frames of *kind* whose stream number is 1 to 32 before the next one."""
     for back in (1, 2, 3, 15, 16, 17, 31, 32):
         yield board.link.stream_wire(kind.make(), seq=board.link.stream_next - back)
 
 
 def _flagged_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    """Yield frames with unknown flags."""
+    """Yield frames of *kind* with unknown flags, of bits 5 to 7."""
     for flags in (0x20, 0x40, 0x80, 0xE0 | m.Flag.IMMEDIATE):
         yield board.link.stream_wire(kind.make(), flags=flags)
 
 
 def _wrong_length_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    """Yield frames of wrong length."""
+    """Yield frames of *kind* whose payload is 1 or 256 bytes longer, 1 shorter, 1 byte or empty."""
     message = kind.make()
     payload = message.serialize()
     wrong = [payload + b"\x00", payload[:-1], payload[:1], b""]
@@ -103,26 +103,26 @@ def _wrong_length_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable
 
 
 def _any_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    """Yield a valid frame due at once and one due later: a DISARMED board drops both."""
+    """Yield a valid frame due at once and one due in 0.4 s: a DISARMED board drops both."""
     yield board.link.stream_wire(kind.make())
     yield board.link.stream_wire(kind.make(), board.clock.device_us() + _AHEAD_US)
 
 
 def _disordered_drop(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
-    """Yield frames due no later than the last queued one."""
+    """Yield frames due 0 to 100 ms before *last_us*, the time of the last queued one."""
     for early_us in (0, 1, 1000, 100_000):
         yield board.link.stream_wire(kind.make(), last_us - early_us)
 
 
 def _late_drop(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    """Yield frames due before the late window."""
+    """Yield frames due 1 µs to 2^30 µs longer ago than the late window is."""
     now_us = board.clock.device_us() - board.config.late_window_us
     for late_us in (1, 1000, 70_000, 1_000_000, 2**30):
         yield board.link.stream_wire(kind.make(), now_us - late_us)
 
 
 def _drop_beyond_window(board: BoardClient, kind: StreamKind, _: int) -> Iterable[bytes]:
-    """Yield frames scheduled beyond the horizon."""
+    """Yield frames due 0.5 s or more beyond the horizon; none where that is 2^31 µs ahead."""
     horizon_us = board.identity.max_horizon_us
     now_us = board.clock.device_us()
     for ahead_us in (horizon_us + 500_000, 2 * horizon_us, 2**31 - 10_000_000):
@@ -131,7 +131,7 @@ def _drop_beyond_window(board: BoardClient, kind: StreamKind, _: int) -> Iterabl
 
 
 def _overflow_drop(board: BoardClient, kind: StreamKind, last_us: int) -> Iterable[bytes]:
-    """Yield frames that a full queue drops."""
+    """Yield frames due after *last_us*, the last one in a full queue, which drops them."""
     horizon_us = board.identity.max_horizon_us
     yield board.link.stream_wire(kind.make(), last_us + 1)  # for the latch of the last one
     yield board.link.stream_wire(kind.make(), last_us + 1000)
@@ -191,7 +191,7 @@ def frames_to_drop(board: BoardClient, drop: Drop, kind: StreamKind) -> tuple[in
 
 
 def _drop_case(drop: Drop) -> Case:
-    """Return the case that sends frames for one reason of a drop, in every format."""
+    """Return the case that sends frames to be dropped for the reason *drop*, in every format."""
 
     def body(board: BoardClient) -> None:
         for kind in stream_kinds(board):

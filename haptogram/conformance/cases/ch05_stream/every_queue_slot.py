@@ -67,7 +67,7 @@ def every_format_flushes_a_full_queue(board: BoardClient) -> None:
 
 
 def _arrival_of_frame_us(board: BoardClient) -> int:
-    """Return the arrival time of a PHASES frame sent now, at the rate of the line."""
+    """Return the device time in µs at which a PHASES frame sent now arrives, by the line's rate."""
     size = len(board.link.stream_wire(board.flat_phases(), 0, seq=0))
     board.clock.device_us()
     return board.clock.device_estimate_us() + board.wire.period_us(size)
@@ -77,7 +77,7 @@ def _arrival_of_frame_us(board: BoardClient) -> int:
 
 
 def _queued_codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
-    """Return every kind of stream frame, each preceded by one that sets amplitudes."""
+    """Return the PHASES kinds of *kinds*, each behind those of DRIVES, which set amplitudes."""
     graded = [kind for kind in kinds if kind.name == "DRIVES"]
     full = [kind for kind in kinds if kind.name.startswith("PHASES")]
     return [kind for each in full for kind in (*graded, each)]
@@ -107,7 +107,11 @@ def every_queue_slot_is_written_whole(board: BoardClient) -> None:
 def _queue_some_stream_frames(
     board: BoardClient, kind: StreamKind, most: int, sent: dict[int, int]
 ) -> None:
-    """Queue up to *most* frames, wait until they are latched; add the CRC of each by its number."""
+    """Queue frames of *kind*, wait until they are latched; put the CRC-32 of each into *sent*.
+
+    *sent* is by stream number.  There are *most*, or what the line brings in 0.3 s and the horizon
+    holds, one at least.
+    """
     messages: list[m.Message] = []
     for _ in range(most):
         messages.append(kind.make())
@@ -177,7 +181,7 @@ def far_frames_wait_in_the_queue(board: BoardClient) -> None:
 
 
 def _times_of_immediate_frames(board: BoardClient) -> dict[str, int]:
-    """Return times that an IMMEDIATE frame carries and the board ignores, by name."""
+    """Return device times in µs that an IMMEDIATE frame carries and the board ignores, by name."""
     now_us = board.clock.device_us()
     return {
         "5 s ahead": now_us + _FAR_US,
@@ -227,12 +231,14 @@ def the_time_of_an_immediate_frame_orders_nothing(board: BoardClient) -> None:
 def _send_behind_immediate(
     board: BoardClient, first: m.Message, second: m.Message, name: str, *, is_past: bool
 ) -> tuple[int, int]:
-    """Send an IMMEDIATE frame whose time is *name*; behind it a second one, long late if *is_past*.
+    """Send *first*, IMMEDIATE with the time called *name*, and behind it *second*.
+
+    If *is_past*, *second* was due 1 ms ago.
 
     Returns
     -------
     due_us, rx_us : int
-        When the second is due, and a time at which both had come.
+        Device times: when *second* is due, unless *is_past*; and when both had come.
     """
     later_us = 10 * board.clock.carrier_us
     others = board.flat_phases(), board.flat_phases()  # what is asked meanwhile takes less

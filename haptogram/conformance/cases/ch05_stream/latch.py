@@ -94,7 +94,10 @@ def latches_all_elements_at_once(board: BoardClient) -> None:
 
 
 def _check_burst(board: BoardClient, drives: tuple[bytes, bytes]) -> None:
-    """FAILED if a read-back, while each carrier period latches another drive, mixes two drives."""
+    """FAILED if a read-back mixes the two *drives* while frames latch them in turn.
+
+    Each drive is one phase code for all; the frames come at the board's highest rate.
+    """
     rate = max(1, board.identity.max_frame_rate_hz)
     step_us = board.clock.on_carrier(-(-1_000_000 // rate))
     number = min(_BURST, board.identity.queue_depth)
@@ -179,7 +182,7 @@ def immediate_frames_flush_the_queue(board: BoardClient) -> None:
 
 
 def _off_in_a_burst(board: BoardClient, name: str) -> bytes:
-    """Return the frame of a request that switches the output off."""
+    """Return the frame called *name* that switches the output off: MUTE, DISARM or HELLO."""
     if name == _HELLO:
         nonce = board.new_nonce()
         request, _ = board.link.request_wire(board.hello_message(nonce), session=0)
@@ -190,7 +193,7 @@ def _off_in_a_burst(board: BoardClient, name: str) -> bytes:
 
 
 def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
-    """Return a stream frame that flushes the queue."""
+    """Return the frame called *name* that flushes: IMMEDIATE, PLAY, MUTE, DISARM or HELLO."""
     if name == "IMMEDIATE":
         return board.link.stream_wire(board.flat_phases())
     if name == "PLAY":
@@ -200,7 +203,7 @@ def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
 
 
 def _time_behind_burst_us(board: BoardClient) -> int:
-    """Return a time after the arrival of a burst."""
+    """Return a device time 0.4 s from now, when a burst has arrived."""
     return board.clock.device_estimate_us() + _AHEAD_US
 
 
@@ -343,7 +346,7 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
 
 
 def _check_one_latch_a_period(board: BoardClient, since: int, mode: m.TraceMode, text: str) -> None:
-    """FAILED if two latches from piece *since* on are in one carrier period."""
+    """FAILED if two latches from received frame *since* on are within half a carrier period."""
     times = sorted(latch.t_us for latch in latching.latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     told = f"of {len(times)} latches {len(near)} are in the carrier period of another"
@@ -403,7 +406,10 @@ def every_session_between_two_latches(board: BoardClient) -> None:
 
 
 def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m.TraceMode) -> None:
-    """Judge two latches around each way to switch the output off, streamed and played."""
+    """FAILED if a latch before and one after the output is switched off are in one carrier period.
+
+    Each way of *names* to switch it off is tried, with either latch streamed or played.
+    """
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     played = (False, True) if board.has(m.Feature.SEQUENCE_PHASES) else (False,)
     for name, *plays in itertools.product(names, played, played):
@@ -414,7 +420,11 @@ def _judge_latches_around_offs(board: BoardClient, names: Iterable[str], mode: m
 def _judge_latches_around_off(
     board: BoardClient, name: str, plays: Sequence[bool], off_us: int, mode: m.TraceMode
 ) -> None:
-    """Switch the output off between two latches; FAILED if both are in one carrier period."""
+    """Switch the output off between two latches; FAILED if both are in one carrier period.
+
+    *plays*: for each latch, whether it is a playback's.  The burst comes *off_us* after a boundary
+    between carrier periods.
+    """
     board.hello()
     board.arm()
     since, boundary_us = board.link.mark(), board.clock.soon_us(bytes(4000))

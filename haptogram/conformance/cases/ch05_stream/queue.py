@@ -237,7 +237,11 @@ def every_order_of_times_in_a_period(board: BoardClient) -> None:
 def _judge_orders(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """FAILED unless the last accepted of several frames for one carrier period is latched."""
+    """FAILED unless the last accepted of several frames for one carrier period is latched.
+
+    There is a carrier period for each of *orders*; kinds of frames take turns, from the *turn*-th.
+    If not all fit in the board's horizon, each half is judged alone.
+    """
     kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
     messages = [[next(kinds).make() for _ in order.ranks] for order in orders]
     every = [message for some in messages for message in some]
@@ -268,7 +272,10 @@ def _judge_orders(
 def _judge_shorter_burst(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """Judge each half of *orders* alone: all of them do not fit in the board's horizon."""
+    """Judge each half of *orders* alone: all of them do not fit in the board's horizon.
+
+    NOT-OBSERVED if there is only one.
+    """
     require(len(orders) != 1, "no three frames reach this board within its horizon")
     half = len(orders) // 2
     _judge_orders(board, orders[:half], turn, mode)
@@ -281,7 +288,7 @@ def _judge_shorter_burst(
 def _frames_that_replace_nothing(
     board: BoardClient, message: m.Message, t_us: int
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield frames for a time that are dropped for some other defect, by name."""
+    """Yield frames for *t_us* that are dropped for a defect other than their time: name, bytes."""
     payload, kind = message.serialize(), message.TYPE
     yield "a byte too much", board.link.stream_raw(kind, payload + b"\x00", t_us)
     yield "a byte too little", board.link.stream_raw(kind, payload[:-1], t_us)
@@ -336,7 +343,7 @@ def _play_and_stop(board: BoardClient) -> None:
 
 
 def _queue_flushes(board: BoardClient) -> dict[str, Callable[[BoardClient], object]]:
-    """Return the actions that flush the queue, by name."""
+    """Return the actions that flush the queue, by name; a sequence is stored if supported."""
     flushes: dict[str, Callable[[BoardClient], object]] = {
         "MUTE": BoardClient.mute,
         "DISARM": BoardClient.disarm,
@@ -396,7 +403,10 @@ def every_late_frame_is_replaced_with_its_mark(board: BoardClient) -> None:
 def _judge_late_pair(
     board: BoardClient, kinds: tuple[StreamKind, StreamKind], mode: m.TraceMode, *, is_late: bool
 ) -> None:
-    """Send a late frame and one that *is_late* or not; FAILED unless both are counted as due."""
+    """Send a frame half a carrier period late and one 1/8 of it late or, not *is_late*, early.
+
+    FAILED unless counters and the trace of *mode* show both so; late counts from when it is ready.
+    """
     carrier_us = board.clock.carrier_us
     messages = [kind.make() for kind in kinds]
     came_us = board.clock.soon_us(bytes(_LONGEST)) + carrier_us // 5

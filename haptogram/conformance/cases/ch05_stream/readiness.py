@@ -100,7 +100,7 @@ def counts_accepted_stream_frames(board: BoardClient) -> None:
 def _check_accepted_stream_frames(
     first: m.StatusReply, now: m.StatusReply, accepted: int, queued: int
 ) -> None:
-    """FAILED unless the counters account for all accepted frames, and STATUS for the queue."""
+    """FAILED unless *accepted* frames came from *first* to *now*: latched, flushed, or *queued*."""
     grown = counter_steps(first.counters, now.counters)
     check_fields(now, f"{accepted} frames accepted: STATUS_REPLY", queued=queued)
     told = grown["accepted"], grown["latched"] + grown["flushed"] + now.queued
@@ -181,9 +181,10 @@ def _modes_of_trace(board: BoardClient) -> list[m.TraceMode]:
 
 
 def _margins_around_borders_us(board: BoardClient) -> list[int]:
-    """Return margins at and next to each limit: on time, one carrier period, the late window.
+    """Return margins in µs at each limit and 1 µs beside it, sorted.
 
-    At a wall clock, where no frame arrives to the microsecond, only the limits themselves.
+    Limits are 0, one carrier period early or late, and the late window.  At a wall clock, where no
+    frame arrives to the microsecond, only the limits themselves.
     """
     carrier_us = board.clock.carrier_us
     borders = (0, carrier_us, -carrier_us, -board.config.late_window_us)
@@ -193,7 +194,9 @@ def _margins_around_borders_us(board: BoardClient) -> list[int]:
 def _judge_margins(
     board: BoardClient, kinds: Iterable[StreamKind], margins_us: Iterable[int]
 ) -> int:
-    """FAILED unless frames with these margins are latched or, past the late window, dropped.
+    """FAILED unless frames due *margins_us* after they are ready are latched or, if late, dropped.
+
+    They are dropped only beyond the late window; kinds that are never in time are left out.
 
     Returns
     -------
@@ -217,12 +220,14 @@ def _judge_margins(
 
 
 def _judge_margin(board: BoardClient, kind: str, message: m.Message, ahead_us: int) -> int:
-    """FAILED unless a frame with this margin is latched or, past the late window, dropped.
+    """FAILED unless a frame due about *ahead_us* after it is ready is latched or, if late, dropped.
+
+    It is dropped only beyond the late window.
 
     Returns
     -------
     int
-        The margin that it had.
+        The margin that it had in µs, by STATUS; negative: late.
     """
     window_us, mode = board.config.late_window_us, board.config.trace_mode
     if not board.has(m.Feature.CONFIG):

@@ -78,7 +78,7 @@ def output_clock_crosses_the_wrap(board: BoardClient) -> None:
 
 
 def _clock_to_the_wrap_us(board: BoardClient) -> int:
-    """Return the time until the clock passes 2^32; negative if that was not long ago."""
+    """Return the µs until the device clock passes 2^32, in its first half those since, negative."""
     return -m.signed_difference(board.link.ping(0).t_rx_us, 0, 32)
 
 
@@ -108,7 +108,7 @@ def clock_counts_beyond_32_bits(board: BoardClient) -> None:
 
 
 def _pong_to_last(board: BoardClient, *wires: bytes) -> m.Pong:
-    """Send frames back to back with a final PING; return its reply."""
+    """Send *wires*, of which the last is a PING, back to back; return the reply to that one."""
     return board.link.reply_in(board.link.exchange(*wires)[-1], m.Pong)
 
 
@@ -190,7 +190,10 @@ def clock_stamps_exactly(board: BoardClient) -> None:
 
 
 def _check_clock_of_first_byte(board: BoardClient, base_us: int) -> None:
-    """FAILED unless a PONG after a long reply names the time at which its own first byte left."""
+    """FAILED unless a PONG after a long reply names the time at which its own first byte left.
+
+    *base_us* is the device clock minus the transport's clock; 10 µs of error are allowed.
+    """
     wires = (board.link.request_wire(one)[0] for one in (m.GetGeometry(0, 0xFFFF), m.Ping(3)))
     *_, answer = board.link.exchange(*wires)
     due_us = base_us + board.wire.begun_us(answer)

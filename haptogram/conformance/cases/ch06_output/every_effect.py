@@ -128,7 +128,7 @@ def _complete_upload_for_effect(board: BoardClient) -> None:
 
 
 def _drop_for_effect(counter: str) -> events.Event:
-    """Return an event that sends frames which the board drops and counts in *counter*."""
+    """Return a function that sends frames which the board drops and counts in *counter*."""
 
     def send(board: BoardClient) -> None:
         frames = (
@@ -145,7 +145,7 @@ def _drop_for_effect(counter: str) -> events.Event:
 
 
 def _input(clause: str, name: str, message: m.Message, **header: int) -> Effect:
-    """Return a request as an event, with the effect that the table of HG-6.2 gives it."""
+    """Return *message* as an event; the effect due is that of the table of HG-6.2."""
     due = effects.effect_of_input(OutputInput[message.TYPE.name])
     return Effect(clause, name, lambda board: board.link.ask(message, **header), due)
 
@@ -156,13 +156,16 @@ def _foreign_mute(board: BoardClient) -> None:
 
 
 def _timer(reason: MuteReason, happen: events.Event, needs: m.Feature, *where: str) -> Effect:
-    """Return the event of a timer that mutes, with the effect that is due after it."""
+    """Return a mute by a timer as an event, with the effect that is due after it.
+
+    *happen* lets the timer expire; *where* names the output states to try it in, none: all.
+    """
     due = effects.effect_of_timer(reason)
     return Effect("HG-6.11/5", f"a mute, {reason.name}", happen, due, needs, where)
 
 
 def _upload(name: str, happen: events.Event, due: effects.Due) -> Effect:
-    """Return an event of an upload, with the effect that is due after it."""
+    """Return an event of an upload, caused by *happen*; *due* returns its effect."""
     return Effect("HG-7.4/1", name, happen, due, _UPLOADS)
 
 
@@ -208,7 +211,11 @@ _ARM: Final = next(event for event in _EVENTS if event.name == "ARM")
 
 
 def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held:
-    """Cause the event, return the state that the board holds; FAILED if it takes an old number."""
+    """Cause *effect*, return the held state of the board; FAILED if it takes a used request number.
+
+    Unless *last_us* is 0, a frame for that time, of the last queued one, is sent before: it is
+    dropped.
+    """
     since = board.link.mark()
     if last_us:  # dropped for its order: the margins tell of it
         board.link.stream(board.shortest_stream(), last_us)
@@ -224,7 +231,10 @@ def _held_after_effect(board: BoardClient, last_us: int, effect: Effect) -> Held
 
 
 def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situation) -> None:
-    """FAILED with the name of the first event that changes state it must preserve."""
+    """Bring the board to *situation*, cause *some* events; FAILED if one changes more than is due.
+
+    Due are the changes of its effect; events of other situations are left out.
+    """
     before: Held | None = None
     last_us = brought_us = 0
     config = board.config
@@ -257,8 +267,8 @@ def _judge_arm_behind_effect(
 ) -> None:
     """FAILED if ARM after an event changes anything but the output state.
 
-    Timers that the event has shortened are as in *config* again: on a slow line the readings take
-    longer than they last.
+    *before* is the held state.  Timers that the event has shortened are as in *config* again: on a
+    slow line the readings take longer than they last.
     """
     if board.config != config:
         board.config = config
@@ -270,7 +280,7 @@ def _judge_arm_behind_effect(
 
 
 def _effect_case(clause: str, variant: str) -> Case:
-    """Return the case of a clause that judges its events in every situation."""
+    """Return the case of a clause that judges its events in every state of output and playback."""
     asked = [e for e in _EVENTS if (e.clause, e.variant) == (clause, variant)]
 
     def body(board: BoardClient) -> None:
@@ -334,26 +344,26 @@ class Moment:
 
 
 def _output_with_queue(board: BoardClient) -> None:
-    """Latch a frame, then fill the queue."""
+    """Latch a frame, then queue three for later."""
     latching.latch_now(board)
     OUTPUT_STATES[QUEUES](board)
     board.link.barrier()  # or MUTE may overtake them (HG-3.8/2)
 
 
 def _output_in_ramp(board: BoardClient) -> None:
-    """Queue frames, then wait until the ramp of hold or lease has begun."""
+    """Latch a frame, queue three and wait 70 ms: the hold or lease set before begins its ramp."""
     _output_with_queue(board)
     board.wire.idle(70 * _MS)
 
 
 def _output_of_playback(board: BoardClient) -> None:
-    """Let a playback in a loop sound for a few frames."""
+    """Play a stored sequence in a loop, and wait for five of its frames."""
     OUTPUT_STATES[PLAYING](board)
     playback.let_play(board, 5)
 
 
 def _output_of_playback_in_ramp(board: BoardClient) -> None:
-    """Start a playback whose unattended timer expires, and wait until the ramp has begun."""
+    """Start a playback whose unattended time is 40 ms, and wait 70 ms: its ramp has begun."""
     playback.play_now(board, STORED, loops=0, unattended_ms=40)
     board.wire.idle(70 * _MS)
 
@@ -365,7 +375,10 @@ def _ramp_moment(
     queued: int = 0,
     frames: int | None = None,
 ) -> Moment:
-    """Return the moment in an amplitude ramp to which *bring* brings a board with *config*."""
+    """Return the board's state during an amplitude ramp, reached by *bring* with settings *config*.
+
+    *queued* frames wait in it; *frames* is how many were played, None: nothing plays.
+    """
     needs = _FADES if frames is None else _PLAYS | _FADES
     return Moment(name, _RAMPS | config, bring, queued, frames, needs, _RAMP_MS)
 
@@ -419,7 +432,7 @@ _ENDS: Final = (
 
 
 def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
-    """FAILED unless ending the output in *moment* leads to its state and nothing goes on."""
+    """FAILED unless *end*, sent in state *moment*, leads to the state due and nothing goes on."""
     board.hello()
     board.configure(**{"hold_ms": 5000} | moment.config)
     is_over = end.event is not OutputInput.STOP
@@ -450,7 +463,10 @@ def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -
 
 
 def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) -> None:
-    """FAILED unless a board that played sends one PLAYBACK_ENDED with the frames it played."""
+    """FAILED unless PLAYBACK_ENDED came once if a playback ran in *moment*, else never.
+
+    It has to name the frames played; received frames from number *since* on count.
+    """
     board.link.barrier()
     told = [event for _, event in board.link.events(m.PlaybackEnded, since)]
     stored = playback.phases_that_fit(board, _STORED)
@@ -466,7 +482,10 @@ def _check_end_of_played_output(board: BoardClient, moment: Moment, since: int) 
 
 
 def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> None:
-    """FAILED if a timer, ramp, queue or playback continues after the output went off."""
+    """Arm, watch for *watch_ms*; FAILED if a timer, ramp, queue or playback from before goes on.
+
+    Received frames from number *since* on count.
+    """
     before = len(board.link.events(m.StateChanged, since))
     board.arm()
     with board.counting(latched=0):
@@ -477,7 +496,7 @@ def _check_output_stays_off(board: BoardClient, since: int, watch_ms: int) -> No
 
 
 def _case_of_output_end(end: End) -> Case:
-    """Return the case that ends the output in one way, in every moment."""
+    """Return the case that sends *end* in every state of the output: queued, in a ramp, others."""
 
     def body(board: BoardClient) -> None:
         playback.send_phases_to_store_if_supported(board, STORED, frames=_STORED)

@@ -173,7 +173,7 @@ def output_ramps_end_playback(board: BoardClient) -> None:
 
 
 def _amplitudes_in_ramps(ceiling: int, count: int) -> bytes:
-    """Return test amplitudes around the ceiling and the extremes, one per transducer.
+    """Return *count* amplitude codes in turn: near *ceiling*, its half and double, 0 and 255.
 
     An array of fewer transducers has the first of them.
     """
@@ -207,7 +207,10 @@ def every_ceiling_of_ramps(board: BoardClient) -> None:
 
 
 def _judge_output_ramp(board: BoardClient, ceiling: int, ramp_ms: int, *, plays: bool) -> None:
-    """Let the hold expire; FAILED unless the amplitudes fall along a straight ramp."""
+    """Let the hold expire; FAILED unless the amplitudes fall straight to 0 in *ramp_ms*.
+
+    *ceiling* limits them before; *plays*: they are of a playback, else of the stream.
+    """
     board.arm(hold_ms=_SHORT_MS, ramp_ms=ramp_ms, amplitude_ceiling=ceiling)
     begins = _below_ceiling(_latch_before_ramp(board, plays=plays), ceiling)
     ramp = judged_ramp(board, hold_ms=_SHORT_MS, ramp_ms=ramp_ms)
@@ -216,7 +219,7 @@ def _judge_output_ramp(board: BoardClient, ceiling: int, ramp_ms: int, *, plays:
 
 
 def _latch_before_ramp(board: BoardClient, *, plays: bool) -> bytes:
-    """Latch a stream frame, or play one; return its amplitudes."""
+    """Latch a stream frame or, if *plays*, a stored one; return its N amplitude codes."""
     count = board.identity.transducers
     if plays:
         playback.play_now(board, _SEQUENCE, loops=1)
@@ -270,7 +273,7 @@ def every_ceiling_within_a_ramp(board: BoardClient) -> None:
 
 
 def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
-    """Yield whether drives are played: False, and in virtual time True."""
+    """Yield False: stream frames; then, in virtual time, if the board can play, True: playback."""
     yield False
     if board.has(m.Feature.SEQUENCE_PHASES) and board.wire.is_virtual:
         playback.send_phases_to_store(board, _SEQUENCE, frames=1)
@@ -280,7 +283,10 @@ def _sources_of_drives(board: BoardClient) -> Iterator[bool]:
 def _judge_ramp_with_settings(
     board: BoardClient, ceiling: int, steps: Sequence[Mapping[str, Any]], *, plays: bool
 ) -> None:
-    """FAILED unless a hold ramp stays straight and on time while settings change in *steps*."""
+    """FAILED unless a hold ramp stays straight and on time while settings change in *steps*.
+
+    *plays*: the drive is of a playback, else of the stream; *ceiling* limits it before.
+    """
     ramp_ms = _length_of_long_ramp_ms(board)
     before = {"hold_ms": _SHORT_MS, "ramp_ms": ramp_ms, "amplitude_ceiling": ceiling}
     since = board.arm(**before)
@@ -300,7 +306,7 @@ def _judge_ramp_with_settings(
 
 
 def _length_of_long_ramp_ms(board: BoardClient) -> int:
-    """Return a ramp in which 25 settings can be changed, and as many drives read."""
+    """Return a ramp in ms: 500, or 2000 where 25 settings and read-backs take longer than 500."""
     reads = 25 * (2 * board.identity.transducers + 150)
     needed_us = 4 * board.wire.line_us(reads) + 50 * board.wire.trip_us
     return _LONG_MS // 4 if needed_us <= _LONG_MS // 4 * _MS else _LONG_MS
@@ -321,7 +327,11 @@ def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
 
 
 def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: int) -> None:
-    """FAILED unless a ceiling set in a ramp limits the output, also once the ramp is undone."""
+    """FAILED unless a ceiling set in a ramp limits the output, also once the ramp is undone.
+
+    *timer* begins the ramp under the ceiling *first*; then *then* is set.  With two timers expired
+    the ramp is not undone.
+    """
     long = {"hold_ms": 5000, "host_timeout_ms": 10_000, "ramp_ms": _LONG_MS}
     short = {
         "hold": {"hold_ms": _SHORT_MS},
@@ -400,7 +410,11 @@ class TimerPair:
 
 
 def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> None:
-    """Judge the end of the ramp for the hold with each other timer, either of them first."""
+    """Judge the end of the ramp for the hold with each other timer, either of them first.
+
+    *renewed_by*: what comes in the ramp, a frame or a latch; empty: nothing.  *length_ms* is the
+    length of the ramp, 2000 at most.
+    """
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     others = timer_kinds(board, LEASE, UNATTENDED)
     ramp_ms = min(_LONG_MS, _ramp_time_ms(board, length_ms))
@@ -411,7 +425,10 @@ def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> 
 
 
 def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
-    """Return *length_ms*, times a factor on a slow line or board or after the host was late."""
+    """Return *length_ms*, times a factor on a slow line or board or after the host was late.
+
+    Slow: 200 bytes take 40 ms or more on the line, or a frame over 10 ms to its latch.
+    """
     slow_line, slow_board = board.wire.period_us(200), 2 * board.clock.ready_us(0)
     slow = max(slow_line // _SLOW_LINE_US, -(-slow_board // _SLOW_LINE_US))
     delayed = board.wire.limits.lead_us // (DELAYED_LEAD_FACTOR * WALL_LEAD_US)
@@ -437,7 +454,7 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
 
 
 def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
-    """Start both timers; return when the ramp is due, and the frame that renews one of them."""
+    """Start both timers; return device times in µs: the ramp's begin, and a frame's that renews."""
     hold_ms = _ramp_time_ms(board, _SHORT_HOLD_MS if pair.is_hold_first else _LONG_HOLD_MS)
     other_ms = _ramp_time_ms(board, _OTHER_MS)
     settings: dict[str, Any] = {"hold_ms": hold_ms, "ramp_ms": pair.ramp_ms}

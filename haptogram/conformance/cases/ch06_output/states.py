@@ -102,7 +102,10 @@ def keeps_the_reason_of_the_state(board: BoardClient) -> None:
 
 
 def _judge_requests(board: BoardClient, *, with_reason: bool) -> None:
-    """FAILED unless each request leads from each state to the specified one."""
+    """FAILED unless each request leads from each state to the specified one.
+
+    *with_reason*: the reason of each state is compared too.
+    """
     for bring, due in _asked_output_states(board):
         for one in _inputs_to_output_states(board):
             if one[1] is not None:
@@ -193,7 +196,10 @@ def every_mute_in_every_output_state(board: BoardClient) -> None:
 def _judge_input_to_output_state(
     board: BoardClient, due: StateAndReason, one: _Input, *, with_reason: bool = True
 ) -> None:
-    """FAILED unless the board is in state *due*, and an input causes the specified transition."""
+    """FAILED unless the board is in state *due*, and an input causes the specified transition.
+
+    *with_reason*: the reason of each state is compared too.  A refusal has to name the state.
+    """
     name, event, happen = one
     parts = 2 if with_reason else 1
     before = _output_state(board)
@@ -212,7 +218,7 @@ def _judge_input_to_output_state(
 
 
 def _sessions_of_mutes() -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Yield one MUTE, or two in a row, by name: for each what is XORed with the open session."""
+    """Yield name and sessions of one MUTE or two, XORed with the open session; -1: no session."""
     for name, foreign in (
         ("MUTE", 0),
         ("MUTE of another session", _FOREIGN),
@@ -223,14 +229,17 @@ def _sessions_of_mutes() -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def _mute_of_sessions(board: BoardClient, sessions: tuple[int, ...]) -> None:
-    """Send a MUTE for each session: the open one, another one, or none."""
+    """Send a MUTE for each of *sessions*, XORed with the open session; -1: without a session."""
     for foreign in sessions:
         session = 0 if foreign == _NO_SESSION else board.link.session ^ foreign
         board.mute(session=session)
 
 
 def _judge_rest_behind_mutes(board: BoardClient, since: int, before: m.Counters, name: str) -> None:
-    """FAILED if a MUTE with an empty queue changes other counters or sends events."""
+    """FAILED if a MUTE with nothing queued counts more than frames and requests, or sends events.
+
+    STATE_CHANGED may tell of MUTED, once; received frames from number *since* on count.
+    """
     grown = board.counted_since(before)
     wrong = {key: n for key, n in grown.items() if n and key not in ("frames", "requests")}
     check(not wrong, f"{name} counts {wrong}")
@@ -242,7 +251,7 @@ def _judge_rest_behind_mutes(board: BoardClient, since: int, before: m.Counters,
 
 
 def _asked_output_states(board: BoardClient) -> Iterator[_Origin]:
-    """Yield requests that lead to a state, with the state and the reason that it has then."""
+    """Yield functions that lead to a state by requests, each with that state and its reason."""
     disarmed, muted = OutputState.DISARMED, OutputState.MUTED
     yield partial(board.bring_to, disarmed), (disarmed, MuteReason.DISARM)
     yield partial(_new_session_for_output_state, board), (disarmed, MuteReason.NEW_SESSION)
@@ -251,7 +260,7 @@ def _asked_output_states(board: BoardClient) -> Iterator[_Origin]:
 
 
 def _origins_of_output_states(board: BoardClient) -> Iterator[_Origin]:
-    """Yield everything that leads to an output state, timers included."""
+    """Yield functions that lead to a state, also by timers, each with that state and its reason."""
     yield from _asked_output_states(board)
     for timer in timer_kinds(board, HOLD, LEASE, UNATTENDED):
         yield partial(_mute_by_timer, board, timer), (OutputState.MUTED, timer.reason)
@@ -271,7 +280,7 @@ def _sound_for_output_state(board: BoardClient) -> None:
 
 
 def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
-    """Let one timer expire so that the board mutes."""
+    """Let one timer, of 20 ms, expire so that the board mutes."""
     long = {LEASE.name: 10_000, HOLD.name: 10_000}
     since = board.arm(**long | ({} if timer is UNATTENDED else {timer.name: _SHORT_MS}))
     if timer is UNATTENDED:
@@ -283,7 +292,7 @@ def _mute_by_timer(board: BoardClient, timer: TimerKind) -> None:
 
 
 def _inputs_to_output_states(board: BoardClient) -> Iterator[_Input]:
-    """Yield every input with its name, its event in the table of states, and how to send it."""
+    """Yield every input: name, event in the table of states (None: changes no state), function."""
     plays = bool(board.identity.features & PLAYBACK)
     for event, message in OUTPUT_REQUESTS.items():
         if event is not OutputInput.STOP or plays:
@@ -320,7 +329,7 @@ def recover_from_hardware_fault(board: BoardClient) -> None:
 
 
 def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
-    """Raise a hardware fault in each state; yield its name, and the receive mark before ARM."""
+    """Yield a fault raised in each state: name, number of the first frame received after ARM."""
     for name, bring in output_states(board):
         since = board.arm()
         bring(board)
@@ -380,7 +389,10 @@ def a_hardware_fault_keeps_its_reason(board: BoardClient) -> None:
 
 
 def _judge_inputs_in_fault(board: BoardClient, *, with_reason: bool) -> None:
-    """FAILED unless inputs cause the specified transitions in FAULT, and DISARM leaves it."""
+    """FAILED unless each input in FAULT leads where the table of states says, DISARM to DISARMED.
+
+    *with_reason*: the reason of each state is compared too.
+    """
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=2)
     fault = OutputState.FAULT, MuteReason.FAULT
     again: _Input = "a second fault", None, partial(fail_hardware, board)

@@ -172,7 +172,7 @@ def _other_config_that_shows(board: BoardClient) -> m.Config:
 
 
 def _drives_as_configured(board: BoardClient) -> list[bytes]:
-    """Return the latched and radiated drives, which depend on the configuration."""
+    """Latch a frame; return each drive that can be read back: N phase, then N amplitude codes."""
     board.arm()
     has_points = board.has(m.Feature.POINTS)
     latching.latch_now(board, m.Points((_FOCUS,)) if has_points else board.flat_phases(0x40))
@@ -237,7 +237,7 @@ def keeps_under_the_amplitude_ceiling(board: BoardClient) -> None:
 
 
 def _judge_span(board: BoardClient, whole: Sequence[m.Element], first: int, asked: int) -> None:
-    """FAILED unless GET_GEOMETRY shows the elements of a span that *whole* shows."""
+    """FAILED unless GET_GEOMETRY of *asked* elements from *first* shows these, as in *whole*."""
     reply = board.link.call(m.GetGeometry(first, asked), m.GeometryReply)
     count = board.identity.transducers
     shown = tuple(whole[first : first + min(asked, _ELEMENTS_IN_FRAME)])
@@ -277,7 +277,7 @@ def spans_of_elements(count: int) -> list[tuple[int, int]]:
 
 
 def _judge_geometry(board: BoardClient) -> None:
-    """FAILED unless spans at and around every edge show the elements that the whole shows."""
+    """FAILED unless spans from the first, second, middle and last element are as in the whole."""
     whole, total = board.read_geometry(), board.identity.transducers
     for first, count in spans_of_elements(total):
         _judge_span(board, whole, first, count)

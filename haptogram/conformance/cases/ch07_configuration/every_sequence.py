@@ -131,7 +131,7 @@ def other_sequences_are_uploaded_meanwhile(board: BoardClient) -> None:
 
 
 def _period_to_trace(board: BoardClient) -> int:
-    """Return a playback period long enough to send trace and replies on a slow line."""
+    """Return a playback period in µs, 2000 or what 150 bytes take on the line if that is longer."""
     return board.wire.period_us(_TRACED_BYTES, 2000)
 
 
@@ -238,7 +238,7 @@ def _refused_play_of_sequence(board: BoardClient, sequence: int) -> int | None:
 
 
 def _played_forms(board: BoardClient) -> list[uploads.UploadForm]:
-    """Return the sequence forms that the board can play."""
+    """Return the sequence forms that the board can play; UNIMPLEMENTED if it can play none."""
     board.need_any(m.Feature.SEQUENCE_PHASES | m.Feature.SEQUENCE_POINTS)
     return [form for form in uploads.upload_forms(board, _PLAYED) if form.target]
 
@@ -251,7 +251,7 @@ def _random_frame(board: BoardClient, form: uploads.UploadForm) -> bytes:
 
 
 def _shortest_playback_us(board: BoardClient) -> int:
-    """Return the shortest period at which the board and the line can play."""
+    """Return the shortest period in µs, 200 or more, at which the board can play a point."""
     return playback.shortest_period_to_play_us(board, max(200, board.identity.point_time_us))
 
 
@@ -322,19 +322,22 @@ def playback_of_most_frames_is_what_was_stored(board: BoardClient) -> None:
 
 
 def _store_most_frames(board: BoardClient) -> tuple[uploads.UploadForm, list[bytes]]:
-    """Store a sequence of the form whose frames are the shortest; return both."""
+    """Store a sequence, up to 65537 frames, of the form whose frames are shortest; return both."""
     form = min(_played_forms(board), key=lambda form: form.frame_bytes)
     return form, _store_mixed_frames(board, form, _MOST)
 
 
 def _begin_traced_playback(board: BoardClient) -> int:
-    """Open a session and arm the board with the trace ring on; return the receive mark."""
+    """Open a session, arm with the trace ring on; return the number of the next received frame."""
     board.hello()
     return board.arm(trace_mode=m.TraceMode.RING)
 
 
 def _store_mixed_frames(board: BoardClient, form: uploads.UploadForm, wanted: int) -> list[bytes]:
-    """Store a sequence of up to *wanted* frames with a few distinct patterns; return it."""
+    """Store a sequence of up to *wanted* frames, each one of 5 random ones; return its frames.
+
+    It is shorter if the board has no room for all.
+    """
     wanted = min(wanted, form.most_frames(board))
     frames = uploads.frames_with_room(board, form.kind, form.target, wanted, form.frame_bytes)
     shapes = [_random_frame(board, form) for _ in range(_SHAPES_MIXED)]
@@ -346,7 +349,10 @@ def _store_mixed_frames(board: BoardClient, form: uploads.UploadForm, wanted: in
 def _judge_frames_of_long_playback(
     board: BoardClient, sequence: int, stored: list[bytes], name: str
 ) -> None:
-    """Play a sequence; FAILED unless latches are equal exactly where stored frames are."""
+    """Play a sequence; FAILED unless latches are equal exactly where *stored* frames are.
+
+    The trace ring has to hold the last latches, as many as it keeps; *name* begins the finding.
+    """
     since = _begin_traced_playback(board)
     ended = playback.play_out(board, sequence, len(stored), period_us=_shortest_playback_us(board))
     check_fields(ended, f"{name}: PLAYBACK_ENDED", loops=1, frames=len(stored))
@@ -390,7 +396,7 @@ def many_playback_frames_are_counted(board: BoardClient) -> None:
 
 
 def _check_playback_in_the_ring(board: BoardClient) -> None:
-    """FAILED unless the ring numbers latches beyond 16 bits, and flags a late frame as LATE."""
+    """FAILED unless the trace ring numbers latches beyond 65535 and flags a late frame as LATE."""
     last = board.link.stream_next
     board.link.stream(board.flat_phases(), board.late_time_us(5000))
     board.clock.wait_latched()

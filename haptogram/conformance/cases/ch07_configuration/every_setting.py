@@ -63,7 +63,7 @@ def configured_ceiling_is_in_force_at_once(board: BoardClient) -> None:
 
 
 def _judge_ceilings(board: BoardClient) -> None:
-    """FAILED unless the loudest radiated amplitude equals each ceiling that is set."""
+    """FAILED unless the loudest radiated amplitude code equals each ceiling that is set."""
     for ceiling in _CEILINGS:
         board.configure(amplitude_ceiling=ceiling)
         check_fields(latching.read_back_radiated(board), "a ceiling set meanwhile", loudest=ceiling)
@@ -103,7 +103,7 @@ def configured_trace_modes_are_in_force_at_once(board: BoardClient) -> None:
 
 
 def _settings_beside_timers(board: BoardClient) -> list[dict[str, Any]]:
-    """Return changes of every field; timers are set too long to expire meanwhile."""
+    """Return changes of one field each, for every field; hold and lease become 2 s and 10 s."""
     lengths = [{name: ms} for name in ("hold_ms", "host_timeout_ms") for ms in (2000, 10_000)]
     found = [*every_other_setting(board), *lengths]
     if board.has(m.Feature.AMPLITUDE):
@@ -220,7 +220,7 @@ def every_other_setting(board: BoardClient) -> list[dict[str, Any]]:
 
 
 def _other_settings(board: BoardClient) -> list[dict[str, Any]]:
-    """Return changes of the fields that time no mute; at wall-clock time merged into one."""
+    """Return changes of one field each, not of timers or ramp; at a wall clock merged into one."""
     found = every_other_setting(board)
     if board.has(m.Feature.AMPLITUDE):
         found.append({"amplitude_ceiling": 50})
@@ -233,7 +233,10 @@ def _all_of(settings: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
-    """Set the configuration by one request, with no frame after it; return the reply's time."""
+    """Set the base configuration with *changes* by one request, with no frame after it.
+
+    Returns the device time of the reply in µs.
+    """
     wanted = dataclasses.replace(board.base_config, **changes)
     answer = board.link.ask(m.SetConfig(wanted))
     board.config = board.link.reply_in(answer, m.SetConfigReply, m.SetConfig.TYPE).config
@@ -242,7 +245,10 @@ def _set_configuration_alone(board: BoardClient, **changes: Any) -> int:
 
 
 def _start_played_hold(board: BoardClient) -> int:
-    """Play a sequence to its end; return the time of its last latch, when the hold starts."""
+    """Play a sequence to its end; return the time of its last latch, when the hold starts.
+
+    It is device time in µs.
+    """
     playback.play_now(board, _SEQUENCE, loops=1, period_us=playback.PERIOD_US)
     board.wire.idle(5 * playback.PERIOD_US)
     return board.last_latch_us()
@@ -254,7 +260,11 @@ def _hold_with_configuration(
     length_ms: int,
     changes: Mapping[str, Any],
 ) -> None:
-    """Change the configuration while a hold runs; FAILED unless the hold ends when now due."""
+    """Change the configuration 30 ms into a hold; FAILED unless the hold ends when it is now due.
+
+    *start* latches and returns the time, from which the new length counts; one that is over already
+    ends at once.
+    """
     ramps = board.has(m.Feature.AMPLITUDE)
     before = {"hold_ms": length_ms, "ramp_ms": _RAMP_MS if ramps else 0}
     after = before | dict(changes)
@@ -316,7 +326,10 @@ def configuration_changes_a_running_lease(board: BoardClient) -> None:
 def _lease_with_configuration(
     board: BoardClient, timer: TimerKind, changes: Mapping[str, Any]
 ) -> None:
-    """Change the configuration while a timer runs; FAILED unless it mutes when it is now due."""
+    """Change the configuration 30 ms into a timer; FAILED unless it mutes when it is now due.
+
+    SET_CONFIG starts the lease or unattended time anew; a new length of the lease counts.
+    """
     length_ms = board.clock.timer_ms(_LENGTH_MS, len(board.bytes_of_frames(1)))
     before = {"host_timeout_ms": length_ms, "hold_ms": 5000, "ramp_ms": 0}
     after = before | dict(changes)

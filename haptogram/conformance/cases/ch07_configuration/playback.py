@@ -255,12 +255,14 @@ def streams_after_playback(board: BoardClient) -> None:
 
 
 def _playback_period_us(board: BoardClient) -> int:
-    """Return the period for playbacks in µs, as long as line and board need at least."""
+    """Return the usual playback period in µs, or the board's shortest one if that is longer."""
     return playback.shortest_period_to_play_us(board, playback.PERIOD_US)
 
 
 def _playback_loop_numbers(frames: int) -> list[int]:
-    """Return loop counts at which the loops, or all their frames, just pass a power of two.
+    """Return loop counts at which the loops, or all their frames, reach or pass 2^8 to 2^32.
+
+    There are *frames* in a loop.
 
     Examples
     --------
@@ -276,7 +278,7 @@ def _playback_loop_numbers(frames: int) -> list[int]:
 def _latches_of_playback(
     board: BoardClient, frames: int, loops: int, period_us: int, look_us: int
 ) -> int:
-    """Play, stop after *look_us*, return the latches; FAILED if the playback ended by itself."""
+    """Play for *look_us*, stop; return the number of latches.  FAILED if it ended by itself."""
     board.arm()
     since, before = board.link.mark(), board.status().counters
     start_us = board.wire.now_us()
@@ -307,7 +309,7 @@ def every_number_of_loops_goes_on(board: BoardClient) -> None:
 
 
 def _playback_periods_us() -> list[int]:
-    """Return periods just over 2^b us, ms and tenths of ms, up to 32 bits, of 200 ms and more."""
+    """Return playback periods in µs: 2^b times 1, 100 or 1000, plus 10 ms; 200 ms to 32 bits."""
     edges = {unit << width for unit in (1, 100, 1000) for width in _WIDTHS} | {0xFFFFFFF0}
     return sorted(edge + 10 * _MS for edge in edges if 200 * _MS <= edge < (1 << 32) - 10 * _MS)
 

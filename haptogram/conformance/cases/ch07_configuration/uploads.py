@@ -33,7 +33,10 @@ _LEAST_BYTES: Final = 40  # of an upload with pieces, if the board has room
 
 
 def _sequence_form(board: BoardClient) -> uploads.UploadForm:
-    """Return the first supported upload form of a sequence; else that of the correction."""
+    """Return the first supported upload form of a sequence; else that of the correction.
+
+    UNIMPLEMENTED if the board takes no upload.
+    """
     return max(uploads.upload_forms(board), key=lambda form: form.target > 0)
 
 
@@ -73,7 +76,7 @@ def refuses_uploads_of_broken_size(board: BoardClient) -> None:
 
 
 def _judge_sizes(board: BoardClient, form: uploads.UploadForm) -> None:
-    """FAILED unless uploads of 1 to 3 whole frames are accepted and other sizes are refused."""
+    """FAILED unless uploads of 1 to 3 whole frames are accepted and sizes between are refused."""
     most, unit = board.identity.max_upload_bytes, form.frame_bytes
     for frames in range(1, 1 + _FRAMES if form.target else 2):
         if frames * unit <= most:
@@ -144,7 +147,7 @@ def takes_chunks_in_order(board: BoardClient) -> None:
 
 
 def _send_chunk(board: BoardClient, chunk: m.UploadChunk, due: int) -> None:
-    """FAILED unless a chunk is accepted and the board reports *due* bytes received."""
+    """Send *chunk*; FAILED unless it is accepted and the board reports *due* bytes received."""
     reply = board.link.call(chunk, m.UploadChunkReply)
     check_fields(reply, f"{len(chunk.data)} bytes at {chunk.offset}", received=due)
 
@@ -201,7 +204,10 @@ def takes_chunks_that_fit(board: BoardClient) -> None:
 def _judge_chunks(
     board: BoardClient, form: uploads.UploadForm, size: int, spans: Iterable[tuple[int, int]]
 ) -> None:
-    """FAILED unless only chunks that start at offset 0 and fit in the upload are accepted."""
+    """FAILED unless only chunks that start at offset 0 and fit in the upload are accepted.
+
+    Each of *spans* (offset, length) is the first chunk of an upload of *size* bytes.
+    """
     for offset, length in spans:
         form.begin(board, bytes(size))
         chunk = m.UploadChunk(offset, bytes(length))
@@ -326,7 +332,7 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
 
 
 def _replaced_forms(board: BoardClient) -> Iterator[tuple[uploads.UploadForm, int]]:
-    """Yield upload forms and frame counts such that each form follows every other."""
+    """Yield upload forms and frame counts such that each form follows itself and every other."""
     found = uploads.upload_forms(board, _REPLACED, sorted({1, board.most_points}))
     forms = [form for form in found if form.target]
     pairs = list(zip(forms, (2, 3, 1), strict=False))

@@ -42,7 +42,7 @@ _Bring = Callable[[BoardClient], object]
 
 
 class _TraceRing:
-    """What the trace ring is to tell of the latches of a session.
+    """The records that the trace ring has to hold of the latches of a session.
 
     Whether it keeps, over other trace modes between, what it held before is the board's own choice.
     """
@@ -280,19 +280,19 @@ def reads_back_nothing_first(board: BoardClient) -> None:
 
 
 def _wait_with_a_frame(board: BoardClient) -> None:
-    """Arm the board and queue a frame for later."""
+    """Arm the board and queue a frame that is due in 2 s."""
     board.arm()
     board.link.stream(board.phases(board.random_registers()), board.clock.ahead_us(_AHEAD_US))
 
 
 def _wait_with_a_playback(board: BoardClient) -> None:
-    """Schedule a playback in the future."""
+    """Arm the board and schedule a playback that starts in 2 s."""
     board.arm()
     playback.play_later(board, STORED, _AHEAD_US, loops=1, unattended_ms=2000)
 
 
 def _states_without_a_latch(board: BoardClient) -> Iterator[tuple[str, _Bring]]:
-    """Yield the states of a board before its first latch, in succession."""
+    """Yield the states of a board before its first latch, in succession: name, function."""
     yield "as the session begins", BoardClient.status
     yield "a frame dropped while DISARMED", lambda board: board.link.stream(board.flat_phases(9))
     yield "ARMED", BoardClient.arm

@@ -41,7 +41,7 @@ _STEPS_WITH_LIKE_KEYS: Final = (
 
 
 def _trace_events(board: BoardClient, since: int) -> int:
-    """Return the number of trace events received since a mark."""
+    """Return the number of trace events from received frame *since* on."""
     board.link.barrier()
     return sum(len(board.link.events(kind, since)) for kind in _KINDS)
 
@@ -81,7 +81,11 @@ def _latch_and_play(board: BoardClient, number: int) -> list[m.LatchKey]:
 def _judge_traced_keys(
     board: BoardClient, since: int, mode: m.TraceMode, due: list[m.LatchKey]
 ) -> None:
-    """FAILED unless the traced latches are *due*, in order; the ring may have lost the first."""
+    """FAILED unless the traced latches have the keys *due*, in order.
+
+    They count from received frame *since* on.  In trace mode RING only the last ones are due, as
+    many as the ring keeps.
+    """
     due = due[-board.identity.trace_ring :] if mode is m.TraceMode.RING else due
     got = [latch.key for latch in latching.latches_received_from_board(board, since, mode)]
     check_equal(got, due, f"mode {mode.name}: keys of {len(due)} latches")
@@ -112,7 +116,10 @@ def evidence_names_one_time(board: BoardClient) -> None:
 
 
 def _judge_latch_times(board: BoardClient, mode: m.TraceMode, offsets_us: Sequence[int]) -> None:
-    """FAILED unless all evidence dates a latch to the first carrier period from t_apply on."""
+    """FAILED unless all evidence dates a latch to the first carrier boundary from t_apply on.
+
+    Evidence is STATUS, read-back and trace; t_apply is each of *offsets_us* behind a boundary.
+    """
     for offset_us in offsets_us:
         board.hello()
         since = board.arm(trace_mode=mode)
@@ -239,7 +246,7 @@ def traces_give_way(board: BoardClient) -> None:
 
 
 def _show_under_ceiling(board: BoardClient, **changes: Any) -> None:
-    """Configure ceiling and correction so that radiated and latched drives differ."""
+    """Configure ceiling, correction and *changes* so that radiated and latched drives differ."""
     if board.has(m.Feature.AMPLITUDE):
         changes = {"amplitude_ceiling": _CEILING} | changes
     if board.has(m.Feature.CORRECTION):

@@ -78,7 +78,7 @@ def _check_nothing_clears_counters(board: BoardClient) -> None:
 
 
 def _counts_of_junk(board: BoardClient) -> Iterator[tuple[str, Callable[[], bytes]]]:
-    """Yield each counter with a bad frame that increments it without a reply."""
+    """Yield name of each counter and builder of a bad frame that increments it without a reply."""
     link, used = board.link, board.link.stream_next - 1
     damaged = malformed_by_counter(link)
     damaged["duplicate"] = link.stream_raw(m.Phases.TYPE, b"", seq=used)
@@ -192,7 +192,7 @@ def _counter_preserving_events(board: BoardClient) -> Iterator[tuple[str, Callab
 
 
 def _move_all_counters(board: BoardClient) -> None:
-    """Move every counter that frames and timers can move."""
+    """Increment every counter that frames and timers can; FAILED if one goes back meanwhile."""
     kind = stream_kinds(board)[0]
     before = board.status().counters
     for drop in DROPS:
@@ -215,14 +215,17 @@ def _move_all_counters(board: BoardClient) -> None:
 
 
 def _run_out_lease(board: BoardClient) -> None:
-    """Arm the board with a short lease, and wait until it has expired."""
+    """Arm the board with a lease of 20 ms, and wait until it has expired."""
     board.arm(host_timeout_ms=_LEASE_MS)
     board.link.await_event(m.StateChanged, board.link.mark(), (_LEASE_MS + 200) * _MS)
     board.configure()
 
 
 def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> tuple[int, int]:
-    """Send frames due *ahead_us* from now; return now, and how many the timers allowed to send."""
+    """Send copies of *good* due *ahead_us* from now; return the device time now, and how many.
+
+    The time is in µs.  Those that come only when a timer may have ended are not sent.
+    """
     base_us = board.clock.device_us()
     frames = (board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us)
     wires = board.within_timers(frames)
@@ -233,7 +236,10 @@ def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) ->
 def _check_margins(
     status: m.StatusReply, number: int, least_us: int, mean_us: int, later_us: int
 ) -> None:
-    """FAILED unless STATUS_REPLY has the number, least and mean of the margins that are due."""
+    """FAILED unless STATUS_REPLY has the number, least and mean in µs of the margins that are due.
+
+    Least and mean may be up to *later_us* less, by which the frames came later.
+    """
     check_fields(status, "STATUS_REPLY", margins=number)
     for name, got, due in (
         ("margin_min_us", status.margin_min_us, least_us),
@@ -244,7 +250,10 @@ def _check_margins(
 
 
 def _judge_margins_of(board: BoardClient, good: m.Message, margins: Sequence[int]) -> None:
-    """FAILED unless STATUS reports the margins of the frames sent, and the next STATUS none."""
+    """FAILED unless STATUS reports the margins of the frames sent, and the next STATUS none.
+
+    Copies of *good* are sent that are due *margins* µs from now.
+    """
     board.hello()
     board.arm()
     board.status()

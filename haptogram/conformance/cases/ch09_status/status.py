@@ -98,7 +98,7 @@ def every_playback_last_seq(board: BoardClient) -> None:
 
 
 def _read_last_latch(board: BoardClient) -> dict[str, object]:
-    """Return the last latch as reported by STATUS and read-back, by name."""
+    """Return the last latch by STATUS and, where it can be read back, READ_DRIVE, by field name."""
     status = board.status()
     told: dict[str, object] = {"seq": status.last_seq, "latch_us": status.last_latch_us}
     return told | (
@@ -201,7 +201,7 @@ class _LastLatch:
 
 
 def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch:
-    """Latch on a path; return key and registers of the last latch (*stored*, if it plays)."""
+    """Latch by *path*; return key and phase codes of the last latch, *stored* if the path plays."""
     registers = board.random_registers()
     path.latch(board, board.phases(registers))
     if path.plays:
@@ -210,13 +210,13 @@ def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch
 
 
 def _latch_late(board: BoardClient, frame: m.Message) -> None:
-    """Send a frame that is late, within the late window, and wait for its latch."""
+    """Send a frame that is ready 5 ms late, within the late window, and wait for its latch."""
     board.link.stream(frame, board.late_time_us(_LATE_US))
     board.clock.wait_latched()
 
 
 def _latch_and_replace(board: BoardClient, frame: m.Message) -> None:
-    """Latch the later of two frames that fall on one carrier period."""
+    """Latch *frame*, the later of two that fall on one carrier period."""
     period_us = board.clock.carrier_us
     t_us = board.clock.soon_us(bytes(_HEADERS_BYTES + 2 * len(frame.serialize())))
     board.link.stream(board.flat_phases(), t_us - period_us + 1)
@@ -225,7 +225,7 @@ def _latch_and_replace(board: BoardClient, frame: m.Message) -> None:
 
 
 def _latch_and_flush(board: BoardClient, frame: m.Message) -> None:
-    """Latch at once a frame that flushes one for later."""
+    """Queue a frame due in 2 s, then latch *frame* at once, which flushes it."""
     board.link.stream(board.flat_phases(), board.clock.ahead_us(2_000_000))
     latching.latch_now(board, frame)
 
@@ -238,7 +238,7 @@ def _play_at_once(board: BoardClient, _: m.Message) -> None:
 
 
 def _play_in_time(board: BoardClient, _: m.Message) -> None:
-    """Play the stored sequence from a later time on, to its end."""
+    """Play the stored sequence to its end, from a time on that is 5 ms or more ahead."""
     since = board.link.mark()
     start_us = board.clock.soon_us(bytes(500), ahead_us=5 * _MS)
     playback.play_at(board, _SEQUENCE, start_us, loops=_LOOPS)
@@ -246,7 +246,7 @@ def _play_in_time(board: BoardClient, _: m.Message) -> None:
 
 
 def _await_end(board: BoardClient, since: int) -> None:
-    """Wait for the end of the playback."""
+    """Wait for PLAYBACK_ENDED from received frame *since* on; FAILED if it does not come."""
     latches = _LOOPS * _FRAMES
     traces_us = board.wire.period_us(latches * (2 * board.identity.transducers + _HEADERS_BYTES))
     playback.await_playback_end(board, since, latches * playback.period_to_play(board) + traces_us)
@@ -271,7 +271,7 @@ def _paths_of_latches(board: BoardClient) -> Iterator[_Path]:
 
 
 def _last_stored_frame(board: BoardClient) -> bytes:
-    """Store a sequence if supported; return its last frame."""
+    """Store a sequence and return its last frame; empty if the board stores none."""
     if not board.has(m.Feature.SEQUENCE_PHASES):
         return b""
     return playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)[-1]
@@ -300,7 +300,10 @@ def every_latch_changes_the_status(board: BoardClient) -> None:
 def _judge_latch_on_path(
     board: BoardClient, path: _Path, stored: bytes, mode: m.TraceMode, text: str
 ) -> None:
-    """FAILED unless STATUS, read-back and trace all report the latch that *path* brings."""
+    """FAILED unless STATUS, read-back and trace all report the latch that *path* brings.
+
+    *stored* is the last frame of the sequence; *mode* OFF: there is no trace.
+    """
     before, since = board.status(), board.link.mark()
     last = _latch_on_path(board, path, stored)
     after = board.status()
@@ -315,7 +318,7 @@ def _judge_latch_on_path(
 def _check_status(
     before: m.StatusReply, after: m.StatusReply, path: _Path, last: _LastLatch, text: str
 ) -> None:
-    """FAILED unless STATUS reports the last latch, and its counters the frames of the path."""
+    """FAILED unless *after* reports the *last* latch, and counters grew by the frames of *path*."""
     index = before.last_seq if path.plays else last.key.index
     check_fields(after, f"{text}: STATUS_REPLY", last_seq=index)
     moved = after.last_latch_us != before.last_latch_us
@@ -325,7 +328,7 @@ def _check_status(
 
 
 def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, text: str) -> None:
-    """FAILED unless READ_DRIVE returns key, time and registers of the last latch."""
+    """FAILED unless READ_DRIVE returns key and codes of *last*, and the latch time of *after*."""
     for kind in drive_kinds(board):
         due = {"key": last.key, "t_latch_us": after.last_latch_us}
         due |= {"data": latching.full_client_drive(last.registers)}
@@ -337,7 +340,10 @@ def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, te
 def _check_traces(
     latches: list[latching.ClientLatch], path: _Path, last: _LastLatch, last_us: int, text: str
 ) -> None:
-    """FAILED unless the traced latches are late as due, and the last has its key and time."""
+    """FAILED unless the traced latches are late as due, and the last has its key and time.
+
+    Those of *path* are the last of *latches*; *last_us* is the time due.
+    """
     _, latched, late, _ = path.counted
     new = latches[-latched:]
     flags = [latch.late for latch in new]

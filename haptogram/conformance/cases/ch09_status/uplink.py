@@ -54,7 +54,10 @@ def only_traces_give_way(board: BoardClient) -> None:
 
 
 def _flood_uplink(board: BoardClient, mode: m.TraceMode) -> None:
-    """Let a playback saturate the uplink until the unattended timer mutes; then read all."""
+    """Let a playback saturate the uplink until the unattended timer mutes; then read all.
+
+    FAILED if the mute, a STATUS that was due before it, or an event number is missing.
+    """
     period_ms = board.quick_status_ms
     board.configure(trace_mode=mode, status_period_ms=period_ms)
     board.hello()
@@ -97,7 +100,7 @@ def full_uplink_keeps_numbers(board: BoardClient) -> None:
 def _fill_uplink(board: BoardClient, state: OutputState, mode: m.TraceMode) -> None:
     """Let STATUS saturate the uplink until a timer mutes; FAILED if an event number is missing.
 
-    With a trace a sequence plays meanwhile.
+    *state* is that of the output before.  Unless *mode* is OFF, a sequence plays meanwhile.
     """
     period_ms, alone_ms = board.quick_status_ms, _SILENT_MS
     if mode is not m.TraceMode.OFF:

@@ -30,7 +30,7 @@ _Beyond: TypeAlias = tuple[str, m.Message, m.ErrorCode, int | None, dict[str, An
 
 
 def _values_beyond(least: int, most: int, bits: int) -> list[int]:
-    """Return 0 and values outside the limits, by a power of two or by one bit of *bits*.
+    """Return 0 and values of *bits* bits outside the limits, off by one, a bit or a power of two.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def _values_beyond(least: int, most: int, bits: int) -> list[int]:
 
 
 def _settings_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    """Yield SET_CONFIG requests with one value outside its limits, and the expected error."""
+    """Yield SET_CONFIG requests with one value outside its limits, and the ERROR due."""
     for name, (least, most) in CONFIG_BOUNDS.items():
         for value in _values_beyond(least, most, _WIDTHS[name]):
             if name == "status_period_ms" and value == 0:
@@ -57,7 +57,7 @@ def _settings_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _sizes_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    """Yield uploads of more frames than the board has room for."""
+    """Yield uploads of more frames than the board has room for, and the ERROR due."""
     for form in uploads.upload_forms(board, _SEQUENCE):
         if not form.target:
             continue
@@ -69,7 +69,7 @@ def _sizes_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _targets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    """Yield uploads of a correction with a target other than 0."""
+    """Yield uploads of a correction with a target other than 0, and the ERROR due."""
     offset = m.UploadBegin.WIRE["target"].offset
     for target in _values_beyond(0, 0, _WIDTHS["target"]):
         begin = m.UploadBegin(m.UploadKind.CORRECTION, 0, target, board.identity.transducers, 0)
@@ -77,7 +77,7 @@ def _targets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _offsets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    """Begin an upload; yield chunks with an offset outside it."""
+    """Begin an upload; yield chunks with an offset outside it, and the ERROR due."""
     size = _begin_upload_with_limits(board)
     for offset in _values_beyond(0, size - 1, _WIDTHS["offset"]):
         for length in (1, 2):
@@ -86,7 +86,7 @@ def _offsets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _commits_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    """Begin an upload; yield commits of another target."""
+    """Begin an upload; yield commits of another target, and the ERROR due."""
     _begin_upload_with_limits(board)
     for target in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["target"]):
         commit = m.UploadCommit(target)
@@ -104,7 +104,7 @@ def _begin_upload_with_limits(board: BoardClient) -> int:
 def _elements_beyond_limits(
     make: Callable[[int, int], m.Message], board: BoardClient
 ) -> Iterator[_Beyond]:
-    """Yield requests for transducers beyond the last one."""
+    """Yield requests by *make* (first, number) from beyond the last element, and the ERROR due."""
     count = board.identity.transducers
     for first in _values_beyond(0, count - 1, _WIDTHS["first"]):
         for number in (1, 0xFFFF):
@@ -120,7 +120,7 @@ def _play_within_limits(board: BoardClient) -> m.Play:
 
 
 def _sequences_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    """Yield PLAY requests of sequences that are not stored."""
+    """Yield PLAY requests of sequences that are not stored, and the ERROR due."""
     right = _play_within_limits(board)
     for sequence in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["sequence"]):
         if sequence not in uploads.SEQUENCES:
@@ -130,7 +130,7 @@ def _sequences_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    """Yield PLAY requests with a period or an unattended time out of bounds."""
+    """Yield PLAY requests with period, unattended time or start out of bounds, and the ERROR."""
     right, identity, bad = _play_within_limits(board), board.identity, m.ErrorCode.BAD_VALUE
     header = {"flags": int(m.Flag.IMMEDIATE)}
     bounds = {
@@ -148,7 +148,10 @@ def _playbacks_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _times_beyond_limits(board: BoardClient) -> list[int]:
-    """Return offsets from now that lie before the late window or beyond the horizon."""
+    """Return offsets from now in µs that lie before the late window or 4 s beyond the horizon.
+
+    None of the latter where that is 2^31 µs ahead.
+    """
     passed = [-board.config.late_window_us - (1 << bit) for bit in range(10, 31)]
     horizon_us = board.identity.max_horizon_us + _SPARE_US
     ahead = [horizon_us + (1 << bit) for bit in range(31) if horizon_us + (1 << bit) < _HALF - 1]
@@ -181,7 +184,10 @@ _REQUESTS: Final[
 def _case_of_limits(
     clause: str, needs: m.Feature, names: str, beyond: Callable[[BoardClient], Iterator[_Beyond]]
 ) -> Case:
-    """Return the case that sends the requests of *beyond*; FAILED unless each is refused."""
+    """Return the case that sends the requests of *beyond*; FAILED unless each is refused.
+
+    *names* says in the summary what is beyond its limit.
+    """
 
     def body(board: BoardClient) -> None:
         before = board.link.call(m.GetConfig(), m.ConfigReply)

@@ -157,7 +157,7 @@ class Situation:
 
 
 def _set_before_refusal(board: BoardClient) -> None:
-    """Open a session, with settings away from the default, and an upload of one byte."""
+    """Open a session with settings away from the default and an upload of which a byte is sent."""
     board.hello()
     board.link.stream_next += _GAP  # numbers of more than 16 bits
     board.link.stream(board.shortest_stream(), flags=_UNKNOWN_FLAG)
@@ -207,7 +207,7 @@ def every_refusal_changes_nothing(board: BoardClient) -> None:
 
 
 def _judge_refusals_in_situation(board: BoardClient, situation: Situation) -> None:
-    """FAILED with the name of the first refusal in a situation that changes anything."""
+    """Bring the board to *situation*; FAILED if a request refused in it changes the held state."""
     brought_us = board.wire.now_us()
     last_us, before = brought_to_refusal(board, situation)
     for refusal in list(situation.refusals(board)):
@@ -244,7 +244,7 @@ def held_after_refusals(
 
 
 def _check_upload_resumes(board: BoardClient, name: str) -> None:
-    """FAILED unless the pending upload can be completed, and both sequences play."""
+    """FAILED unless the pending upload can be completed, and it and the stored sequence play."""
     data = pending_before_refusal(board)
     uploads.send_upload_chunks(board, data)
     taken = board.link.ask(m.UploadCommit(PENDING)).message
@@ -293,7 +293,10 @@ def every_refusal_leaves_the_timers(board: BoardClient) -> None:
 def _judge_timer_behind_refusals(
     board: BoardClient, refusals: Sequence[Refusal], *, plays: bool
 ) -> None:
-    """FAILED unless the lease, renewed before refused requests, expires on time."""
+    """FAILED unless the lease or, if *plays*, the unattended time expires on time.
+
+    It counts from a PING behind the refused requests.
+    """
     lease_ms = board.clock.timer_ms(_LEASE_MS, 4 * board.identity.transducers)
     board.hello()
     since = board.arm(host_timeout_ms=2 * lease_ms if plays else lease_ms, hold_ms=10_000)

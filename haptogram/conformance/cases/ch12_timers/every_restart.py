@@ -87,7 +87,7 @@ def latches_renew_no_lease(board: BoardClient) -> None:
 
 
 def _queue_over_lease(board: BoardClient, length_ms: int) -> None:
-    """Latch a frame, then queue a frame for every 50 ms of *length_ms*."""
+    """Latch a frame, queue others 50 ms apart for *length_ms*, as many as the queue takes."""
     latching.latch_now(board)
     first_us = board.clock.soon_us(bytes(4000))
     good, number = board.shortest_stream(), min(board.identity.queue_depth, length_ms // 50)
@@ -197,7 +197,8 @@ def _muted_by_lease_after_ms(
 ) -> float:
     """Return the ms from the start of the lease to its mute, when a frame arrives in between.
 
-    If *plays*, it is the unattended timer. The request *first*, if given, restarts the timer.
+    If *plays*, it is the unattended timer.  It lasts *lasts_ms* and starts at ARM or PLAY, or at
+    the request *first*, if given; *make* builds the frame, sent after *wait_ms*.
     """
     since = board.link.mark()
     answer = board.link.ask(m.Arm())
@@ -220,7 +221,10 @@ def _muted_by_lease_after_ms(
 
 
 def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callable[[], bytes]]]:
-    """Yield frames and requests, also refused ones, that renew the lease: name, builder."""
+    """Yield frames and requests, also refused ones, that renew the lease: name, builder.
+
+    If *plays*, it is the unattended time that they renew.
+    """
     kinds, make = stream_kinds(board), partial(_frame_that_renews, board)
     for stream_kind in kinds:
         frame = stream_kind.make()
@@ -268,7 +272,7 @@ def _repeated_renewals(
 def _frame_that_renews(
     board: BoardClient, kind: int, payload: bytes, back: int | None = None, **header: Any
 ) -> bytes:
-    """Return a frame with the next number; with *back*, a request numbered that much before."""
+    """Return a frame with the next number, or a request numbered *back* before the last one."""
     if kind in m.STREAM_RANGE:
         return board.link.stream_raw(kind, payload, **header)
     seq = board.link.next_seq() if back is None else board.link.seq - back
@@ -276,7 +280,7 @@ def _frame_that_renews(
 
 
 def _dropped_frame_that_renews(board: BoardClient, drop: Drop, kind: StreamKind) -> bytes:
-    """Return one stream frame that the board drops for a given reason."""
+    """Return one stream frame of *kind* that the board drops for the reason *drop*."""
     return next(iter(drop.frames(board, kind, 0)))
 
 
@@ -320,7 +324,7 @@ def _bodies_that_renew_no_lease(board: BoardClient) -> Iterator[tuple[m.Message,
 
 
 def _wrong_crc_renews_no_lease(board: BoardClient) -> Frames:
-    """Return frames of every type with a wrong CRC, by name."""
+    """Return two frames of every type with a wrong CRC, by name."""
     return {
         f"{message.TYPE.name} with a wrong CRC": [
             malformed_frames.malformed_frame(malformed_frames.malformed_with_wrong_crc(body, flip))
@@ -342,7 +346,7 @@ def stale_pings(board: BoardClient) -> Frames:
 
 
 def _defect_renews_no_lease(board: BoardClient) -> Frames:
-    """Return bytes that are no frame, by their defect."""
+    """Return bytes that are no frame, by their defect, and frames of other sessions."""
     ping = board.link.body(m.Ping.TYPE, bytes(8), seq=board.link.seq + 1)
     long = malformed_frames.malformed_noise(board.random, MAX_ENCODED_BYTES + 100)
     frames = {
@@ -363,7 +367,7 @@ def _defect_renews_no_lease(board: BoardClient) -> Frames:
 
 
 def _lease_length_ms(board: BoardClient, frames: Frames) -> int:
-    """Return the length of a timer within which the line carries *frames* three times."""
+    """Return a timer length in ms, 100 or more, in which the line carries *frames* three times."""
     size = sum(len(data) for some in frames.values() for data in some)
     return board.clock.timer_ms(_LENGTH_MS, 5 * size)
 
@@ -374,7 +378,10 @@ def _lease_late_us(
     make: Callable[[BoardClient], Frames],
     names: Sequence[str],
 ) -> int:
-    """Return how late the timer mutes when the named frames are sent three times meanwhile."""
+    """Return by how many µs the timer mutes late when the frames *names* of *make* come meanwhile.
+
+    They come at 0.4, 0.8 and 1.3 of its length; the mute is due after length and ramp.
+    """
     frames = make(board)
     wires = [data for name in names for data in frames[name]]
     length_ms = _lease_length_ms(board, {name: frames[name] for name in names})
@@ -422,7 +429,7 @@ def a_repeated_hello_renews_no_timer(board: BoardClient) -> None:
 
 
 def _repeated_hello_renews_no_lease(board: BoardClient) -> Frames:
-    """Return two frames of HELLO with the open nonce."""
+    """Return two frames of HELLO with the open nonce, by name."""
     hello = board.hello_message(board.link.session)
     wires = [board.link.request_wire(hello, session=0)[0] for _ in range(2)]
     return {"HELLO with the open nonce": wires}

@@ -171,7 +171,10 @@ def wrapping_timer_lengths(least_ms: int, most_ms: int, *, thorough: bool = True
 def _wrapping_case(
     clause: str, timer: TimerKind, text: str, least_ms: int, depth: Depth = Depth.QUICK
 ) -> Case:
-    """Return the case that a timer, at lengths just above powers of two, does not expire early."""
+    """Return the case that a timer, at lengths just above powers of two, does not expire early.
+
+    *text* is its summary, with a place for the lengths; the shortest is *least_ms* or more.
+    """
     title = text.format("just above every power of two of 1 µs to 1 ms do not")
 
     @case(f"{clause}-lengths", title, needs=timer.needs, depth=depth)
@@ -192,7 +195,7 @@ TIMERS_DO_NOT_WRAP: Final = (
 
 
 def _timer_stays(board: BoardClient, timer: TimerKind, length_ms: int) -> None:
-    """FAILED if a timer of *length_ms* expires early, within the first tens of milliseconds."""
+    """FAILED if a timer of *length_ms* expires early, within its first 30 ms."""
     since = board.link.mark()
     start_us = timer.start(board, length_ms)
     board.wire.idle_beyond(min(_LOOK_MS, length_ms - 2 * _OVER_MS) * _MS)
@@ -297,7 +300,7 @@ def every_drop_on_both_sides_of_the_wrap(board: BoardClient) -> None:
 
 
 def _play_across_timer_wrap(board: BoardClient) -> None:
-    """Judge a playback that starts after the clock's wrap and, in virtual time, one across it."""
+    """Judge a playback from 30 ms after the clock's wrap on and, in virtual time, one across it."""
     lead_us = board.clock.ready_us(100 * _MS + 2 * board.wire.limits.lead_us)
     for offset_us in (30 * _MS, -30 * _MS):
         playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
@@ -354,18 +357,24 @@ def every_other_frame_leaves_the_hold(board: BoardClient) -> None:
 
 
 def _length_of_hold_ms(board: BoardClient) -> int:
-    """Return a hold longer than the line needs for the frames of the case."""
+    """Return a hold in ms, as long as the frames of the case take on the line, at most 7000."""
     return min(_MOST_HOLD_MS, _time_of_all_ms(board))
 
 
 def _time_of_all_ms(board: BoardClient) -> int:
-    """Return the time that requests and frames of every kind take on the line, at most."""
+    """Return the time that requests and frames of every kind take on the line, at most.
+
+    It is in ms, 700 or more.
+    """
     sizes = sum(len(kind.make().serialize()) + 20 for kind in stream_kinds(board))
     return board.clock.timer_ms(700, 8 * len(DROPS) * sizes)
 
 
 def _hold_late_us(board: BoardClient, names: Sequence[str]) -> int:
-    """Return how late the hold mutes while requests or dropped frames arrive."""
+    """Return by how many µs the hold mutes late when requests or dropped frames come in it.
+
+    *names* are the reasons of the drops, or requests; the hold counts from the latch.
+    """
     hold_ms = _length_of_hold_ms(board)
     board.hello()
     since = board.arm(hold_ms=hold_ms)
@@ -382,7 +391,10 @@ def _hold_late_us(board: BoardClient, names: Sequence[str]) -> int:
 
 
 def _send_all_during_hold(board: BoardClient, drop: Drop, ahead_us: int) -> None:
-    """Send the frames of a drop, in every format, while the hold runs."""
+    """Send the frames of *drop*, in every format, while the hold runs.
+
+    If the drop needs a frame in the queue, one due in *ahead_us* is sent first.
+    """
     last_us = fill_queue(board, 1, ahead_us) if drop.queued else 0
     for kind in stream_kinds(board):
         board.link.send(*drop.frames(board, kind, last_us))
