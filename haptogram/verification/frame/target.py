@@ -131,7 +131,7 @@ class FrameTarget:
 
     @cached_property
     def _response(self) -> tuple[FloatArray, Bools]:
-        """Return how phase errors move the focus, and which of its coordinates they can show."""
+        """Return (3, N) how many m each rad of phase moves the focus, and which of x, y, z show."""
         return focus_fit.focus_phase_response(self.model, self.position_m, active=self.active)
 
     @property
@@ -157,7 +157,7 @@ class FrameTarget:
         return self._fit(phases_rad, active).position_m - self.position_m
 
     def _fit(self, phases_rad: FloatArray, active: Bools) -> focus_fit.PhaseFit:
-        """Return the focus near the target that best fits the phases of active elements."""
+        """Return the focus near the target that best fits (N,) the phases of *active* elements."""
         return fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
 
     @cached_property
@@ -226,7 +226,7 @@ class FrameTarget:
 
     @property
     def _speed_share(self) -> float:
-        """Return the relative tolerance of the sound speed."""
+        """Return the tolerance of the sound speed, as a share of it."""
         return self.tolerance.speed_share(self.model.medium)
 
     @cached_property

@@ -125,7 +125,7 @@ class ToleratedHost:
 
     @cached_property
     def _drive(self) -> ComplexArray:
-        """Return the drive that a host with this error sends."""
+        """Return the weights (N,) that a host with this error asks for."""
         return self.drive(self.off)
 
     @cached_property
@@ -273,7 +273,7 @@ class ToleratedHost:
         return self._elements_text(model, errors, np.flatnonzero(off))
 
     def _is_proven(self, off: Bools) -> bool:
-        """Return True if a tolerated host explains every element but *off*, and none of these.
+        """Return True if a place and air in tolerance explain all elements but *off*, and no *off*.
 
         A small change of the air can turn an element of a solver's drive far.
         """
@@ -298,7 +298,7 @@ class ToleratedHost:
     def _elements_text(
         self, model: AcousticModel, errors: FloatArray, numbers: NDArray[np.intp]
     ) -> str:
-        """Return the fault of the elements: inverted, swapped, or out of step."""
+        """Return the fault of elements *numbers*: inverted, two swapped, or out of step by rad."""
         names, limit_rad = faulty_elements_text(model, numbers), self._off_rad
         if bool((np.abs(np.abs(errors[numbers]) - math.pi) <= limit_rad).all()):
             return f"{names} inverted"
@@ -329,13 +329,13 @@ def scale_of_tolerance(tolerance: Tolerance, model: AcousticModel) -> FloatArray
 
 
 def _tolerated_shares(share: FloatArray) -> FloatArray:
-    """Return (4,) shares of position and air tolerance, each cut to at most 1 in size."""
+    """Return *share* (4,) with its place (3) shortened to length 1, and its air cut to ±1."""
     length = max(1.0, float(np.linalg.norm(share[:3])))
     return np.append(share[:3] / length, np.clip(share[3], -1.0, 1.0))
 
 
 def _unit_directions() -> FloatArray:
-    """Return uniformly distributed unit vectors."""
+    """Return (128, 3) unit vectors that are spread evenly over all directions."""
     n = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * n / _DIRECTIONS, n * math.pi * (3.0 - math.sqrt(5.0))
     flat = np.sqrt(1.0 - z**2)
