@@ -134,7 +134,10 @@ def _cases_not_judged(suite: SuiteResult) -> list[CaseResult]:
 
 
 def _case_check(result: CaseResult) -> Check:
-    """Return a case as a check; a failure that the baseline expects is not judged."""
+    """Return a case as a check; a failure that the baseline expects is not judged.
+
+    The check is in the group of its chapter, such as HG-5.
+    """
     outcome = _OUTCOMES[MEANINGS[result.behaviour].junit]
     if result.is_failure:  # one that the baseline expects is none
         outcome = Outcome.FAILED if result.is_new_failure else Outcome.NOT_JUDGED
