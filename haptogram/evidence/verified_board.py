@@ -173,7 +173,7 @@ class VerifiedBoard(ClosedByWith):
                 yield f"  {_VIRTUAL_TIME}"
 
     def _records(self) -> list[dict[str, Any]]:
-        """Return the records after 0.3 s (10 s at most) without a new one; stop the board."""
+        """Wait for 0.3 s without a new record (10 s at most), stop the board, return them all."""
         waited_s = quiet_s = 0.0
         count = len(self._board.records())
         while waited_s < min(_LONGEST_S, quiet_s + _QUIET_S):

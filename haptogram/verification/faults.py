@@ -75,7 +75,7 @@ def _drive_fault_phases(drive: Drive) -> Codes:
 
 
 def _signed_drive_difference(difference: Codes) -> Codes:
-    """Return differences of phase codes wrapped to -half a turn up to half a turn."""
+    """Return differences of phase codes wrapped to -half a turn up to, not with, half a turn."""
     return (difference + TURN // 2) % TURN - TURN // 2
 
 
@@ -315,7 +315,7 @@ def _merge_rounding_errors(errors: Codes, step: float) -> Codes:
 
 
 def _numbered_run_text(model: AcousticModel, numbers: NDArray[np.intp]) -> str:
-    """Return "elements 64 to 127" for 3 or more in a row, else a list or number of *numbers*."""
+    """Return "elements 64 to 127" for 3 or more consecutive ones, else their list or number."""
     first, last = int(numbers[0]), int(numbers[-1])
     if len(numbers) > _TWO and last - first + 1 == len(numbers):
         return f"elements {first} to {last}"

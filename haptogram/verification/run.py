@@ -274,7 +274,9 @@ def _conclude_run_verdict(
 ) -> RunVerdict:
     """Return a run's verdict: FAIL if frames are wrong, INCONCLUSIVE if too few are known.
 
-    Too few are less than the share *min_verified*, or any cut off (*cut*) or no longer kept.
+    That is a smaller share than *min_verified*, an interruption (*cut*, None: none), or *not_kept*
+    frames. *quiet_us* are the times of silence, *losses* what the board tells of lost frames (None:
+    nothing).
     """
     not_sent = 0 if cut is None else cut.not_sent
     counts = _run_verdict_counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}

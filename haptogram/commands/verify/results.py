@@ -58,7 +58,7 @@ def write_run_files(
 def _write_pin_calibration(
     path: Path, captures: JoinedCaptureVerdict | None, model: AcousticModel
 ) -> None:
-    """Write the gain and phase offsets measured at the captured pins (None: no captures).
+    """Write the gain and phase offsets that the pins of *captures* show; None shows nothing.
 
     Raises
     ------

@@ -145,7 +145,7 @@ def reader_of_watched(
 
 
 def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> WatchedRecords:
-    """Return the latches in a capture of the pins, with the array of the emulated board."""
+    """Return the latches in a capture of the pins, with the array of the board of *replay*."""
     from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
     from haptogram.evidence.captures.pin_record import pin_record_of_capture

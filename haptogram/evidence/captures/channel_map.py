@@ -191,7 +191,7 @@ class ChannelMap:
 
 
 def _checked_channel_elements(elements: object) -> dict[str, int]:
-    """Return [elements], numbers by channel; refuse none, no whole numbers and doubles."""
+    """Return the elements by channel; refuse none, negative numbers and one element twice."""
     if not isinstance(elements, dict) or not elements:
         raise ConfigurationError("no [elements]; map channels to elements: D1 = 0")
     for name, element in elements.items():

@@ -40,7 +40,7 @@ def _pulses_left_out_text(every: int, record: PinRecord) -> str:
 
 
 def _torn_capture_text(found: HeldDrives, latch: PinLatch) -> str:
-    """Return the text that channels latched late: which, and how much after the first."""
+    """Return the text that channels latched late: which, and how many µs after the first."""
     pins = [found.record.pins[element] for element in found.elements]
     late = [pins[place].channel for place in latch.places[latch.late]]
     shown = ", ".join(late[:4]) + (", ..." if len(late) > 4 else "")

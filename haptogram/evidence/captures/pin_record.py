@@ -142,7 +142,7 @@ def _clock_phase(rises: _Floats, falls: _Floats) -> float:
 def _read_uart_line(
     capture: Capture, mapped: ChannelMap, name: str | None, rate_hz: float, clock: CarrierClock
 ) -> LineBytes | None:
-    """Return the bytes on a line of the UART; None if the map names no such line.
+    """Return the bytes on the UART line *name*, with times in periods; None without a name.
 
     Raises
     ------

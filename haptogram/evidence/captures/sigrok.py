@@ -114,7 +114,10 @@ def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
 
 
 def _sigrok_part(prefix: str, name: str) -> int | None:
-    """Return the number of a sample file, 0 if there is one alone; None for other entries."""
+    """Return the number of a sample file, 0 if there is one alone; None for other entries.
+
+    *prefix* is the name of the only one, or what stands before "-1".
+    """
     if name == prefix:
         return 0
     found = re.fullmatch(rf"{re.escape(prefix)}-(\d{{1,9}})", name)

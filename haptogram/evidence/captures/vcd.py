@@ -166,7 +166,7 @@ class _VcdBody:
     def _without_comments(
         self, data: _Bytes, starts: _Numbers, ends: _Numbers
     ) -> tuple[_Numbers, _Numbers]:
-        """Return begins and ends of tokens, but for keywords and all in comments."""
+        """Return begins and ends of tokens, except for $ words and everything in comments."""
         commands = np.flatnonzero(data[starts] == _DOLLAR) if len(starts) else starts
         # An identifier may begin with a dollar too, but only after its value.
         keep = np.ones(len(starts), np.bool_)

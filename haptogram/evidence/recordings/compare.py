@@ -221,7 +221,7 @@ class ReplayComparison:
 
 
 def _compared_replay_key(piece: Annotated) -> _Key:
-    """Return the key of a frame: number for a reply, latch for an event; STATUS does not count."""
+    """Return the key of a frame: its number for a reply, the latch for an event it tells of."""
     header, fields = piece.header, piece.fields
     assert header is not None  # of an undamaged frame
     if header.type not in EVENT_RANGE:

@@ -353,6 +353,6 @@ def repair_recording(source: Path, target: Path) -> tuple[int, str]:
 
 
 def _readable_entries(recording: Recording) -> Iterator[RecordingEntry]:
-    """Yield the messages that lie before the damage."""
+    """Yield the messages that lie before the damage, or all if there is none."""
     with contextlib.suppress(ConfigurationError):
         yield from recording.entries(channels.CHANNELS)

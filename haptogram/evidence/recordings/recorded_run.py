@@ -139,7 +139,7 @@ def _intended_fields(frame: Intended) -> dict[str, Any]:
 
 
 def _intended_from_fields(fields: Mapping[str, Any], drives: dict[int, Drive]) -> Intended:
-    """Return a frame from its fields; its drive, or that of an earlier frame, is put into *drives*.
+    """Return a frame from its fields, whose drive may be an earlier one's; keep it in *drives*.
 
     Raises
     ------

@@ -78,7 +78,10 @@ def _conformance_failure_lines(
 
 
 def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
-    """Yield each recovery that failed after cases which did not fail, with these cases."""
+    """Yield each recovery that failed after cases which did not fail themselves, with these.
+
+    A case did not fail if its result alone would not be exit status 1.
+    """
     found: dict[str, list[str]] = {}
     for result in failures:
         if MEANINGS[result.behaviour].exit_status != FAIL:

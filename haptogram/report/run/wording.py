@@ -82,7 +82,7 @@ def run_remedy_text(result: Mapping[str, Any]) -> str | None:
 
 
 def _run_fired_faults_wording(faults: Mapping[str, Any]) -> str:
-    """Return how often each injected fault fired, as text."""
+    """Return how often each injected fault fired, as text; or that the board did not tell."""
     if faults["fired"] is None:
         return f"{', '.join(faults['plan'])}; the board did not report how often each fired"
     times = (

@@ -66,7 +66,7 @@ def _nearly_right_drive(wanted: Drive, crc: int) -> Drive | None:
 
 @functools.cache
 def _crc_change_table(length: int) -> NDArray[np.uint32]:
-    """Return (length, 256): the CRC-32 change by each byte of *length*, XORed with each value.
+    """Return (length, 256): how each XOR of each of *length* bytes changes the CRC-32.
 
     The rows are those of XOR: a change of several bits is the XOR of the changes of each.
     """

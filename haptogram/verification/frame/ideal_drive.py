@@ -107,7 +107,10 @@ class IdealFrameDrive:
         return [self._peak(target) for target in self.placed]
 
     def _peak(self, target: FrameTarget) -> ExpectedPeak | None:
-        """Return the peak expected at a target; None without one, or if a coordinate is unseen."""
+        """Return the peak expected at a target; None without one, or if a coordinate is unseen.
+
+        Unseen is an x, y or z of the target that the phases cannot show.
+        """
         if not target.observable.all():
             return None
         return expected_frame_peak(
@@ -151,7 +154,7 @@ class IdealFrameDrive:
         return tolerated
 
     def _rounding_of_level(self, target: FrameTarget) -> float:
-        """Return by how many Pa rounding of phases and amplitudes can change the pressure there."""
+        """Return by how many Pa rounding of the drive can change a target's peak pressure."""
         parts = target.arrivals * self.weights
         total, error_rad = complex(parts.sum()), target.phase_limit_rad
         quadrature = np.abs((parts * (total.conjugate() / abs(total) if total else 1.0)).imag)

@@ -107,7 +107,7 @@ class FrameJudge:
         return target
 
     def _targets(self, intended: Intended) -> list[FrameTarget]:
-        """Return the target of each focus, with its phase limit."""
+        """Return the target of each focus, with the largest phase error that passes there."""
         codes = intended.drive.amplitude_codes.tobytes()
         limit_rad = criteria.frame_phase_limit_rad(intended, self._grain_rad)
         return [self._target(focus.position_m, codes, limit_rad) for focus in intended.foci]
@@ -252,7 +252,10 @@ class FrameJudge:
         return drive, ""
 
     def _unjudged_verdict(self, intended: Intended, observation: Observation) -> FrameVerdict:
-        """Return a verdict with evidence and times of the observation, not yet judged."""
+        """Return a verdict with evidence and times of the observation, not yet judged.
+
+        A latch is late if it was reported so, or from a carrier period after its time on.
+        """
         lateness_us = (
             0 if intended.t_apply_us is None else observation.t_latch_us - intended.t_apply_us
         )
@@ -267,7 +270,7 @@ class FrameJudge:
         )
 
     def _reconstructor(self, steps: int) -> Reconstructor:
-        """Return the cached reconstructor for a phase resolution."""
+        """Return the cached reconstructor for *steps* phases in a period."""
         if steps not in self._reconstructors:
             self._reconstructors[steps] = Reconstructor(self._model)
         return self._reconstructors[steps]

@@ -104,7 +104,7 @@ class OrdinaryFrames:
     def _judged(self, pairs: Sequence[Pair], carrier_us: int) -> list[FrameVerdict | str]:
         """Return the verdict on each pair, or why it needs the full judge.
 
-        A latch counts as late from *carrier_us* on.
+        A latch is late if it was reported so, or from *carrier_us* after its time on.
         """
         pistons, kernels = self._pistons, self._pistons.kernels
         codes = np.array([intended.drive.phase_codes for intended, _ in pairs])
@@ -137,7 +137,11 @@ class OrdinaryFrames:
     def _verdict(
         self, intended: Intended, latch: Observation, measures: list[float], carrier_us: int
     ) -> FrameVerdict:
-        """Return the verdict of a frame that meets all criteria, of the kernel's row *measures*."""
+        """Return the verdict of a frame that meets all criteria.
+
+        *measures* is the frame's row of what the kernel measured; late is *carrier_us* after its
+        time.
+        """
         bx, by, bz, scatter, drift, phase_rad, coherence, loudness, peak_rad, across, along = (
             measures
         )

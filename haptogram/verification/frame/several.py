@@ -291,7 +291,7 @@ class SeveralFociFrame:
     ) -> bool:
         """Return True if each pressure peak is within its focus's limit (3,) plus *miss_mm*.
 
-        False if a focus has no peak.
+        The distance is that from where the ideal drive has the peak; without a peak False.
         """
         return all(
             offset_m is not None
@@ -353,7 +353,10 @@ def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
 
 
 def _solver_failure(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
-    """Yield one finding if a solver other than "naive" did not make the foci; else nothing."""
+    """Yield one finding if a solver other than "naive" did not make the foci; else nothing.
+
+    Made are they with an efficiency of 0.25, and the weakest at 0.2 of their mean, at least.
+    """
     if intended.solver != "naive" and not levels.made:
         yield (
             f"the solver {intended.solver} did not make the foci: efficiency "

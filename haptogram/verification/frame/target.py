@@ -231,7 +231,7 @@ class FrameTarget:
 
     @cached_property
     def _air_fits(self) -> tuple[focus_fit.PhaseFit, focus_fit.PhaseFit]:
-        """The foci fitted to hosts with the fastest and the slowest tolerated air."""
+        """The foci fitted to hosts whose air has the fastest and the slowest sound tolerated."""
         speed_m_s, share = self.model.medium.sound_speed_m_s, self._speed_share
         hosts = (self.model.with_sound_speed(speed_m_s * (1.0 + sign * share)) for sign in (1, -1))
         fast, slow = (focus_phases(host, self.position_m) for host in hosts)
@@ -258,7 +258,7 @@ class FrameTarget:
 
     @cached_property
     def _steepness_rad_m(self) -> float:
-        """RMS change of the phases per metre of a miss, across the beam where that is largest."""
+        """RMS change of the phases in rad per metre of a miss, in the steepest direction."""
         steepest = float(np.linalg.eigvalsh(self.covariance)[-1])
         return self.model.wavenumber * math.sqrt(max(steepest, 0.0))
 

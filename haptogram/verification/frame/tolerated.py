@@ -178,7 +178,7 @@ class ToleratedHost:
 
     @property
     def _off_rad(self) -> float:
-        """Phase error above which a single element counts as wrong."""
+        """Phase error above which an element is wrong: the limit plus what rounding adds."""
         return self.limit_rad + self.rounding_rad
 
     # --- search ----------------------------------------------------------------------------------
@@ -273,9 +273,10 @@ class ToleratedHost:
         return self._elements_text(model, errors, np.flatnonzero(off))
 
     def _is_proven(self, off: Bools) -> bool:
-        """Return True if a place and air in tolerance explain all elements but *off*, and no *off*.
+        """Return True if some place and air explain all elements but *off*, and none of these.
 
-        A small change of the air can turn an element of a solver's drive far.
+        Place and air are within the tolerance; a small change of the air can turn an element of a
+        solver's drive far.
         """
         rest = self.active & ~off
         host = dataclasses.replace(self, active=rest).searched()
@@ -298,7 +299,10 @@ class ToleratedHost:
     def _elements_text(
         self, model: AcousticModel, errors: FloatArray, numbers: NDArray[np.intp]
     ) -> str:
-        """Return the fault of elements *numbers*: inverted, two swapped, or out of step by rad."""
+        """Return how elements *numbers* are wrong: inverted, two swapped, or off by up to N rad.
+
+        *errors* (N,) are the phase errors of all in rad.
+        """
         names, limit_rad = faulty_elements_text(model, numbers), self._off_rad
         if bool((np.abs(np.abs(errors[numbers]) - math.pi) <= limit_rad).all()):
             return f"{names} inverted"

@@ -204,7 +204,7 @@ class _PinJudge:
         return len(torn)
 
     def _note_events(self) -> None:
-        """Note lost and late frames as events, which alone do not fail the verdict."""
+        """Note frames that were lost, or late by over 2 periods, as events: they do not fail it."""
         for frame in np.flatnonzero(self.shown.lost):
             self.events.append(f"{frame}: not latched; the pins kept the drive they had")
         for frame in self._late_frames:
@@ -514,7 +514,7 @@ class _PinJudge:
 
     @cached_property
     def _limits(self) -> PinLimits:
-        """Return the tolerances of the capture."""
+        """Return the largest errors in phase and amplitude that pass, by the sampling rate."""
         return PinLimits.of(self.record)
 
     def _check_carrier(self) -> None:
@@ -547,7 +547,10 @@ class _PinJudge:
         end: EndOfSound,
         levels: LevelsInTime | None,
     ) -> PinVerdict:
-        """Return the verdict: FAIL with findings, else INCONCLUSIVE with gaps, else PASS."""
+        """Return the verdict: FAIL with findings, else INCONCLUSIVE with gaps, else PASS.
+
+        *judged* is a mask (F,); *levels* None: the amplitudes in time are not known.
+        """
         if self.record.cut:
             self.missing.append(f"the capture was cut off: {self.record.cut}")
         wrong = [line for lines in self.findings.values() for line in lines]

@@ -124,7 +124,7 @@ class _AlignedPins:
 
     @cached_property
     def _limits(self) -> PinLimits:
-        """Return the tolerances of the capture."""
+        """Return the largest errors in phase and amplitude that pass, by the sampling rate."""
         return PinLimits.of(self.record)
 
     def steps(self, as_due: PinDrives, before: NDArray[np.int64]) -> PinSteps:

@@ -151,7 +151,7 @@ class Expectation:
         )
 
     def _shows_focus(self, target: FrameTarget, steps: int) -> bool:
-        """Return True if the elements' phases, in *steps*, suffice to prove a focus at *target*."""
+        """Return True if ideal phases, in *steps* a period, are proof of a focus at *target*."""
         step_rad = 2.0 * math.pi / steps
         phases_rad = np.round(target.phases_rad / step_rad) * step_rad
         ideal = np.zeros(len(target.active), dtype=np.complex128)

@@ -178,9 +178,9 @@ class MistakeFit:
         return float(np.median(sums))
 
     def _residual(self, share: float, shift: FloatArray) -> FloatArray:
-        """Return (T, N) phase errors in rad at foci moved by *shift*, in air of 1 + *share*.
+        """Return (T, N) phase errors in rad at foci moved by *shift* (3,), with another wavenumber.
 
-        The share is that by which the wavenumber is larger.
+        It is larger by *share*.
         """
         arrival = self._phases + self._k * (1.0 + share) * self._distances(shift)
         common = np.angle((np.exp(1j * arrival) * self._sounding).sum(axis=1))
@@ -407,5 +407,5 @@ def _sorted(
 
 
 def _key(parts: tuple[Part, ...]) -> tuple[tuple[Defect, str], ...]:
-    """Return the defects and their texts as a key; the text is "" where it has figures."""
+    """Return the defects and their texts as a key; for axes and speed, which have figures, ""."""
     return tuple((d, "" if d in (Defect.AXES, Defect.SPEED) else text) for d, text in parts)

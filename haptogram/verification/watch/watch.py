@@ -187,7 +187,10 @@ class Watch:
         return ClientMistakes(self._model, made, axes, [*self._aims.values()])
 
     def _hints(self, mistakes: ClientMistakes | None) -> Iterator[str]:
-        """Yield explanations of wrong foci that are likely but not proven."""
+        """Yield explanations of wrong foci that are likely but not proven.
+
+        *mistakes* None: there was no wrong latch to search.
+        """
         yield from (f"not verified: {note}" for note in self._notes)
         count = self._model.array.count
         if count < _LEAST_ELEMENTS and self._expectation is None and Unnamed.kind in self._kinds:
