@@ -199,7 +199,7 @@ class RunVerdict(Judged):
 
 
 def _run_verdict_summary(run: RunVerdict) -> Iterator[str]:
-    """Yield the lines of the summary."""
+    """Yield the lines of a run's summary for the terminal: verdict, counts, errors, faults."""
     result, counts = run.as_dict(), run.counts
     yield run.sentence
     yield (

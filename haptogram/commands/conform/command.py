@@ -283,7 +283,7 @@ def _compare_conform_results(arguments: argparse.Namespace) -> int:
 def _write_conform_results(
     suite: SuiteResult, outputs: CommandOutputs, *, in_virtual_time: bool = False
 ) -> bool:
-    """Write the files; return False if one could not be written."""
+    """Write --json, --html and the other files; return False if one could not be written."""
     from haptogram.conformance.run.baseline import write_suite_baseline
     from haptogram.report.conformance.document import suite_document
     from haptogram.report.conformance.result import write_suite_json

@@ -154,7 +154,7 @@ def _case_check(result: CaseResult) -> Check:
 
 
 def _chapter_table(suite: SuiteResult) -> Table:
-    """Return the number of cases in each chapter, by behaviour."""
+    """Return a table of the number of cases in each chapter, a column for each behaviour."""
     shown = wording.ordered_behaviours(result.behaviour for result in suite.results)
     rows = []
     for chapter, results in wording.conformance_chapters_of_cases(suite.results).items():

@@ -163,7 +163,10 @@ class LiveViewerScene:
             self._counters[record["event"].replace("_", " ")] += 1
 
     def _shown_counters(self) -> dict[str, Any]:
-        """Return the counters that are not 0, firmware, state and last remark."""
+        """Return what the view lists: counters that are not 0, firmware, state and last remark.
+
+        A board of another dialect has no state; without a remark there is none.
+        """
         counted = {name: count for name, count in self._counters.items() if count}
         shown = counted | {"board": self.firmware}
         if self._has_states:

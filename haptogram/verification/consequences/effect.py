@@ -154,7 +154,10 @@ def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
 
 
 def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return *begin_us* to *end_us* with miss and pressure of the old drive, None if unknown."""
+    """Return the stretch from *begin_us* to *end_us*, in which the old drive was held.
+
+    Its miss and pressures are those of the frame's consequence; None if that is not known.
+    """
     held = frame.consequence
     if held is None:
         return _HeldStretch(begin_us, end_us, None, None, None)

@@ -189,7 +189,10 @@ class SingleFocusFrame:
         return measures, verdicts | {"S5": s5}
 
     def _is_in_place(self, found: acoustics.Reconstruction) -> bool:
-        """Return True if criterion S2 holds: *found* is a focus, and at its target."""
+        """Return True if criterion S2 holds: *found* is a focus, and at its target.
+
+        At the target is within what rounding and the tolerance allow.
+        """
         if not isinstance(found, acoustics.SingleFocus):
             return False
         offset_m = np.array(found.position_m) - self.target.position_m

@@ -178,9 +178,9 @@ class MistakeFit:
         return float(np.median(sums))
 
     def _residual(self, share: float, shift: FloatArray) -> FloatArray:
-        """Return (T, N) phase errors in rad at foci moved by *shift* (3,), with another wavenumber.
+        """Return (T, N) phase errors in rad at foci moved by *shift* (3,), in m.
 
-        It is larger by *share*.
+        The wavenumber is larger by *share*; what is common to a frame is taken away.
         """
         arrival = self._phases + self._k * (1.0 + share) * self._distances(shift)
         common = np.angle((np.exp(1j * arrival) * self._sounding).sum(axis=1))

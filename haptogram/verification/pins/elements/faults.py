@@ -212,7 +212,8 @@ def _constant_pin_fault(
 ) -> PinFault | None:
     """Return the fault of one phase error, or one phase, in all frames; None if they vary.
 
-    *errors* and *limit* are in rad; values within twice the limit of their mean do not vary.
+    *seen* and *meant* are the drives of the pin, *errors* their phase errors in rad. Values within
+    twice *limit* of their mean do not vary.
     """
     shift = float(np.angle(np.exp(1j * errors).sum()))
     if np.abs(wrapped_phases(errors - shift)).max() <= 2.0 * limit and abs(shift) > limit / 2.0:
