@@ -64,7 +64,7 @@ def run_budget(arguments: argparse.Namespace) -> int:
 
 
 def _run_own_budget(config: BudgetConfig) -> int:
-    """Print the measured budget of each frame format; return 1 if it cannot hold the rate."""
+    """Print the measured budget of each frame format; return 1 if phases miss the rate, else 0."""
     from haptogram.campaigns.bench import frame_budget
 
     wake_ns = frame_budget.measure_budget_wake_ns(config.rate_hz)
@@ -80,7 +80,10 @@ def _run_own_budget(config: BudgetConfig) -> int:
 
 
 def _run_dialect_budget(arguments: argparse.Namespace) -> int:
-    """Print the frames per second that the line of other boards carries; return 1 if too few."""
+    """Print how many frames per second the line of other boards carries.
+
+    Returns 1 if that is less than the rate that was asked for, at the first baud; else 0.
+    """
     from haptogram.driver.line.budget import highest_line_rate_hz, line_transmission_ns
     from haptogram_protocol.dialects.table import DIALECTS
 
@@ -107,7 +110,10 @@ def _run_dialect_budget(arguments: argparse.Namespace) -> int:
 
 
 def _frame_budget_text(asked: frame_budget.FrameBudget, wake_ns: int, config: BudgetConfig) -> str:
-    """Return a table of the stages of one frame: where a period goes."""
+    """Return a table of the stages of one frame: how much of a period each takes.
+
+    *wake_ns* is the median lateness of a loop that sleeps.
+    """
     from haptogram.report.formats.console import console_table
 
     period_us = 1e6 / config.rate_hz
@@ -155,7 +161,7 @@ def _budget_table(budgets: list[frame_budget.FrameBudget], wake_ns: int) -> str:
 
 
 def _answer_budget(baudrate: int) -> str:
-    """Return how long a PING takes, and how well the clock is known, by USB latency timer."""
+    """Return a table of a PING's round trip and the clock's uncertainty, by USB latency timer."""
     from haptogram.driver.line.budget import frame_bytes_on_line, line_round_trip_ns
     from haptogram.report.formats.console import console_table
     from haptogram_protocol.messages import Ping, Pong

@@ -102,7 +102,7 @@ def run_soak(arguments: argparse.Namespace, board_maker: Callable[[str | None], 
 
 
 def _make_soak_campaign(arguments: argparse.Namespace) -> SoakCampaign:
-    """Return a new soak, or that of the file --resume, with the same settings."""
+    """Return a new soak, or the one kept in the file --resume, with the same settings."""
     from haptogram.campaigns.soak.campaign import SoakCampaign
 
     setup = settings_of(arguments, SoakSetup)
@@ -126,7 +126,7 @@ def _resume_hint(arguments: argparse.Namespace, campaign: SoakCampaign) -> str:
 
 @contextlib.contextmanager
 def _soak_command_progress(campaign: SoakCampaign, *, quiet: bool) -> Iterator[Progress | None]:
-    """Yield a progress bar of virtual minutes, speed and violations; None if quiet."""
+    """Yield a function that shows virtual seconds done, speed and violations; no bar if quiet."""
     start_s, began_s, all_min = campaign.done_s, time.monotonic(), campaign.setup.seconds / 60
     with campaign_progress(
         "soak", quiet=quiet, unit="virtual min", initial=round(start_s / 60, 2)

@@ -96,14 +96,14 @@ def run_sweep(arguments: argparse.Namespace, parser_of: ParserOf, run_words: Run
 
 
 def _journal_path(path: Path | None) -> Path | None:
-    """Return the file that journals finished rows; None without a file, or for a pipe."""
+    """Return FILE.part, the journal of finished rows; None without a file, or for a pipe."""
     if path is None or kind_of_file(path) is not Kind.FILE:
         return None
     return path.with_name(f"{path.name}.part")
 
 
 def _open_sweep_workers(arguments: argparse.Namespace) -> OpenWorkers:
-    """Return a function that opens the workers: processes, or Dask with --scheduler."""
+    """Return a function that opens the workers: processes (--jobs), or Dask with --scheduler."""
     from haptogram.campaigns.sweep.workers import dask_workers, process_workers
 
     if arguments.scheduler is None:
@@ -120,7 +120,7 @@ def _sweep_resume_hint(campaign: SweepCampaign) -> str:
 
 
 def _sweep_exit_status(campaign: SweepCampaign) -> int:
-    """Return the worst exit status: fail, then interrupted, error, inconclusive; else pass."""
+    """Return the worst status: fail 1, interrupted 130, error 2, inconclusive 3; else pass 0."""
     verdicts = {row["verdict"] for row in campaign.rows.values()}
     if "fail" in verdicts:
         return FAIL
@@ -133,7 +133,7 @@ def _sweep_exit_status(campaign: SweepCampaign) -> int:
 
 @contextlib.contextmanager
 def _sweep_progress(campaign: SweepCampaign, *, quiet: bool) -> Iterator[Callable[[], None]]:
-    """Yield a function that updates the progress bar: points done, and failed ones."""
+    """Yield a function that updates the progress bar: points done, and those that did not pass."""
     initial = len(campaign.rows)
     with campaign_progress("sweep", quiet=quiet, unit="points", initial=initial) as bar:
 

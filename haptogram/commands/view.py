@@ -94,7 +94,7 @@ def run_view(arguments: argparse.Namespace) -> int:
 
 
 def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
-    """Serve a page of the frames in a recording; return the exit status."""
+    """Write a page of a recording's frames with --html, else serve it; return the exit status."""
     from haptogram.report.viewer.recorded import viewer_scene_of_recording
     from haptogram.report.viewer.scene import view_document
 
@@ -111,7 +111,7 @@ def _view_recording(arguments: argparse.Namespace, outputs: CommandOutputs) -> i
 
 
 def _view_board(arguments: argparse.Namespace, outputs: CommandOutputs) -> int:
-    """Serve a live page of a board's back door; return the exit status."""
+    """Serve a live page of a board's back door, or write one (--html); return the exit status."""
     from haptogram.evidence.backdoor import BackdoorReader
     from haptogram.report.viewer.live import LiveViewerScene
     from haptogram.report.viewer.scene import view_document
@@ -136,7 +136,10 @@ def _serve_view(
     outputs: CommandOutputs,
     live: tuple[LiveViewerScene, BackdoorReader] | None = None,
 ) -> int:
-    """Serve a page, live with new records, until Ctrl-C or the starting program ends it."""
+    """Serve a page until Ctrl-C or the starting program ends it; return the exit status.
+
+    *live* is the scene and back door whose records are followed; None: the page stays as it is.
+    """
     from haptogram.report.formats.html import render_document_page
     from haptogram.report.viewer.server import ViewServer
 
@@ -162,7 +165,10 @@ def _serve_view(
 def _follow_view(
     server: ViewServer, scene: LiveViewerScene, stream: BackdoorReader, *, is_started: bool
 ) -> None:
-    """Pass new records to the view's server; once the board has ended, do nothing."""
+    """Pass new records to the view's server; once the board has ended, do nothing.
+
+    *is_started*: a program started the view, so that no hint at Ctrl-C is printed.
+    """
     if scene.ended:
         return
     records = stream.read()
@@ -173,7 +179,7 @@ def _follow_view(
 
 
 def _is_starter_there() -> bool:
-    """Return False if standard input has ended: the program that started the view is gone."""
+    """Return False if standard input has ended or is closed: the starting program is gone."""
     if sys.stdin is None:
         return False
     while select.select([sys.stdin], [], [], 0.0)[0]:
@@ -183,14 +189,14 @@ def _is_starter_there() -> bool:
 
 
 def _wants_view_in_browser(wish: bool | None) -> bool:
-    """Return True if a browser is to open: by option, else if a desktop exists."""
+    """Return True if a browser is to open: by *wish* or, if None, where there is a desktop."""
     if wish is None:
         return sys.platform in ("darwin", "win32") or any(map(os.environ.get, _DESKTOPS))
     return wish
 
 
 def _view_address(text: str) -> tuple[str, int]:
-    """Return host and port of HOST:PORT."""
+    """Return IPv4 address and port of a text ADDRESS:PORT; refuse any other."""
     host, _, port = text.rpartition(":")
     try:
         ipaddress.IPv4Address(host)

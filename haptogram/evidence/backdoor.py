@@ -87,7 +87,7 @@ def board_model_of_evidence(board: Mapping[str, Any]) -> AcousticModel:
 
 
 def _parse_directivity(written: str) -> CircularPiston | PointSource:
-    """Return the directivity whose repr a record has as text."""
+    """Return the directivity whose repr is *written* in a record; refuse one that is not known."""
     if written == repr(PointSource()):
         return PointSource()
     if (piston := _PISTON.fullmatch(written)) is None:
@@ -127,7 +127,7 @@ def observations_of_backdoor(
 def _latch_records_of(
     records: Iterable[Mapping[str, Any]], session: int | None
 ) -> Iterator[Mapping[str, Any]]:
-    """Yield the records of latches, of one session or of all."""
+    """Yield the records of latches, of one *session*; None: of all."""
     for record in records:
         if record["kind"] == "latch" and session in (None, record["session"]):
             yield record
@@ -163,7 +163,10 @@ def why_observations_incomplete(
 
 
 def _lacked_latches(records: Sequence[Mapping[str, Any]], session: int | None) -> int:
-    """Return how many latch records are missing: gaps in a session's numbers, or dropped ones."""
+    """Return how many latch records are missing: gaps in a session's numbers, or dropped ones.
+
+    For *session* None only those count that the end record says were dropped.
+    """
     numbers = [record["number"] for record in _latch_records_of(records, session)]
     end = _end_record(records)
     gaps = max(numbers) + 1 - len(numbers) if numbers and session is not None else 0
@@ -252,7 +255,10 @@ def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
 
 
 def _wrap_shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:
-    """Return how many µs of 32-bit wraps to add to latch times to count as *intended*; else 0."""
+    """Return the µs (multiples of 2**32) that put latch times next to those of *intended*.
+
+    The first latch of a frame with a due time decides; 0 if there is none.
+    """
     frames = ((frame.key, frame.t_apply_us) for frame in intended)
     due_us: dict[FrameKey, int] = {}
     for latched_key, t_us in latched:
@@ -363,7 +369,7 @@ directory): start one with haptogram board --backdoor unix:/nowhere
         self._input.close()
 
     def _record(self, line: bytes) -> dict[str, Any]:
-        """Return a line of the back door as a record; raise if it is none."""
+        """Return a line of the back door as a record; raise, naming its number, if it is none."""
         self._lines += 1
         try:
             record: dict[str, Any] = json.loads(line)
@@ -389,7 +395,7 @@ class _BackdoorSocketReader:
         self._socket.setblocking(False)
 
     def receive(self) -> bytes | None:
-        """Return the bytes that have come; None: no more will come."""
+        """Return the bytes that have come, b"" if none yet; None: no more will come."""
         try:
             return self._socket.recv(_AT_A_TIME) or None
         except BlockingIOError:
@@ -402,7 +408,7 @@ class _BackdoorSocketReader:
 
 
 def _open_backdoor_reader(path: str, flags: int) -> int:
-    """Open a file for reading, or a pipe without waiting for a board that writes to it."""
+    """Open a file for reading, or a pipe without waiting for a board; return its descriptor."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
@@ -412,7 +418,7 @@ class _BackdoorFileStream:
             self._file = open(path, "rb", buffering=0, opener=_open_backdoor_reader)  # noqa: SIM115  closed by close()
 
     def receive(self) -> bytes | None:
-        """Return the bytes that were appended."""
+        """Return up to 1 MiB that was appended, b"" if nothing was."""
         return self._file.read(_AT_A_TIME) or b""
 
     def close(self) -> None:

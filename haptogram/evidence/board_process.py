@@ -93,7 +93,10 @@ class BoardProcess:
             time.sleep(_POLL_S)
 
     def _step(self) -> str:
-        """Return what the starting process does now, by the last line of its log."""
+        """Return what the starting process does now, by the last line of its log.
+
+        Without a line the interpreter starts.
+        """
         *_, last = ["", *self.log().splitlines()]
         return last.rpartition(_STARTING)[2] or _INTERPRETER
 

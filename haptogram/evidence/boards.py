@@ -225,7 +225,10 @@ class InProcessBoardUnderTest(BoardUnderTest):
 
 
 def _last_latch_due_ns(driver: Driver, now_ns: int) -> int:
-    """Return when the last frame is due on the host's clock, at most a full queue from now."""
+    """Return when the last frame is due by the host's clock, 2 s from *now_ns* at most.
+
+    Without a frame, or for one with no due time, it is *now_ns*.
+    """
     due_us = driver.intended[-1].t_apply_us if driver.intended else None
     due_ns = now_ns if due_us is None else driver.clock.to_host_ns(due_us) + _AFTER_LAST_NS
     return min(due_ns, now_ns + _LONGEST_QUEUE_NS)
@@ -287,7 +290,10 @@ class PortBoardUnderTest(BoardUnderTest):
         self._dropped_before = driver.status().counters.trace_dropped
 
     def _best_trace(self, features: Feature) -> TraceMode | None:
-        """Return the most detailed trace mode that serves this run; None without trace."""
+        """Return the trace mode to use of *features*: CRC, drives, kept on the board; else None.
+
+        If the board computes drives, the drives come first.
+        """
         by_feature = {
             Feature.TRACE: TraceMode.CRC,
             Feature.TRACE_DRIVE: TraceMode.DRIVE,
@@ -299,7 +305,10 @@ class PortBoardUnderTest(BoardUnderTest):
 
     @staticmethod
     def _gaps_of(mode: TraceMode, divider: int) -> str | None:
-        """Return as text which latches a trace mode leaves out; None if it shows them all."""
+        """Return as text which latches a trace mode leaves out; None if it shows them all.
+
+        *divider* N: the drive of every N-th latch is traced.
+        """
         if mode is TraceMode.OFF:
             return "the board has no trace in force, and its last drive only was read back"
         if mode is TraceMode.DRIVE and divider > 1:
@@ -423,7 +432,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
         self.unseen = why
 
     def _why_incomplete(self, driver: AnyDriver) -> str | None:
-        """Return why latches of sent frames are missing in the back door; None if none are."""
+        """Return why latches of sent frames are missing in the back door; None if all are there."""
         if are_records_of_another_dialect(self._seen):
             if has_dialect_latched_all(driver.intended, self._seen):
                 return None
@@ -432,7 +441,7 @@ class ShownPortBoardUnderTest(BoardUnderTest):
         return backdoor.why_observations_incomplete(self._seen, driver.session, last)
 
     def _read(self) -> bool:
-        """Read new records; return False after a short sleep if none has arrived."""
+        """Read new records; if none has arrived, sleep 10 ms and return False."""
         if found := self._reader.read():
             self._seen += found
             return True

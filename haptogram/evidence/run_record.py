@@ -232,7 +232,7 @@ def beginning_sink(writer: RecordingWriter, sink: Sink | None = None) -> Sink:
 
 
 def _calibration_of_run(config: VerifyConfig) -> Calibration | None:
-    """Return the calibration of the elements; None if no file is named: all are equal."""
+    """Return the calibration of the elements; None if no file is named, as all are equal."""
     file = config.elements.calibration
     return None if file is None else Calibration.from_file(file)
 
@@ -240,7 +240,7 @@ def _calibration_of_run(config: VerifyConfig) -> Calibration | None:
 def _note_calibration_of_run(
     found: RunRecord, elements: Calibration, assumed: AcousticModel
 ) -> None:
-    """Give the calibration to the judge; warn that the host did not compensate for it.
+    """Give the calibration to the judge; add a warning if the host did not compensate for it.
 
     Raises
     ------
@@ -265,7 +265,8 @@ def _checked_run(
 ) -> Iterator[None]:
     """Check tolerance and calibration before the first frame; close the driver after the last.
 
-    A board that does not answer then is a warning, and not the end of the results.
+    A board that does not answer then is a warning, and not the end of the results. *elements* None:
+    no calibration is checked.
     """
     try:
         if elements is not None:
@@ -288,7 +289,10 @@ def _observe_run(
     settling: Progress | None,
     tap: RecordingTransport | None,
 ) -> None:
-    """Add the latches of *board* to the record, once the board has settled."""
+    """Add the latches of *board* to the record, once the board has settled.
+
+    They are recorded with *tap*, if there is one.
+    """
     board.settle(driver, settling, skip_fields=found.interrupted)
     found.observations = board.observations(driver)
     found.unseen, found.fault_counts = board.unseen, board.fault_counts
@@ -298,7 +302,7 @@ def _observe_run(
 
 @contextlib.contextmanager
 def _interrupted_run(found: RunRecord, driver: AnyDriver, total: int) -> Iterator[None]:
-    """On Ctrl-C, mute the board and note after how many frames the run was cut."""
+    """On Ctrl-C, note after how many of *total* frames the run was cut, and mute the board."""
     try:
         yield
     except KeyboardInterrupt:
@@ -324,9 +328,10 @@ def _earliest_mute_us(driver: Driver) -> int:
 def _cut_of_run(
     found: RunRecord, driver: AnyDriver, board: BoardUnderTest, total: int, *, faulty: bool
 ) -> Iterator[None]:
-    """On a broken link or Ctrl-C, note where the run was cut; wait for frames on the board.
+    """On a broken link or Ctrl-C, note after how many of *total* frames the run was cut.
 
-    An error of the board ends the run so only if it is *faulty*; else it is raised.
+    Then frames still on the board are waited for. An error of the board ends the run so only if it
+    is *faulty*; else it is raised.
     """
     try:
         with _interrupted_run(found, driver, total):
@@ -341,7 +346,7 @@ def _cut_of_run(
 
 
 def _counter_growth(driver: Driver, before: Counters) -> dict[str, int]:
-    """Return by how much every counter of the board grew."""
+    """Return by how much every counter of the board grew since *before*."""
     after = driver.status().counters
     return {
         name: (getattr(after, name) - getattr(before, name)) % (1 << 32) for name in Counters.WIRE
@@ -349,7 +354,10 @@ def _counter_growth(driver: Driver, before: Counters) -> dict[str, int]:
 
 
 def _effective_lease_us(driver: Driver, config: VerifyConfig) -> int:
-    """Return the lease, or unattended time of a sequence, less the error of the clock."""
+    """Return the lease, of a sequence its unattended time, less the error of the clock.
+
+    That is the time after which the board mutes if no frame comes.
+    """
     is_played = config.drive.mode == "sequence"
     played_ms = default_unattended_ms(driver.identity)
     lease_ms = played_ms if is_played else driver.config().host_timeout_ms
@@ -359,7 +367,10 @@ def _effective_lease_us(driver: Driver, config: VerifyConfig) -> int:
 def _pause_timeouts_us(
     driver: Driver, timeouts_us: Iterable[int], lease_us: float
 ) -> tuple[int, ...]:
-    """Return the timeouts that fall where the host was silent for longer than the lease."""
+    """Return the timeouts that fall where the host was silent for longer than the lease.
+
+    A frame takes up to 5 ms after a silence. All times are those of the device.
+    """
     silences = [(begin + lease_us, end + _UNDER_WAY_US) for begin, end in driver.silences_us()]
     return tuple(t for t in timeouts_us if any(low <= t <= high for low, high in silences))
 
@@ -367,7 +378,7 @@ def _pause_timeouts_us(
 def _unexpected_run_counters(
     driver: Driver, growth: dict[str, int], expected: Iterable[str]
 ) -> dict[str, dict[str, int]]:
-    """Return error counters that grew and are not *expected*, of "board" and "host"."""
+    """Return error counters of "board" and "host" that grew and are not *expected*; {} if none."""
     fine = GROWING_COUNTERS.union(expected)
     sides = {"board": growth, "host": driver.link_counters}
     bad = {
@@ -393,7 +404,7 @@ def _display_run(
 
 
 def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
-    """Return the latches; of those of a playback only the ones of intended frames."""
+    """Return the latches; of a sequence, which goes on, only those of intended frames."""
     wanted = {intended.key for intended in found.intended}
     return only_kept_records(
         found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted
@@ -401,7 +412,7 @@ def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
 
 
 def _board_state_changes(driver: Driver, report: StreamReport | PlayReport | None) -> list[str]:
-    """Return texts on state changes that the board made on its own.
+    """Return texts on state changes that the board made on its own; None for *report*: all.
 
     Those before the first frame are left out: while many frames are prepared the lease may expire,
     and the driver arms the board again.

@@ -147,7 +147,10 @@ class VerifiedBoard(ClosedByWith):
     # --- verdict -------------------------------------------------------------------------------
 
     def _judge(self) -> Iterator[str]:
-        """Yield the verdict and each problem as lines; nothing if there is no problem."""
+        """Yield the verdict and each problem as lines; nothing if there is no problem.
+
+        Refuses a test that did not say which foci it expects.
+        """
         if not self._frames_m:
             raise ConfigurationError(
                 "verified_board: the test did not say which foci it expects: call "
@@ -170,7 +173,7 @@ class VerifiedBoard(ClosedByWith):
                 yield f"  {_VIRTUAL_TIME}"
 
     def _records(self) -> list[dict[str, Any]]:
-        """Wait until the board is idle, stop it and return its records."""
+        """Wait for 0.3 s without a new record (10 s at most), stop the board, return them all."""
         waited_s = quiet_s = 0.0
         count = len(self._board.records())
         while waited_s < min(_LONGEST_S, quiet_s + _QUIET_S):
@@ -182,7 +185,7 @@ class VerifiedBoard(ClosedByWith):
         return self._board.records()
 
     def _watched(self, records: Sequence[Mapping[str, Any]]) -> tuple[WatchResult, int]:
-        """Return the verdict on all latches against the expected foci, and how many sounded."""
+        """Return the verdict on all latches against the expected foci, and how many were judged."""
         board = WatchedBoard(records[0])
         frames_m = [board.ours_m(frame) for frame in self._frames_m]
         expected = Expectation(board.model, frames_m, tolerance=self._tolerance)
@@ -198,7 +201,10 @@ class VerifiedBoard(ClosedByWith):
 def _verified_focus_problems(
     result: WatchResult, count: int, frames: int, rounds: int | None
 ) -> Iterator[str]:
-    """Yield a line for foci off target, and one if not *rounds* x *count* frames latched."""
+    """Yield a line for foci off target, and one if not *rounds* x *count* frames latched.
+
+    None for *rounds*: any whole number of times *count*, but 0, is right.
+    """
     if result.verdict is not Verdict.PASS:
         yield "foci      not all are where they were expected"
     if rounds is not None and frames != rounds * count:
@@ -208,14 +214,14 @@ def _verified_focus_problems(
 
 
 def _verified_late_problems(records: Sequence[Mapping[str, Any]], most: int) -> Iterator[str]:
-    """Yield a line if more than *most* frames were latched late."""
+    """Yield a line if more than *most* frames were latched late, with their indices."""
     late = [record["index"] for record in records if record["kind"] == "latch" and record["late"]]
     if len(late) > most:
         yield f"late      {len(late)} frames were latched late: {_indices_text(late)}"
 
 
 def _verified_lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield the stream frames that are missing between two that were latched."""
+    """Yield a line on stream frames that are missing between two that latched; else nothing."""
     last: dict[int, int] = {}
     lost: list[int] = []
     for record in records:
@@ -229,7 +235,7 @@ def _verified_lost_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[st
 
 
 def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield a line if the output was still on before power-down."""
+    """Yield a line if the output was on before power-down, or the board muted it by itself."""
     states: list[Mapping[str, Any]] = []
     for record in records:
         if record.get("event") == "power_down":
@@ -246,6 +252,6 @@ def _verified_armed_problems(records: Sequence[Mapping[str, Any]]) -> Iterator[s
 
 
 def _indices_text(indices: Sequence[int]) -> str:
-    """Return the first indices as text, and how many more there are."""
+    """Return the first 5 indices as text, and how many more there are."""
     more = f" and {len(indices) - _SHOWN} more" if len(indices) > _SHOWN else ""
     return f"index {', '.join(map(str, indices[:_SHOWN]))}{more}"

@@ -167,7 +167,10 @@ class VirtualBoard(ClosedByWith):
     def _power_up(
         self, config: BoardConfig, elements: Calibration | None, *, reconstruct: bool = True
     ) -> None:
-        """Start the board, in this program or in a process, with a fresh back door."""
+        """Start the board, in this program or in a process, with a fresh back door.
+
+        *elements* (None: all are equal) is its calibration; *reconstruct*: it reports foci too.
+        """
         if config.dialect is None:  # before a process is started, so that it can be refused
             self.model = _board_model(config, elements)
         self._has_faults = bool(config.plan.faults)
@@ -191,7 +194,10 @@ class VirtualBoard(ClosedByWith):
             undo.pop_all()
 
     def _started(self, config: BoardConfig, *, reconstruct: bool) -> BoardInProgram | BoardProcess:
-        """Start the board in this program, or in a process that listens at a link."""
+        """Return the started board: in this program if virtual, else a process at a link.
+
+        *reconstruct*: its back door also tells the field of each drive.
+        """
         if self.is_virtual:
             board = BoardInProgram(config, self.backdoor, reconstruct=reconstruct)
             self.url = board.url
@@ -405,7 +411,7 @@ def _check_one_session(intended: Sequence[Intended]) -> None:
 
 
 def _board_model(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
-    """Return the true acoustic model of a virtual board."""
+    """Return the true acoustic model of a virtual board, with its calibration if *elements*."""
     model = AcousticModel(
         TransducerArray.parse(config.array or DEFAULT_ARRAY, pitch_m=config.pitch_mm / 1000),
         Medium.air(config.temperature_c),
@@ -515,6 +521,6 @@ class BoardRecords:
 
     @property
     def _is_closed(self) -> bool:
-        """Return True once the end record has been received."""
+        """Return True once the record has come that says that the board has ended."""
         records = self.records
         return bool(records) and records[-1]["kind"] == "end"

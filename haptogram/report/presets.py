@@ -23,7 +23,7 @@ def presets_text(compared: Iterable[tuple[Preset, list[dict[str, Any]]]]) -> str
 
 
 def _presets_text_section(preset: Preset, rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield lines on one array: its source, and published beside computed figures."""
+    """Yield lines on one array: its source, and published beside computed figures (*rows*)."""
     yield from console_paragraph(f"{preset.name}: {preset.title}")
     yield from console_paragraph(f"source: {preset.source}", indent=2)
     yield from console_paragraph(f"geometry: {preset.array_source}", indent=2)

@@ -70,12 +70,12 @@ def drive_fault_candidates(model: AcousticModel, intended: Intended) -> Iterator
 
 
 def _drive_fault_phases(drive: Drive) -> Codes:
-    """Return the phase codes, scaled to the largest number of bits that a phase can have."""
+    """Return the (N,) phase codes of a drive, scaled to the most bits that a phase can have."""
     return drive.phase_codes.astype(np.int64) << (MAX_PHASE_BITS - drive.phase_bits)
 
 
 def _signed_drive_difference(difference: Codes) -> Codes:
-    """Return differences of phase codes wrapped to -half a turn up to half a turn."""
+    """Return differences of phase codes wrapped to -half a turn up to, not with, half a turn."""
     return (difference + TURN // 2) % TURN - TURN // 2
 
 
@@ -83,7 +83,7 @@ def _signed_drive_difference(difference: Codes) -> Codes:
 
 
 def _silent_element_drive_faults(model: AcousticModel, silent: NDArray[np.bool_]) -> Iterator[str]:
-    """Name the dead elements, by columns and rows where possible."""
+    """Name the elements of the mask *silent*, by columns and rows where possible; else nothing."""
     if silent.all():
         yield "the whole array is silent"
     elif silent.any():
@@ -93,7 +93,7 @@ def _silent_element_drive_faults(model: AcousticModel, silent: NDArray[np.bool_]
 def _drive_faults_by_line(
     model: AcousticModel, wrong: NDArray[np.bool_], what: str
 ) -> Iterator[str]:
-    """Name whole columns (one ix) and rows (one iy) of the grid first, then single elements."""
+    """Name whole columns (one ix) and rows (one iy) of *wrong*, then elements, each with *what*."""
     left = wrong.copy()
     if model.array.grid_shape is not None:
         grid = left.reshape(model.array.grid_shape)  # a view: lines are taken out of `left`
@@ -114,7 +114,7 @@ def faulty_elements_text(model: AcousticModel, numbers: Sequence[int] | NDArray[
 
 
 def _faulty_element_text(model: AcousticModel, number: int) -> str:
-    """Return the number of an element, with its column and row in a grid."""
+    """Return an element as "17 (1, 1)", number, column and row; "17" for an array without grid."""
     if model.array.grid_shape is None:
         return str(number)
     return f"{number} ({number // model.array.grid_shape[1]}, {number % model.array.grid_shape[1]})"
@@ -123,7 +123,7 @@ def _faulty_element_text(model: AcousticModel, number: int) -> str:
 def _amplitude_drive_faults(
     intended: Intended, latched: Drive, silent: NDArray[np.bool_], allowance: int
 ) -> Iterator[str]:
-    """Name the number of wrong amplitudes, and the worst error."""
+    """Name the number of sounding elements over *allowance* codes off, and the worst; else none."""
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
     wrong = (np.abs(difference) > allowance) & ~silent
     if wrong.any():
@@ -144,7 +144,11 @@ def _phase_drive_faults(
     allowance: int,
     grid: PhaseGrid,
 ) -> list[str]:
-    """Name what explains wrong phases: rounding, order, sign, groups or single elements."""
+    """Name what explains the wrong phases of the mask *off*; UNNAMED alone if nothing does.
+
+    Tried are rounding down (without *allowance*), a common phase, order, sign, groups and single
+    elements. Codes up to *allowance* apart count as equal.
+    """
     wanted = _drive_fault_phases(intended.drive)
     down = None if allowance else _rounded_down_drive_fault(model, intended, grid)
     if down is not None and np.array_equal(found, down):
@@ -169,7 +173,7 @@ def _phase_drive_faults(
 def _mixed_up_drive_fault(
     model: AcousticModel, intended: Intended, wanted: Codes, found: Codes, grid: PhaseGrid
 ) -> list[str]:
-    """Name the wrong order, sign or packing of elements that explains a drive."""
+    """Name the wrong order, sign or packing of elements that makes *found* of *wanted*; else []."""
     # A board that mixes up the elements may round the halves its own way: then a step is allowed.
     for allowance in (0, -(-grid.registers // grid.steps) * grid.code):
         for name, candidate in mixed_up_drives(model, intended, wanted):
@@ -186,7 +190,7 @@ def _mixed_up_drive_fault(
 
 
 def _is_same_faulty_drive(found: Codes, candidate: Codes, allowance: int) -> bool:
-    """Return True if two sets of phases agree within *allowance*, up to a common phase."""
+    """Return True if phase codes agree within ± *allowance* codes, up to a common phase."""
     difference = _signed_drive_difference(found - candidate)
     relative = _signed_drive_difference(difference - difference[0])
     return bool(np.ptp(relative) <= 2 * allowance)
@@ -206,7 +210,7 @@ def _rounded_down_drive_fault(
 
 
 def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | None:
-    """Return by how many places the elements were rolled, with the smaller sign; None if not."""
+    """Return by how many places *found* is *wanted* rolled, -N/2 to N/2; None if it is not."""
     count = len(wanted)
     start = np.arange(1, count)
     # Three elements tell almost every shift apart; only what passes is compared as a whole.
@@ -224,7 +228,7 @@ def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | No
 def _swapped_drive_fault(
     model: AcousticModel, wanted: Codes, found: Codes, off: NDArray[np.bool_]
 ) -> list[str]:
-    """Name two elements that have each other's phase."""
+    """Name the two elements of *off* if each has the other's phase; [] if not, or not two."""
     numbers = np.flatnonzero(off)
     if len(numbers) != 2:
         return []
@@ -237,7 +241,10 @@ def _swapped_drive_fault(
 def _single_element_drive_faults(
     model: AcousticModel, difference: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> Iterator[str]:
-    """Name wrong elements by their error, together where they share it."""
+    """Name the elements of *off* by their phase error, those with the same error together.
+
+    More than 8 elements are first searched for groups; of more than 8 errors the largest is named.
+    """
     if off.sum() > _NAMED_ELEMENTS and not _are_lines(model, off):
         lags = dict(enumerate((difference * (np.pi * 2.0 / TURN)).tolist()))
         limit_rad = np.pi * grid.code / TURN
@@ -256,7 +263,7 @@ def _single_element_drive_faults(
 
 
 def _are_lines(model: AcousticModel, off: NDArray[np.bool_]) -> bool:
-    """Return True if exactly a few columns or one row of the grid are off.
+    """Return True if *off* holds only up to 3 whole columns, or one row; False without a grid.
 
     Several rows are not lines: elements with the same remainder say more about the board.
     """
@@ -270,7 +277,10 @@ def _are_lines(model: AcousticModel, off: NDArray[np.bool_]) -> bool:
 
 
 def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid) -> list[str]:
-    """Name parts of the array that each share one error; [] if chance could explain that."""
+    """Name up to 3 parts of the array, each with one error; [] if chance could explain that.
+
+    Errors count relative to the commonest one, from two phase steps on.
+    """
     values, counts = np.unique(difference, return_counts=True)
     relative = _signed_drive_difference(difference - values[counts.argmax()])
     relative = _merge_rounding_errors(relative, grid.step)
@@ -290,9 +300,10 @@ def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid)
 
 
 def _merge_rounding_errors(errors: Codes, step: float) -> Codes:
-    """Return *errors* with values one step from the commonest replaced by it.
+    """Return *errors* in codes, those within *step* of a commoner one replaced by it.
 
-    A phase that is added before the rounding makes two codes of one error.
+    A phase that is added before the rounding makes two codes of one error. Errors of less than two
+    steps stay.
     """
     joined, left = errors.copy(), np.abs(errors) >= _TWO * step
     values, counts = np.unique(errors[left], return_counts=True)
@@ -304,7 +315,7 @@ def _merge_rounding_errors(errors: Codes, step: float) -> Codes:
 
 
 def _numbered_run_text(model: AcousticModel, numbers: NDArray[np.intp]) -> str:
-    """Return "elements 64 to 127", or the number of elements if they are not consecutive."""
+    """Return "elements 64 to 127" for 3 or more consecutive ones, else their list or number."""
     first, last = int(numbers[0]), int(numbers[-1])
     if len(numbers) > _TWO and last - first + 1 == len(numbers):
         return f"elements {first} to {last}"
@@ -314,7 +325,7 @@ def _numbered_run_text(model: AcousticModel, numbers: NDArray[np.intp]) -> str:
 def _shared_phase_fault(
     model: AcousticModel, found: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> list[str]:
-    """Name wrong elements that share one phase, if that is unlikely by chance."""
+    """Name the elements of *off* that all share one phase; [] if not, or if chance explains it."""
     numbers = np.flatnonzero(off)
     bits = (len(numbers) - 1) * np.log2(grid.steps)
     if bits < _CHANCE_BITS or (found[numbers] != found[numbers[0]]).any():
@@ -327,7 +338,7 @@ def _shared_phase_fault(
 def _stuck_element_drive_faults(
     model: AcousticModel, found: Codes, off: NDArray[np.bool_], phases: PhaseGrid
 ) -> list[str]:
-    """Name columns or rows whose elements all have one phase, if that explains all errors."""
+    """Name columns or rows that have one phase each and hold every element of *off*; else []."""
     if model.array.grid_shape is None:
         return []
     grid, wrong = found.reshape(model.array.grid_shape), off.reshape(model.array.grid_shape)

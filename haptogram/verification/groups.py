@@ -99,7 +99,10 @@ def groups_of_elements(
 def _shared_lag(
     members: Sequence[int], lags_rad: Mapping[int, float], spread_rad: float
 ) -> float | None:
-    """Return the lag within *spread_rad* of that of all *members*; None if there is none."""
+    """Return the mean lag of *members* if all lie within *spread_rad* of it.
+
+    None if they do not, or if the lags of fewer than 3 are known.
+    """
     lags = np.array([lags_rad[element] for element in members])
     lags = lags[np.isfinite(lags)]
     if len(lags) < _FEWEST:
@@ -112,7 +115,7 @@ def _shared_lag(
 def _classes_of_elements(
     elements: Sequence[int], channels: Mapping[int, str]
 ) -> Iterator[_Classes]:
-    """Yield ways to group elements: by the port in their channel's name, remainder, block."""
+    """Yield groupings of elements, each by name: port in the channel's name, remainder, block."""
     by_port: _Classes = defaultdict(list)
     for element, channel in channels.items():
         stem = _NUMBERED.fullmatch(channel)
@@ -137,7 +140,10 @@ def _classes(elements: Sequence[int], names: Sequence[str]) -> _Classes:
 
 
 def _lag_text(lag_rad: float, limit_rad: float, steps: int, base: str) -> str:
-    """Return a phase lag in words: inverted, in steps, or in degrees after *base*."""
+    """Return a phase lag in words: inverted, in steps, or in degrees behind or ahead of *base*.
+
+    *limit_rad* is how far it may be from half a turn; from a whole step, twice that at most.
+    """
     degrees = math.degrees(lag_rad)
     count = round(lag_rad * steps / math.tau)
     step_rad = math.tau / steps

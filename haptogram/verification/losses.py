@@ -90,7 +90,7 @@ class LossJudge:
         return dataclasses.replace(missed, status=status, faults=faults, note=note)
 
     def _loss(self, wanted: Intended, due: DueFrame) -> tuple[FrameStatus, str, str]:
-        """Return status, fault and reason of a frame that was not latched."""
+        """Return status, fault and reason ("" where none) of a frame that was not latched."""
         known, drop = self._known, self._known.drops.get(wanted.key)
         latest_us, sent_us = wanted.t_latest_us, wanted.t_sent_us
         if latest_us is not None and wanted.is_held_up:
@@ -118,7 +118,7 @@ class LossJudge:
 
     @property
     def _first_due_us(self) -> float:
-        """Return the last latch's time or, if later, the first lost frame's earliest due time."""
+        """Return the last latch's time or, if later, the first lost frame's; -inf if neither."""
         return max(self._last_us, -math.inf if self._first is None else self._first[0].earliest_us)
 
 
@@ -128,7 +128,7 @@ def _loss_ms(time_us: int) -> str:
 
 
 def _left_in_time(spare_us: int) -> str:
-    """Return a text on the time margin with which a frame left the host."""
+    """Return the text that a frame left the host *spare_us* before it had to be at the board."""
     return f"it left the host {_loss_ms(spare_us)} before it had to be at the board"
 
 
@@ -175,7 +175,7 @@ def unnamed_losses_reason(
 
 
 def _counted_drops_text(lost: Sequence[FrameVerdict], counters: Mapping[str, int]) -> str:
-    """Return the observed drops as text, else the board's counts of drops."""
+    """Return the observed drops as text; else the board's counts, or that it counted none."""
     named = Counter(fault for frame in lost for fault in frame.faults)
     found = ", ".join(f"{name} {number}" for name, number in (named or counters).items())
     return found or _NOT_COUNTED

@@ -111,7 +111,7 @@ def grid_orders(grid: Codes) -> Iterator[tuple[str, Codes]]:
 
 
 def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:
-    """Yield drives in which every second element repeats its neighbour's phase."""
+    """Yield by name the drives in which every second element repeats its neighbour's phase."""
     pairs = wanted[: len(wanted) // 2 * 2].reshape(-1, 2)
     for kept, name in ((0, "before"), (1, "behind")):
         copied = wanted.copy()
@@ -120,7 +120,7 @@ def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:
 
 
 def _serpentine_drive_order(grid: Codes) -> Codes:
-    """Return the codes with every second row reversed."""
+    """Return the codes *grid* (nx, ny) with every second row of the matrix reversed."""
     result = grid.copy()
     result[1::2] = result[1::2, ::-1]
     return result
@@ -153,13 +153,16 @@ def shaped_drive_fault(
 
 
 def _code_range(codes: NDArray[np.float64]) -> float:
-    """Return max - min of the phase codes after their common phase is removed."""
+    """Return max - min of the phase codes, in codes, after their common phase is removed."""
     common = np.angle(np.exp(2j * np.pi * codes / TURN).sum()) * TURN / (2.0 * np.pi)
     return float(np.ptp((codes - common + TURN / 2.0) % TURN))
 
 
 def _is_half_plane(difference: Codes, around: NDArray[np.float64]) -> bool:
-    """Return True if half the codes, on one side of a line through the centre, are inverted."""
+    """Return True if the codes on one side of a line through the centre are half a turn off.
+
+    That side has 30 to 70 % of them; *around* (N,) is the direction of each from the centre.
+    """
     turned = (difference - difference[0]) % TURN == TURN // 2
     if not turned.any() or ((difference - difference[0]) % (TURN // 2)).any():
         return False

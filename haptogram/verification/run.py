@@ -215,7 +215,7 @@ def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
 def _without_earlier(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
-    """Yield what is of intended frames, or of later stream frames: earlier ones are not kept."""
+    """Yield observations of intended frames, and of stream frames not before the first of these."""
     wanted = {frame.key for frame in intended}
     streamed = [key.index for key in wanted if key.sequence == STREAM]
     first = min(streamed, default=None)
@@ -244,7 +244,10 @@ def _frames_by_drive(intended: Sequence[Intended]) -> dict[int, list[int]]:
 def _named_by_other_frame(
     verdict: FrameVerdict, latch: Observation, drives: Mapping[int, Sequence[int]]
 ) -> FrameVerdict:
-    """Return *verdict* with the nearest frame of the latched drive as fault, if there is one."""
+    """Return *verdict* with the nearest frame of the latched drive as fault; as is without one.
+
+    *drives* has the numbers of the frames by the CRC of their drive.
+    """
     crc = latch.drive_crc if latch.drive is None else latch.drive.digest()
     numbers = () if crc is None else drives.get(crc, ())
     if not numbers:
@@ -269,7 +272,12 @@ def _conclude_run_verdict(
     not_kept: int,
     losses: BoardLosses | None,
 ) -> RunVerdict:
-    """Return the verdict of a run: FAIL if frames are wrong, INCONCLUSIVE if too few are known."""
+    """Return a run's verdict: FAIL if frames are wrong, INCONCLUSIVE if too few are known.
+
+    That is a smaller share than *min_verified*, an interruption (*cut*, None: none), or *not_kept*
+    frames. *quiet_us* are the times of silence, *losses* what the board tells of lost frames (None:
+    nothing).
+    """
     not_sent = 0 if cut is None else cut.not_sent
     counts = _run_verdict_counts(frames, unexpected) | {"not_sent": not_sent, "not_kept": not_kept}
     effect = RunConsequences.of(frames, quiet_us)

@@ -145,7 +145,7 @@ class RunVerdict(Judged):
         return max(found, key=lambda one: one.total, default=None)
 
     def _uncertainty_dict(self) -> dict[str, float] | None:
-        """Return the parts of the position uncertainty and their total; None if not known."""
+        """Return the parts of the position uncertainty and their total in mm; None if not known."""
         found = self.place_uncertainty
         return None if found is None else {**found._asdict(), "total": found.total}
 
@@ -199,7 +199,7 @@ class RunVerdict(Judged):
 
 
 def _run_verdict_summary(run: RunVerdict) -> Iterator[str]:
-    """Yield the lines of the summary."""
+    """Yield the lines of a run's summary for the terminal: verdict, counts, errors, faults."""
     result, counts = run.as_dict(), run.counts
     yield run.sentence
     yield (
@@ -266,7 +266,7 @@ def _run_verdict_error_line(result: dict[str, Any]) -> str:
 
 
 def _run_verdict_uncertainty_lines(run: RunVerdict) -> Iterator[str]:
-    """Yield the tolerance, and the uncertainty of the focus position."""
+    """Yield the tolerance, if any, and the uncertainty of the focus position, if known."""
     if not run.tolerance.is_strict:
         yield f"  tolerance {tolerance_text(run.tolerance)}, on top of what rounding makes"
     place = run.place_uncertainty
@@ -332,7 +332,7 @@ def worst_frame_of(frames: Sequence[FrameVerdict]) -> FrameVerdict:
 
 
 def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float | None]:
-    """Return the named percentiles of *values*; None for each without values."""
+    """Return percentiles by their *names*, such as "p50 max"; None for each without values."""
     if not len(values):
         return dict.fromkeys(names.split())
     ordered = np.sort(values)
@@ -340,7 +340,7 @@ def _run_verdict_percentiles(values: np.ndarray, names: str) -> dict[str, float 
 
 
 def _percentile(ordered: np.ndarray, percent: float) -> float:
-    """Return a percentile as numpy.percentile does, without its slow import of numpy.ma."""
+    """Return a percentile of ascending values as numpy.percentile, without import of numpy.ma."""
     place = (len(ordered) - 1) * (percent / 100.0)
     low, high = ordered[int(place)], ordered[min(int(place) + 1, len(ordered) - 1)]
     share = place - int(place)
@@ -360,7 +360,7 @@ def _min_or_none(values: np.ndarray) -> float | None:
 
 
 def _frame_in_run_verdict(frame: FrameVerdict) -> dict[str, Any]:
-    """Return the fields of one frame for JSON, without those that are empty."""
+    """Return the fields of one frame for JSON, without those that are None or empty."""
     fields = dataclasses.asdict(frame) | {"status": str(frame.status)}
     fields["evidence"] = None if frame.evidence is None else str(frame.evidence)
     fields["lateness_us"] = frame.lateness_us

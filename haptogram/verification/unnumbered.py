@@ -62,7 +62,10 @@ def observations_of_unnumbered(
 def _joined_unnumbered(
     intended: Sequence[Intended], latches: Sequence[UnnumberedLatch]
 ) -> Iterator[tuple[Intended | None, UnnumberedLatch | None]]:
-    """Yield frames with their latches, in order; None: lost, or not intended."""
+    """Yield frames with their latches, in order.
+
+    None for a latch: the frame was lost; None for a frame: nobody intended the latch.
+    """
     frame, latch = 0, 0
     while frame < len(intended) and latch < len(latches):
         lost, extra = _next_unnumbered_pair(
@@ -108,7 +111,7 @@ def _next_unnumbered_pair(
 def _has_drive(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> bool:
     """Return True if a latch has the drive of *frame* up to a common lag.
 
-    Codes may be off by one; if *is_near*, by a step of the frame's phases.
+    Phase codes may be off by one; if *is_near*, by a step of the frame's phases.
     """
     found, wanted = latch.drive, frame.drive
     sounding = wanted.amplitude_codes > 0
@@ -124,7 +127,7 @@ def _has_drive(latch: UnnumberedLatch, frame: Intended, *, is_near: bool) -> boo
 
 
 def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> Observation:
-    """Return a latch as the observation of *frame*, its common lag removed."""
+    """Return a latch as the observation of *frame*, its common lag removed; None: of no frame."""
     if frame is None:
         key, lag = FrameKey(0, STREAM, _NOBODY_INTENDED, latch.number), 0
     else:
@@ -144,7 +147,7 @@ def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> O
 
 
 def _common_lag(found: Drive, wanted: Drive) -> int:
-    """Return the most frequent lag of the channels that sound in both, as a phase code."""
+    """Return the commonest lag of the channels that sound in both, as a phase code; 0 if none."""
     sounding = (found.amplitude_codes > 0) & (wanted.amplitude_codes > 0)
     if not sounding.any():
         return 0
@@ -152,7 +155,7 @@ def _common_lag(found: Drive, wanted: Drive) -> int:
 
 
 def _channel_lags(found: Drive, wanted: Drive) -> NDArray[np.int64]:
-    """Return the difference of the phase codes in each channel."""
+    """Return (N,) *found* - *wanted* phase code of each channel, not wrapped."""
     return found.phase_codes.astype(np.int64) - wanted.phase_codes.astype(np.int64)
 
 

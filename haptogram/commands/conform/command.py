@@ -108,7 +108,11 @@ def _run_conform(
     outputs: CommandOutputs,
     writer: RecordingWriter | None,
 ) -> int:
-    """Run the suite, judge its captures, write and print the result; return the exit status."""
+    """Run the suite, judge its captures, write and print the result; return the exit status.
+
+    *writer* (None: no recording) takes the summary; an unwritten file or a capture that does not
+    come is 2.
+    """
     from haptogram.report.conformance.text import suite_text
 
     begin_s = time.time()
@@ -155,7 +159,7 @@ def _run_conform_cases(
     virtual: Virtual,
     writer: RecordingWriter | None,
 ) -> SuiteResult:
-    """Run the chosen cases on the chosen board."""
+    """Run the chosen cases on the chosen board; recorded if a *writer* is given."""
     from haptogram.conformance.run.runner import SuiteOptions, SuiteRunner
 
     options = SuiteOptions(
@@ -185,7 +189,7 @@ def _expected_to_conform(arguments: argparse.Namespace) -> dict[str, str]:
 
 
 def _conform_depth(arguments: argparse.Namespace) -> Depth:
-    """Return how thorough the cases are, by the options."""
+    """Return how thorough the cases are: by --quick or --full, else the default."""
     from haptogram.conformance.case import Depth
 
     if arguments.quick:
@@ -194,7 +198,7 @@ def _conform_depth(arguments: argparse.Namespace) -> Depth:
 
 
 def _conform_seed(arguments: argparse.Namespace) -> int:
-    """Return --seed, else 0 for the virtual board, random at a port: no nonce comes twice."""
+    """Return --seed; else 0 for the virtual board, random at a port: no nonce comes twice."""
     if arguments.seed is not None:
         return int(arguments.seed)
     return 0 if asks_to_conform_virtual_board(arguments) else int.from_bytes(os.urandom(4))
@@ -203,7 +207,7 @@ def _conform_seed(arguments: argparse.Namespace) -> int:
 def _conform_access(
     arguments: argparse.Namespace, virtual: Virtual, writer: RecordingWriter | None
 ) -> Access:
-    """Return the way to the board: virtual, at a port or spawned; recorded if asked."""
+    """Return the way to the board: virtual, at a port or spawned; recorded by *writer* if any."""
     from haptogram.conformance.run.access import RecordedAccess
     from haptogram.evidence.recordings.tap import RecordedBoards
 
@@ -215,7 +219,7 @@ def _conform_access(
 
 
 def _conform_url(arguments: argparse.Namespace) -> str | None:
-    """Return the URL of the simulated board that the options describe, else --port (or None)."""
+    """Return the URL of the simulated board that the options describe; else --port, or None."""
     if arguments.simulator is None:
         return None if arguments.port is None else str(arguments.port)
     from haptogram.settings.board_url import PortConfig, write_board_url
@@ -264,7 +268,7 @@ def _list_conform_cases(cases: tuple[Case, ...]) -> int:
 
 
 def _compare_conform_results(arguments: argparse.Namespace) -> int:
-    """Write the page that compares results of several devices; return the exit status."""
+    """Write the page that compares results of devices; return the exit status, 2 if not written."""
     from haptogram.report.conformance.document import suite_comparison_document
     from haptogram.report.conformance.result import read_suite_json
 
@@ -279,7 +283,7 @@ def _compare_conform_results(arguments: argparse.Namespace) -> int:
 def _write_conform_results(
     suite: SuiteResult, outputs: CommandOutputs, *, in_virtual_time: bool = False
 ) -> bool:
-    """Write the files; return False if one could not be written."""
+    """Write --json, --html and the other files; return False if one could not be written."""
     from haptogram.conformance.run.baseline import write_suite_baseline
     from haptogram.report.conformance.document import suite_document
     from haptogram.report.conformance.result import write_suite_json

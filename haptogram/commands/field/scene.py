@@ -137,7 +137,10 @@ def read_field_drive_file(path: Path, count: int, phase_bits: int) -> acoustics.
 
 
 def _field_drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
-    """Return the phase and amplitude code in a row of a drive file."""
+    """Return the phase and amplitude code in the *cells* of a row of a drive file.
+
+    Raises, naming the row *where*, if they are not two whole numbers.
+    """
     try:
         phase, amplitude = (int(np.int64(cell)) for cell in cells)
     except (OverflowError, ValueError) as error:
@@ -155,7 +158,10 @@ def _field_focus(arguments: argparse.Namespace) -> tuple[float, float, float]:
 def _scene_peak(
     model: acoustics.AcousticModel, weights: ComplexArray
 ) -> tuple[float, float, float]:
-    """Return the pressure maximum (m), climbed to from a coarse grid along the array's own axes."""
+    """Return the place (m) of the pressure maximum, climbed to from a grid along the array's axes.
+
+    The grid is as wide as the array, and 30 to 300 mm high.
+    """
     reach = float(model.array.half_extent_m[:2].max())
     side = np.linspace(-reach, reach, 25)
     heights = np.linspace(0.03, 0.30, 46)
@@ -190,7 +196,7 @@ def describe_field_levels(arguments: argparse.Namespace, scene: FieldScene) -> I
 
 
 def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> Iterator[str]:
-    """Yield the levels of the ultrasound at the listener's position."""
+    """Yield the levels of the ultrasound at --ear-mm; refuse a place within the array."""
     engine, lag = acoustics.choose_engine(scene.model), acoustics.Resonator.from_bandwidth()
     ear = metres_of_position(arguments.ear_mm)
     distance_m = math.dist(ear, scene.model.array.centre_m)
@@ -212,7 +218,10 @@ def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> 
 
 
 def _scene_sequence(arguments: argparse.Namespace, scene: FieldScene) -> tuple[ComplexArray, str]:
-    """Return the drives that the scene repeats, and their description."""
+    """Return the drives (F, N) that the scene repeats, and their description.
+
+    One focus is modulated as the options say.
+    """
     if scene.is_sequence or not len(scene.targets_m):
         count = len(scene.weights)
         return scene.weights, (

@@ -134,7 +134,10 @@ def describe_field_scene(scene: FieldScene) -> Iterator[str]:
 def _describe_field_place(
     engine: NumpyEngine, scene: FieldScene, place_m: tuple[float, float, float]
 ) -> str:
-    """Return a line on the RMS pressure at a place; of a sequence, as a slow sensor has it."""
+    """Return a line on the RMS pressure at a place; of a sequence, as a slow sensor has it.
+
+    A level in dB SPL follows, unless the pressure is 0.
+    """
     if scene.is_sequence:
         lag = Resonator.from_bandwidth()
         square = mean_square_pressure(engine, scene.weights, [place_m], scene.frame_s, lag)[0]
@@ -146,7 +149,7 @@ def _describe_field_place(
 
 
 def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
-    """Yield lines on the focus of a drive from a file, or that it has none, and nonlinearity."""
+    """Yield lines on the focus of a drive from a file and its nonlinearity, or that it has none."""
     found = Reconstructor(scene.model, scene.phase_bits).reconstruct_weights(scene.weights[0])
     if isinstance(found, NoFocus):
         yield f"no focus: {found.reason}"
@@ -160,7 +163,7 @@ def _describe_field_drive(scene: FieldScene) -> Iterator[str]:
 
 
 def _describe_finite_amplitude(scene: FieldScene, focus_m: ArrayLike) -> Iterator[str]:
-    """Yield a warning where the sound is too loud for linear acoustics."""
+    """Yield a warning where the sound is too loud for linear acoustics; else nothing."""
     text = finite_amplitude_text(NumpyEngine(scene.model), scene.weights[0], focus_m)
     yield from () if text is None else textwrap.wrap(text, 98, subsequent_indent="  ")
 
@@ -189,7 +192,7 @@ def _describe_field_focus(engine: NumpyEngine, scene: FieldScene) -> Iterator[st
 
 
 def _describe_field_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatArray) -> str:
-    """Return a line about the pressure peak: its shift from the target, or why there is none."""
+    """Return a line on the pressure peak: its shift from the target, or why there is no focus."""
     try:
         peak = find_pressure_peak(engine, weights, target)
     except ConfigurationError as error:

@@ -144,7 +144,10 @@ def run_modulation(arguments: argparse.Namespace) -> int:
 
 
 def _modulation_config(arguments: argparse.Namespace) -> VerifyConfig:
-    """Return the settings of a run that shows this modulation, with defaults for its kind."""
+    """Return the settings of a run that shows this modulation, with defaults for its kind.
+
+    An object is a circle for stm and dwell, else a point.
+    """
     runs_along = arguments.kind in ("stm", HOLD)
     defaults = {
         "object": "circle" if runs_along else "point",

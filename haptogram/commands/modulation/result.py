@@ -94,7 +94,7 @@ class ModulationResult:
 
 
 def _modulation_frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None:
-    """Return the frequency that the frames have, whole periods in the pass; None if unmodulated."""
+    """Return the frequency in Hz that gives whole periods in a pass; None if unmodulated."""
     if config.modulation is None:
         return None
     return round(frames.duration_s * config.modulation_hz) / frames.duration_s
@@ -124,7 +124,7 @@ def describe_felt(felt: ModulationResult, bandwidth_hz: float) -> Iterator[str]:
 
 
 def _describe_felt_frames(felt: ModulationResult) -> Iterator[str]:
-    """Yield a line about the frames: points or modulation, frequency and depth."""
+    """Yield lines on the frames: points or modulation, frequency, depth; the path if any."""
     frames, config = felt.frames, felt.modulation
     held = "" if config.dwell_ms is None else f", each point held {config.dwell_ms:g} ms"
     if felt.frequency_hz is None:
@@ -158,7 +158,10 @@ def _modulation_periods_text(frequency_hz: float, frames: FocusFrames) -> str:
 
 
 def _describe_felt_spectrum(felt: ModulationResult) -> Iterator[str]:
-    """Yield a table of the strongest spectral lines of the felt signal."""
+    """Yield a table of the 12 strongest spectral lines of the felt signal, from 1 % of the first.
+
+    A text in its place says that nothing varies.
+    """
     highest_hz = max(FELT_UP_TO_HZ, felt.frames.rate_hz + (felt.frequency_hz or 0.0))
     lines = felt.signal.lines(_LEAST_SHARE, highest_hz)
     if not lines:
@@ -176,7 +179,7 @@ def _describe_felt_spectrum(felt: ModulationResult) -> Iterator[str]:
 
 
 def _felt_line_name(frequency_hz: float, felt: ModulationResult) -> str:
-    """Return what makes a spectral line: modulation, frame rate, its images; '' if none does."""
+    """Return what makes a spectral line: modulation, frame rate, its images; "" if none does."""
     if felt.frequency_hz is None:
         return ""
     order = frequency_hz / felt.frequency_hz

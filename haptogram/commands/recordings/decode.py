@@ -85,7 +85,10 @@ class _Found:
 
 
 def _recognised_source(source: Source) -> tuple[str, str]:
-    """Return the wire that the first bytes look like, ours if unsure, and a doubt (or "")."""
+    """Return the wire that the first bytes look like, and a doubt ("" if there is none).
+
+    Haptogram's own wire is taken if no board's wire looks like them.
+    """
     from haptogram_protocol.dialects.looks_like import HAPTOGRAM, looks_like_dialect
     from haptogram_protocol.dialects.table import DIALECTS
 
@@ -106,7 +109,10 @@ def _recognised_source(source: Source) -> tuple[str, str]:
 
 
 def _decode_annotator(name: str, *, from_board: bool) -> Annotator:
-    """Return the annotator for the wire of a dialect, else for Haptogram's own."""
+    """Return the annotator for the dialect *name*, else for Haptogram's own wire.
+
+    *from_board*: its bytes are those of the board.
+    """
     from haptogram_protocol.annotation.frames import FrameAnnotator
     from haptogram_protocol.annotation.operations import OperationAnnotator
     from haptogram_protocol.dialects.table import DIALECTS
@@ -117,7 +123,10 @@ def _decode_annotator(name: str, *, from_board: bool) -> Annotator:
 
 
 def _decoded_source(source: Source, name: str, *, from_board: bool) -> Iterator[_Found]:
-    """Yield the decoded pieces of both directions, in the order of their last bytes."""
+    """Yield the decoded pieces of both directions, in the order of their last bytes.
+
+    *name* is the wire; *from_board* tells the sender of bytes that have none.
+    """
     annotators: dict[str, Annotator] = {}
     for chunk in source.chunks:
         if chunk.sender not in annotators:
@@ -144,7 +153,10 @@ def _print_decoded_text(found: _Found, *, verbose: bool) -> bool:
 
 
 def _print_decoded_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG001  it is always in full
-    """Print a piece as a line of JSON with all fields; return False if output is broken."""
+    """Print a piece as a line of JSON with all fields; return False if output is broken.
+
+    *verbose* has no effect, but is what :func:`_print_decoded_text` takes.
+    """
     from haptogram_protocol.annotation.frames import annotated_fields_of
 
     piece = found.piece
@@ -158,7 +170,7 @@ def _print_decoded_json(found: _Found, *, verbose: bool) -> bool:  # noqa: ARG00
 
 
 def _print_unless_broken(text: str) -> bool:
-    """Print *text*; return False if standard output has failed."""
+    """Print *text*; return False if standard output has failed, now or before."""
     print(text)
     return getattr(sys.stdout, "error", None) is None
 
@@ -243,7 +255,7 @@ def open_recorded_source(path: Path, kind: str) -> Iterator[Source]:
 
 
 def _detected_format(begin: bytes) -> str:
-    """Return "recording", "hex" or "raw", as a file of bytes begins."""
+    """Return "recording", "hex" or "raw", by the first 4096 bytes of a file; "raw" if empty."""
     if begin.startswith(MAGIC):
         return "recording"
     found = _BYTES.match(begin)
@@ -269,7 +281,7 @@ def _read_byte_source(file: IO[bytes], path: Path, size: int) -> bytes:
 
 
 def _source_blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:
-    """Yield the bytes of *file* in blocks."""
+    """Yield the bytes of *file* in blocks of up to 64 KiB; errors name *path*."""
     while block := _read_byte_source(file, path, _CHUNK):
         yield block
 
@@ -278,7 +290,10 @@ def _source_blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:
 
 
 def _source_blocks_from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[bytes]:
-    """Yield the bytes that hex digits in *blocks* are; prefixes and separators are left out."""
+    """Yield the bytes that hex digits in *blocks* are, without prefixes and separators.
+
+    Raises at the first character that is no hex text.
+    """
     rest, place = b"", 0  # what is not yet understood, and where it begins
     for block in itertools.chain(blocks, [b""]):
         text = rest + block
@@ -311,7 +326,10 @@ def _recording_as_source(path: Path) -> Source:
 
 
 def _recorded_source_chunks(recording: Recording, source: Source) -> Iterator[RecordedChunk]:
-    """Yield the bytes of a recording with sender and time, from its first entry on."""
+    """Yield the bytes of a recording with sender and time since its first entry.
+
+    At the end the recording's note is put into *source*.
+    """
     from haptogram.evidence.recordings.channels import TO_BOARD, TO_HOST
 
     senders = {TO_BOARD: "host", TO_HOST: "board"}

@@ -88,7 +88,10 @@ def run_replay(arguments: argparse.Namespace, make_board: MakeBoard) -> int:
 def _changed_replay_options(
     options: Mapping[str, Any], arguments: argparse.Namespace
 ) -> dict[str, Any]:
-    """Return the recorded board's options, changed by --healthy, --mutant and --array."""
+    """Return the recorded board's options, changed by --healthy, --mutant and --array.
+
+    Refuses to run a recorded mutant of the user's own code unless an option names it.
+    """
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
     elif ":" in (code := str(options.get("mutant") or "")) and arguments.mutant is None:
@@ -118,7 +121,7 @@ def _check_replay_array(options: Mapping[str, Any], array: str) -> None:
 
 
 def _replay_lines(result: ReplayResult, shown: int) -> list[str]:
-    """Return the outcome in lines."""
+    """Return the outcome in lines, with the first *shown* differences."""
     heads = {
         0: "PASS: the board did what was recorded",
         1: f"FAIL: {result.differing} of {result.differing + result.same} entries differ",

@@ -85,7 +85,7 @@ def judge_captures_at_port(
 
 
 def _wait_for_captures(config: CaptureConfig, since_s: float) -> None:
-    """Wait until every capture was written after *since_s*, and is complete.
+    """Wait up to 120 s until every capture was written after *since_s*, and is complete.
 
     Raises
     ------
@@ -108,7 +108,10 @@ def _wait_for_captures(config: CaptureConfig, since_s: float) -> None:
 
 
 def _is_capture_complete(path: Path, since_s: float) -> bool:
-    """Return True if *path* is newer than *since_s*, and has not changed for a while."""
+    """Return True if *path* was written after *since_s* (epoch), and not in the last second.
+
+    False if there is no such file.
+    """
     try:
         status = path.stat()
     except OSError:

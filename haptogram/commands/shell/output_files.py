@@ -86,7 +86,10 @@ class CommandOutputs:
             self.provenance = Provenance.of_run(settings.command_line, stamp)
 
     def _check_formats(self, *, pictures: bool) -> None:
-        """Refuse, before the run, a picture or page that cannot be written."""
+        """Refuse, before the run, a picture or page that cannot be written.
+
+        *pictures*: the page draws some, for which matplotlib is needed.
+        """
         if self.paths.get("--picture", files.STANDARD_OUTPUT) != files.STANDARD_OUTPUT:
             from haptogram.report.figures import check_picture_format
 
@@ -208,7 +211,7 @@ class CommandOutputs:
 
 
 def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
-    """Yield the option and path of each file that the command reads."""
+    """Yield option and path of each file that the command reads; "this command" without option."""
     for name, is_file in INPUTS.items():
         value = getattr(settings, name, None)
         for path in value if isinstance(value, list | tuple) else [value]:

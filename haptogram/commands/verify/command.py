@@ -97,7 +97,10 @@ def _run_verify(
     outputs: CommandOutputs,
     writer: RecordingWriter | None,
 ) -> int:
-    """Run the job on the board that the settings name; write and print its result."""
+    """Run the job on the board that the settings name; write and print its result.
+
+    Returns the exit status; INCONCLUSIVE if planned faults ended the session.
+    """
     from haptogram.report.run.wording import run_faults_wording
     from haptogram.verification import Verdict, tolerance_of, uncertainty_of
 
@@ -165,7 +168,10 @@ def _measured_by_verify(
     settling: Progress | None,
     writer: RecordingWriter | None,
 ) -> RunRecord:
-    """Display the object on the board and return the record of the run."""
+    """Display the object on the board and return the record of the run.
+
+    *writer* (None: no recording) takes the bytes; *progress* and *settling* are its bars.
+    """
     from haptogram.evidence.run_record import measure_run, measure_run_of_dialect
 
     config = boards.config
@@ -180,7 +186,10 @@ def _measured_by_verify(
 def _verify_result(
     config: VerifyConfig, planned: FaultPlan, found: RunRecord, verdict: RunVerdict
 ) -> dict[str, Any]:
-    """Return the result for JSON; in virtual time it does not depend on the machine."""
+    """Return the result for JSON; in virtual time it does not depend on the machine.
+
+    *planned* are the faults to inject, *found* the record of the run.
+    """
     from haptogram.report.run.result import run_environment, run_result_dict
 
     is_virtual, is_at_port = config.link.virtual_time, config.link.port is not None
@@ -221,7 +230,10 @@ def _record_verify_result(
 def _begin_verify_recording(
     writer: RecordingWriter, config: VerifyConfig, virtual: BoardConfig
 ) -> None:
-    """Write which board is under test and, in virtual time, when it was powered up."""
+    """Record which board is under test and, in virtual time, that it was powered up at 0 ns.
+
+    A board at a port has no options and no known time.
+    """
     options = None if config.link.port is not None else virtual.non_default()
     boot_ns = 0 if config.link.virtual_time else None
     writer.opened(0, options, boot_ns, paced=options is not None)
@@ -258,7 +270,7 @@ def _verified_board_dict(found: RunRecord) -> dict[str, object]:
 def _verified_faults_dict(
     planned: FaultPlan, fired: dict[str, int] | None
 ) -> dict[str, object] | None:
-    """Return the injected faults and how often each fired (None: unknown)."""
+    """Return the injected faults and how often each *fired* (None: unknown); None without any."""
     if not planned.faults:
         return None
     plan = [fault.written for fault in planned.faults]
@@ -266,7 +278,7 @@ def _verified_faults_dict(
 
 
 def _verified_host_dict(found: RunRecord) -> dict[str, object] | None:
-    """Return the figures of the host's stream loop; None without its report."""
+    """Return the figures of the host's stream loop; None for a run that was not streamed."""
     from haptogram.driver.dialect_driver import DialectReport
     from haptogram.driver.stream import StreamReport
 

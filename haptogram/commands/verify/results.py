@@ -58,7 +58,7 @@ def write_run_files(
 def _write_pin_calibration(
     path: Path, captures: JoinedCaptureVerdict | None, model: AcousticModel
 ) -> None:
-    """Write the gain and phase offsets measured at the captured pins.
+    """Write the gain and phase offsets that the pins of *captures* show; None shows nothing.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def _write_pin_calibration(
 
 
 def _verify_board_seconds(verdict: RunVerdict) -> float:
-    """Return the time from the first frame to the last one, on the board's clock."""
+    """Return the time from the first frame to the last, on the board's clock; 0 if not known."""
     times = (t for frame in verdict.frames for t in (frame.t_apply_us, frame.t_latch_us))
     known = [t for t in times if t is not None]
     return (max(known) - min(known)) / 1e6 if known else 0.0
@@ -100,7 +100,7 @@ def verify_seen_by_number(
 
 
 def _verify_drive_by_crc(intended: Intended, seen: Observation) -> Observation:
-    """Return *seen*; with the intended drive as its own if the CRC is equal."""
+    """Return *seen*, with the intended drive as its own if the CRC is equal; else unchanged."""
     return dataclasses.replace(seen, drive=intended.drive) if seen.shows_by_crc(intended) else seen
 
 
@@ -180,7 +180,7 @@ def verify_recorded_captures(
 
 
 def _verify_without_field(verdict: JoinedCaptureVerdict, model: AcousticModel) -> RunVerdict:
-    """Return the run verdict from captured pins alone, without field reconstruction."""
+    """Return the run verdict from captured pins alone: no frame verified, each with a note."""
     from haptogram.verification import verify_run
 
     run = verify_run(verdict.frames, [], model=model, unseen=verdict.no_field)

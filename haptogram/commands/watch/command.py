@@ -205,7 +205,7 @@ class _WatchRun:
             self._not_looked_at += self._records.latches_left
 
     def _take_all(self) -> None:
-        """Process all records until the stream ends or the requested count is reached."""
+        """Process records until the stream ends or as many latches as asked for were seen."""
         # Closed here: an interrupt that waited for the last record is heard here, too.
         with contextlib.closing(iter(self._records)) as records:
             for record in records:
@@ -213,7 +213,7 @@ class _WatchRun:
                     break
 
     def _take_record(self, record: Record) -> bool:
-        """Process one record; return False after the last one requested."""
+        """Process one record; return False after the last one that was asked for, or the end."""
         if record["kind"] == "end":
             self._missing = _why_watch_is_incomplete(record)
             return False
@@ -241,7 +241,7 @@ class _WatchRun:
             self._lines.print_remark(record["text"])
 
     def _take(self, seen: WatchedLatch) -> None:
-        """Print and report one observed latch."""
+        """Print and report one latch, and append it to the frames file if there is one."""
         from haptogram.report.watch import watched_client_places_mm
 
         self._lines.print(seen)
@@ -277,7 +277,7 @@ class _WatchRun:
 
 
 def _assumed_layout(arguments: argparse.Namespace) -> str:
-    """Return a note on the assumed transducer layout of the board; "" if none is assumed."""
+    """Return a note on the assumed transducer layout of a dialect's board; "" if none is."""
     from haptogram.acoustics.model.boards.table import LAYOUTS
     from haptogram_protocol.dialects.table import DIALECTS
 
@@ -288,14 +288,14 @@ def _assumed_layout(arguments: argparse.Namespace) -> str:
 
 
 def _shows_no_pattern(result: WatchResult) -> bool:
-    """Return True if the drive of at least one latch has no known pattern."""
+    """Return True if the drive of at least one latch is of no known pattern."""
     from haptogram.acoustics.reconstruct.patterns.found import Unnamed
 
     return bool(result.kinds.get(Unnamed.kind, 0))
 
 
 def _why_watch_is_incomplete(end: Record) -> str | None:
-    """Return why latches are missing before the end record; None if none are."""
+    """Return why latches are missing by the record *end*; None if none are."""
     if end.get("cut"):
         return f"the capture was cut off: {end['cut']}"
     if not end["clean"]:
@@ -305,7 +305,10 @@ def _why_watch_is_incomplete(end: Record) -> str | None:
 
 @contextlib.contextmanager
 def _watch_frames_file(path: Path | None) -> Iterator[_WriteLine | None]:
-    """Yield a function that appends a line to the frames file at once; None without a file."""
+    """Yield a function that appends a line to the frames file at once; None without a file.
+
+    Standard output is taken as a file too.
+    """
     if path is None:
         yield None
     elif path == STANDARD_OUTPUT:

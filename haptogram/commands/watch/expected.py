@@ -59,7 +59,10 @@ def make_watch_expectation(
 
 
 def _read_expected_frames(path: Path) -> list[Foci]:
-    """Return the foci of each expected frame from a CSV file."""
+    """Return the foci (mm) of each expected frame from a CSV file; refuse one without foci.
+
+    Rows with the same value of *frame* are foci of one frame; without that column each is one.
+    """
     from haptogram.acoustics.model.csv_rows import read_element_rows
 
     rows = read_element_rows(path, "--expect-file")
@@ -80,7 +83,7 @@ def _read_expected_frames(path: Path) -> list[Foci]:
 
 
 def _expected_watch_focus(where: str, cells: list[str]) -> tuple[float, float, float]:
-    """Return x, y and z of a row in mm; raise, naming *where*, if they are none."""
+    """Return x, y and z of a row in mm; raise, naming *where*, if they are not 3 within ± 10 m."""
     try:
         x, y, z = (float(cell) for cell in cells)
     except ValueError as error:

@@ -97,7 +97,10 @@ class WatchedRecords:
         return sum(map(is_watched_latch, self._come))
 
     def _is_over(self, records: list[Record] | None) -> bool:
-        """Return True if the source has ended; else wait a moment; raise if nothing ever comes."""
+        """Return True if the source has ended; else wait 50 ms and return False.
+
+        *records* None: no more will come. Raises if it ends, or 5 s pass, without any record.
+        """
         until_s = self._patient_until_s
         is_late = until_s is not None and time.monotonic() > until_s
         if until_s is not None and (records is None or is_late):
@@ -144,7 +147,7 @@ def reader_of_watched(
 
 
 def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> WatchedRecords:
-    """Return the latches in a capture of the pins, with the array of the emulated board."""
+    """Return the latches in a capture of the pins, with the array of the board of *replay*."""
     from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
     from haptogram.evidence.captures.pin_record import pin_record_of_capture
@@ -181,7 +184,10 @@ def _read_watched_bytes(source: str) -> bytes:
 
 
 def _refuse_watched_client_bytes(source: str) -> None:
-    """Raise if *source* is a file of client bytes; name the option for their dialect."""
+    """Raise if *source* is a file of client bytes; name the option for their dialect.
+
+    A back door, an empty file and what is no file are let pass.
+    """
     from haptogram_protocol.dialects.looks_like import looks_like_dialect
 
     path = Path(source)
@@ -201,7 +207,10 @@ def _refuse_watched_client_bytes(source: str) -> None:
 
 @contextlib.contextmanager
 def _started_watched_board(arguments: argparse.Namespace) -> Iterator[WatchedRecords]:
-    """Start a board, at --link or with the program of --as-device, and end it with the watch."""
+    """Start a board, at --link or with the program of --as-device, and end it with the watch.
+
+    Yields its records; with --as-device, what the program printed is shown at the end.
+    """
     from haptogram.evidence.backdoor import BackdoorReader
     from haptogram.evidence.board_process import BoardProcess
     from haptogram.machine.working_folder import WorkingFolder

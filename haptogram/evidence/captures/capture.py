@@ -136,7 +136,7 @@ class Capture:
         return replace(self, channels=channels, end=end)
 
     def _times(self) -> NDArray[np.int64]:
-        """Return the distinct times of edges of all channels; of each the first 100 000."""
+        """Return the distinct ticks of edges of all channels; of each the first 100 000."""
         some = [channel.times[:100_000] for channel in self.channels.values()]
         return np.unique(np.concatenate(some)) if some else np.zeros(0, np.int64)
 
@@ -200,7 +200,11 @@ def estimated_capture_step(times: NDArray[np.int64]) -> float:
 def _shared_capture_step(
     distinct: NDArray[np.float64], distances: NDArray[np.float64], times: NDArray[np.int64]
 ) -> float | None:
-    """Return the sampling step that divides all *distances* of edges; None if none does."""
+    """Return the sampling step, in ticks, that divides all *distances* of edges; None if none does.
+
+    A distance is a multiple if it is off by less than 1.5 ticks; a step has 4 ticks at least.
+    *distinct* are the distances in ascending order, *times* the edges.
+    """
     for share in range(1, _MOST_SHARES + 1):
         step = _refined_capture_step(distinct, float(distinct[0]) / share)
         every = np.diff(times)
@@ -218,7 +222,7 @@ def _shared_capture_step(
 
 
 def _refined_capture_step(distances: NDArray[np.float64], step: float) -> float:
-    """Return the step near *step* of which all *distances* are closest to multiples."""
+    """Return the step near *step* of which *distances* (ascending) are closest to multiples."""
     # The least distance, and with it the step, is known to a tick: more cannot be counted.
     least = float(distances[0])
     limit = max(_LEAST_COUNT, _SURE_SHARE * least, least / step)

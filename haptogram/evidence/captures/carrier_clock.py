@@ -77,7 +77,10 @@ def checked_capture_period(
 
 
 def _usual_captured_distance(distances: _Floats, sample: float) -> float:
-    """Return the mean distance between edges, without those that are far from the usual one."""
+    """Return the mean distance of edges, in ticks, without those far from the usual one.
+
+    Far is over 5 samples and over 7.5 times the median deviation.
+    """
     cells = np.rint(distances / (_SAMPLES * sample))
     values, counts = np.unique(cells, return_counts=True)
     away = np.abs(distances - np.median(distances[cells == values[counts.argmax()]]))
@@ -151,7 +154,10 @@ def _has_run_of(found: NDArray[np.bool_], length: int) -> bool:
 
 
 def _edge_block_means(rises: _Floats, period: float, sample: float) -> tuple[_Floats, _Floats]:
-    """Return ticks and period numbers of the carrier clock, averaged over blocks of pulses."""
+    """Return ticks and period numbers of the carrier clock, averaged over blocks of pulses.
+
+    A block has up to 64 pulses; a distance off a whole number of periods by 0.1 is left out.
+    """
     steps = np.rint(np.diff(rises) / period)
     whole = np.abs(np.diff(rises) - steps * period) < 0.1 * period
     counts = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 0.0))])
@@ -188,7 +194,10 @@ def capture_to_first_splice(capture: Capture, rises: _Floats, sample: float) -> 
 
 
 def _first_jump_in_capture(rises: _Floats, sample: float) -> float | None:
-    """Return the tick of the pulse after which the phase jumps for good; None if never."""
+    """Return the tick of the pulse after which the phase jumps for good; None if never.
+
+    The 8 pulses on both sides must differ by over 2.5 samples, and 1 % of a period.
+    """
     steps = np.diff(rises)
     if len(steps) < 2 * _AROUND:
         return None

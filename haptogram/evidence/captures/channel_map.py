@@ -191,7 +191,7 @@ class ChannelMap:
 
 
 def _checked_channel_elements(elements: object) -> dict[str, int]:
-    """Return the elements of channels by name; refuse numbers that are wrong or named twice."""
+    """Return the elements by channel; refuse none, negative numbers and one element twice."""
     if not isinstance(elements, dict) or not elements:
         raise ConfigurationError("no [elements]; map channels to elements: D1 = 0")
     for name, element in elements.items():

@@ -40,7 +40,7 @@ def _pulses_left_out_text(every: int, record: PinRecord) -> str:
 
 
 def _torn_capture_text(found: HeldDrives, latch: PinLatch) -> str:
-    """Return the text that channels latched later than the first of a latch: which, how late."""
+    """Return the text that channels latched late: which, and how many µs after the first."""
     pins = [found.record.pins[element] for element in found.elements]
     late = [pins[place].channel for place in latch.places[latch.late]]
     shown = ", ".join(late[:4]) + (", ..." if len(late) > 4 else "")
@@ -144,7 +144,7 @@ def capture_document(found: HeldDrives, findings: list[str]) -> dict[str, Any]:
 
 
 def _listed_capture_findings(values: Any, is_known: Any = True) -> list[float | None]:
-    """Return values as a JSON list, None where a value is not known."""
+    """Return values as a JSON list, None where not finite or where *is_known* is False."""
     known = np.isfinite(values) & is_known
     pairs = zip(values.tolist(), known.tolist(), strict=True)
     return [round(value, 6) if ok else None for value, ok in pairs]

@@ -119,7 +119,10 @@ def pin_record_of_capture(capture: Capture, mapped: ChannelMap) -> PinRecord:
 
 
 def _calibrated_responses(mapped: ChannelMap, elements: Mapping[str, int]) -> dict[int, complex]:
-    """Return gain e^{+j lag} of each element, by the calibration that the map names; else 1."""
+    """Return gain e^{+j lag} by element, of the calibration that the map names.
+
+    1 without a calibration, and for an element of which it has 0.
+    """
     if mapped.settings.calibration is None:
         return dict.fromkeys(elements.values(), 1.0)
     known = Calibration.from_file(mapped.path.parent / mapped.settings.calibration)
@@ -139,7 +142,7 @@ def _clock_phase(rises: _Floats, falls: _Floats) -> float:
 def _read_uart_line(
     capture: Capture, mapped: ChannelMap, name: str | None, rate_hz: float, clock: CarrierClock
 ) -> LineBytes | None:
-    """Return the bytes on a line of the UART; None if the map names no such line.
+    """Return the bytes on the UART line *name*, with times in periods; None without a name.
 
     Raises
     ------
@@ -163,9 +166,10 @@ def _read_uart_line(
 def _captured_edges_without_spikes(
     rises: _Floats, falls: _Floats, sample: float, period: float
 ) -> tuple[_Floats, _Floats]:
-    """Return pulses without dips and spikes, of two samples or 0.1 us; times in ticks.
+    """Return pulses without dips and spikes of up to 2.5 samples or 0.1 µs; times in ticks.
 
     Pulses of a small amplitude are as short, but each has a neighbour as short a period away.
+    *sample* and *period* are in ticks.
     """
     spike = max(_SPIKE_SAMPLES * sample, _SPIKE_PERIODS * period)
     apart = np.concatenate([[True], rises[1:] - falls[:-1] > spike])
@@ -186,9 +190,10 @@ def _captured_edges_without_spikes(
 def _edge_defects(
     edges: ChannelEdges, rises: _Floats, falls: _Floats, active_low: bool, longest: float
 ) -> list[str]:
-    """Return what is wrong with a pin: stuck, dead, inverted, undefined.
+    """Return what is wrong with a pin: stuck, dead, inverted, undefined; [] if nothing.
 
-    *longest* is the most periods for which it is driven without a break.
+    *longest* is the most periods for which it is driven without a break: over 2 is a defect. A duty
+    over 0.6 is inverted. *rises* and *falls* are in periods.
     """
     found = []
     if not len(edges.times):
@@ -206,7 +211,7 @@ def _edge_defects(
 
 
 def _longest_captured_drive_ticks(edges: ChannelEdges, active_low: bool, end: int) -> float:
-    """Return the longest time, in ticks, for which a pin stays at its driven level."""
+    """Return the most ticks for which a pin stays at its driven level; 0 if it never is."""
     bounds = np.concatenate([[edges.defined_from], edges.times, [end]])
     skipped = int(edges.first_level is active_low)
     return float(np.diff(bounds)[skipped::2].max(initial=0))

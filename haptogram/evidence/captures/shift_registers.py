@@ -146,9 +146,10 @@ class ShiftRegisters:
         latches: NDArray[np.int64],
         before: NDArray[np.int64],
     ) -> tuple[Capture, NDArray[np.int64], NDArray[np.int64]]:
-        """Return the capture up to the last latch before an unusual number of shifts.
+        """Return the capture up to the last latch before an unusual number of shifts, and latches.
 
-        Raises if the usual number is not the length of each chain.
+        With it come the (L,) ticks of *latches* and the shifts *before* each up to there. Raises if
+        the usual number (median) is not the length of each chain.
         """
         counts = np.diff(before)
         usual = int(np.median(counts)) if len(counts) else int(before[-1])
@@ -179,7 +180,7 @@ class ShiftRegisters:
 
 
 def _checked_chain(name: str, elements: object) -> list[int]:
-    """Return the elements at the outputs of a chain; raise if they are no list of numbers."""
+    """Return the elements at the outputs of the chain *name*; refuse none, or over 256."""
     if (
         not isinstance(elements, list)
         or not 1 <= len(elements) <= _MOST_OUTPUTS
@@ -209,7 +210,7 @@ def _rising_edges(capture: Capture, name: str) -> NDArray[np.int64]:
 
 
 def _edges_of_levels(levels: NDArray[np.bool_], ticks: NDArray[np.int64]) -> ChannelEdges:
-    """Return the edges of an output that takes each of *levels* at the same place of *ticks*."""
+    """Return the edges of an output that has *levels* (L,) from each of *ticks* (L,) on."""
     if not len(levels):
         return ChannelEdges(np.zeros(0, np.int64), False)
     changed = np.flatnonzero(levels[1:] != levels[:-1]) + 1

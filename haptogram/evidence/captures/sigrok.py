@@ -56,7 +56,10 @@ def read_sigrok(path: Path) -> Capture:
 
 
 def _read_whole_sigrok(path: Path, archive: zipfile.ZipFile) -> Capture:
-    """Read metadata and all sample files of a sigrok session into a capture."""
+    """Read metadata and all sample files of a sigrok session into a capture.
+
+    Refuses no metadata, over 1 MiB of it, or over 4 GiB of samples.
+    """
     names = archive.namelist()
     if "metadata" not in names:
         raise ConfigurationError(f"{path}: a zip without metadata, no session file of sigrok")
@@ -79,7 +82,10 @@ def _read_whole_sigrok(path: Path, archive: zipfile.ZipFile) -> Capture:
 
 
 def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
-    """Return files, sampling rate and channels that a sigrok session has; refuse an odd one."""
+    """Return files, sampling rate and channels that a sigrok session has.
+
+    Refuses one without device or logic channel, and channels of one name.
+    """
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     try:
         parser.read_string(data.decode("utf-8", "replace"))
@@ -108,7 +114,10 @@ def _sigrok_metadata(path: Path, data: bytes) -> _Metadata:
 
 
 def _sigrok_part(prefix: str, name: str) -> int | None:
-    """Return the number of a sample file, 0 if there is one alone; None for other entries."""
+    """Return the number of a sample file, 0 if there is one alone; None for other entries.
+
+    *prefix* is the name of the only one, or what stands before "-1".
+    """
     if name == prefix:
         return 0
     found = re.fullmatch(rf"{re.escape(prefix)}-(\d{{1,9}})", name)
@@ -127,7 +136,7 @@ class _SigrokSamples:
         self._times: dict[int, list[NDArray[np.int64]]] = {bit: [] for bit in metadata.probes}
 
     def take(self, block: bytes) -> None:
-        """Take the next samples; part of one waits for the rest of it."""
+        """Take the next bytes; part of a sample waits for the rest of it."""
         size = self._metadata.unit_size
         data = self._rest + block
         whole = len(data) // size * size
@@ -147,7 +156,7 @@ class _SigrokSamples:
             )
 
     def _take_byte(self, byte: int, samples: NDArray[np.uint8]) -> None:
-        """Append the edges of the eight channels in one byte of the samples."""
+        """Append the edges of the eight channels in byte number *byte* of the *samples*."""
         assert self._last is not None  # take() sets it
         changed = np.empty(len(samples), np.uint8)
         changed[0] = samples[0] ^ self._last[byte]
@@ -161,7 +170,7 @@ class _SigrokSamples:
                 self._edges += len(found)
 
     def capture(self) -> Capture:
-        """Return everything that was taken."""
+        """Return everything that was taken; refuse a file without samples."""
         if not self._taken:
             raise ConfigurationError(f"{self._path}: no samples")
         channels = {}

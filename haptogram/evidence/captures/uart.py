@@ -54,7 +54,10 @@ def decoded_uart_bytes(
 
 
 def _uart_start_edges(edges: ChannelEdges, bit: float) -> NDArray[np.float64]:
-    """Return the falling edges that begin a character, from the first long pause on."""
+    """Return the times of falling edges that begin a character, from the first pause on.
+
+    A pause lasts 10 bits, *bit* being the time of one; without a pause, from the first edge on.
+    """
     falling = edges.times[int(not edges.first_level) :: 2].astype(np.float64)
     if not len(falling):
         return falling

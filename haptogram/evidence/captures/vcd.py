@@ -52,7 +52,10 @@ def read_vcd(path: Path) -> Capture:
 
 
 def _vcd_chunks(path: Path, file: BinaryIO, rest: bytes) -> Iterator[tuple[_Bytes, bool]]:
-    """Yield chunks of whole lines, and False if the last line was unfinished and is dropped."""
+    """Yield chunks of whole lines, each with False if a last line is cut off and dropped.
+
+    *rest* is what was read of the body before; a line over 16 MiB is refused.
+    """
     while True:
         data = file.read(_CHUNK)
         whole = rest + data
@@ -78,7 +81,10 @@ class _VcdChannel:
     times: list[_Numbers] = field(default_factory=list)
 
     def change(self, times: _Numbers, values: _Bytes) -> int:
-        """Take changes in the order of the file; return the number of edges."""
+        """Take changes to the characters *values*, in order; return how many are edges.
+
+        An edge is a change between 0 and 1; x and z are counted.
+        """
         defined = (values == _ZERO) | (values == _ONE)
         self.undefined += int((~defined).sum())
         if not defined.any():
@@ -141,7 +147,10 @@ class _VcdBody:
         self._change(times[places[order]], channels[order], np.concatenate(written)[order])
 
     def _channels(self, data: _Bytes, starts: _Numbers, ends: _Numbers, bit: int) -> _Numbers:
-        """Return the channel of one bit of each identifier; -1 for a bit without a channel."""
+        """Return (K,) the channel that bit number *bit* of each identifier belongs to; -1: none.
+
+        The identifiers lie from *starts* to *ends* in *data*.
+        """
         ours = [place for place, (_, number) in enumerate(self.bits) if number == bit]
         known = np.array([self.bits[place][0] for place in ours])
         if not len(known):
@@ -157,7 +166,7 @@ class _VcdBody:
     def _without_comments(
         self, data: _Bytes, starts: _Numbers, ends: _Numbers
     ) -> tuple[_Numbers, _Numbers]:
-        """Return begins and ends of tokens, without keywords and all in comments."""
+        """Return begins and ends of tokens, except for $ words and everything in comments."""
         commands = np.flatnonzero(data[starts] == _DOLLAR) if len(starts) else starts
         # An identifier may begin with a dollar too, but only after its value.
         keep = np.ones(len(starts), np.bool_)
@@ -179,7 +188,10 @@ class _VcdBody:
     def _times(
         self, data: _Bytes, starts: _Numbers, ends: _Numbers, is_stamp: NDArray[np.bool_]
     ) -> _Numbers:
-        """Return the time of every token: that of the last time stamp before it."""
+        """Return the time of every token: that of the last time stamp before it, less the first.
+
+        *is_stamp* marks the tokens that are stamps; time that goes back is refused.
+        """
         stamps = np.flatnonzero(is_stamp)
         values = self._decimals(data, starts[stamps] + 1, ends[stamps])
         if self.now is None:
@@ -194,7 +206,7 @@ class _VcdBody:
         return known[np.cumsum(is_stamp)] - self.first
 
     def _decimals(self, data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbers:
-        """Return the whole numbers whose digits lie between *starts* and *ends*."""
+        """Return the whole numbers written from *starts* to *ends*; refuse any other text."""
         digits = ends - starts
         if len(digits) and not 1 <= digits.min() <= digits.max() <= _MOST_DIGITS:
             raise ConfigurationError(f"{self.path}: a time has no digit, or over {_MOST_DIGITS}")
@@ -208,7 +220,7 @@ class _VcdBody:
         return values
 
     def _change(self, times: _Numbers, channels: _Numbers, values: _Bytes) -> None:
-        """Append changes of value to their channels; refuse a capture of too many edges."""
+        """Append changes of value to their channels (-1: dropped); refuse over 50 million edges."""
         ours = channels >= 0
         channels, times, values = channels[ours], times[ours], values[ours]
         narrow = channels.astype(np.int16 if len(self.bits) <= _NARROW else np.int64)
@@ -237,7 +249,8 @@ class _VcdBody:
 def _vcd_words_before_identifiers(kinds: _Bytes) -> _Numbers:
     """Return the indices of vector, real and string values, each followed by an identifier.
 
-    An identifier may begin as they do, so of several in a row every second one is one.
+    *kinds* are the first characters of the tokens. An identifier may begin as they do, so of
+    several in a row every second one is one.
     """
     places = np.flatnonzero(np.isin(kinds, _WORDS))
     begins = np.diff(places, prepend=-2) != 1
@@ -270,7 +283,7 @@ def _packed_vcd_tokens(data: _Bytes, starts: _Numbers, ends: _Numbers) -> _Numbe
 
 
 def _vcd_times_without_glitches(times: _Numbers) -> _Numbers:
-    """Leave out pairs of edges at one time: a pulse of no width."""
+    """Return ascending *times* without pairs of equal ones: a pulse of no width."""
     if not len(times) or (np.diff(times) > 0).all():
         return times
     found, counts = np.unique(times, return_counts=True)

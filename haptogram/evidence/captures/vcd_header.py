@@ -66,7 +66,10 @@ def read_vcd_header(path: Path, file: BinaryIO) -> tuple[VcdHeader, bytes]:
 
 
 def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
-    """Parse the declarations of a VCD file: time unit, scopes, variables and buses."""
+    """Parse the declarations of a VCD file: time unit, scopes, variables and buses.
+
+    Refuses one without time unit, and none or over 2048 channels.
+    """
     scopes: list[str] = []
     found: list[_Variable] = []
     buses: list[tuple[list[str], list[str]]] = []
@@ -94,7 +97,7 @@ def _vcd_declarations(path: Path, words: list[str]) -> VcdHeader:
 
 
 def _bus_bits(path: Path, scopes: list[str], body: list[str]) -> list[_Variable]:
-    """Split a multi-bit variable into one channel per bit: ``name[bit]``."""
+    """Split a multi-bit variable into a channel per bit, ``name[bit]``, by its range or from 0."""
     width, code = int(body[1]), _packed_vcd_code(path, body[2])
     name, numbers = _plain_vcd_words(body[3:]), _RANGE.search("".join(body[3:]))
     first, last = (int(n) for n in numbers.groups()) if numbers else (width - 1, 0)
@@ -104,7 +107,7 @@ def _bus_bits(path: Path, scopes: list[str], body: list[str]) -> list[_Variable]
 
 
 def _vcd_sections(words: list[str]) -> Iterator[tuple[str, list[str]]]:
-    """Yield each keyword with the words up to its $end."""
+    """Yield each keyword with the words between it and its $end; without an $end it is left out."""
     begin = 0
     for place, word in enumerate(words):
         if word == "$end":
@@ -135,7 +138,7 @@ def _named_vcd_variables(path: Path, found: list[_Variable]) -> dict[str, VcdBit
     """Return the channels by name; with their scopes where the name is not unique.
 
     Programs of analysers put spaces into a name; simulators name the bit of a vector after it,
-    which tells the channels of one vector apart.
+    which tells the channels of one vector apart. Two channels of one full name are refused.
     """
     bits = Counter((*scopes, *_plain_vcd_words(words)) for scopes, words, _ in found)
     owners: dict[str, set[str]] = {}

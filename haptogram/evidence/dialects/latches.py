@@ -89,7 +89,10 @@ def upload_loss_text(records: Sequence[Mapping[str, Any]]) -> str | None:
 
 
 def _dialect_latches_of_run(records: Sequence[Mapping[str, Any]]) -> list[UnnumberedLatch]:
-    """Return the client's latches from the first to the last that sounds; not the board's own."""
+    """Return the client's latches from the first to the last that sounds; [] if none does.
+
+    Latches of the board's own doing are left out.
+    """
     from haptogram.verification.watch.latch import OWN_CAUSES
 
     channels = [int(channel) for channel in records[0]["channels"]] if records else []

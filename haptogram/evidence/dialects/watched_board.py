@@ -76,7 +76,10 @@ class WatchedBoard:
         self.missing = 0
 
     def _channels_of_a_board(self, record: Mapping[str, Any]) -> int:
-        """Return how many channels one board has: by the dialect, else by the record."""
+        """Return how many channels one board has.
+
+        That is the figure of its dialect, else that of the first record, else the array's elements.
+        """
         if self.dialect in DIALECTS:
             return DIALECTS[self.dialect].channels
         return int(record.get("channel_count", self.model.array.count))
@@ -114,7 +117,7 @@ class WatchedBoard:
         return found
 
     def _of_pulses(self, record: Mapping[str, Any]) -> SeenLatch:
-        """Convert a pulse record to a latch."""
+        """Convert a record of pulses to a latch, with the driven channels that have no element."""
         seen = pulse_observation_of(record, self._channels)
         driven = np.flatnonzero((seen.pulses.widths > 0) & (seen.pulses.widths < seen.pulses.steps))
         stray = np.setdiff1d(driven, self._channels)
@@ -130,7 +133,7 @@ class WatchedBoard:
         )
 
     def _of_pins(self, record: Mapping[str, Any]) -> SeenLatch:
-        """Convert a pin record to a latch."""
+        """Convert a record of captured pins to a latch."""
         steps = DIALECTS[self.dialect].steps if self.dialect in DIALECTS else _OWN_STEPS
         return SeenLatch(
             number=record["number"],
@@ -153,7 +156,7 @@ class WatchedBoard:
         return cause or seen.cause
 
     def _of_codes(self, record: Mapping[str, Any]) -> SeenLatch:
-        """Convert a code record to a latch."""
+        """Convert a record of phase and amplitude codes to a latch; refuse one without a drive."""
         seen = observation_of_record(record)
         drive = seen.output
         if drive is None:
@@ -204,7 +207,7 @@ def records_of_held_drives(held: HeldDrives, board: Mapping[str, Any]) -> list[d
 
 
 def _limits_of_capture(held: HeldDrives, count: int) -> list[str]:
-    """Return notes: how many elements were captured, defects of pins, those of the capture."""
+    """Return notes: how many of *count* elements were captured, defects of pins and capture."""
     record = held.record
     found = [f"pins of {captured_elements_text(len(held.elements), count)} were captured"]
     found += [

@@ -88,7 +88,10 @@ class Channel:
 def _channel_fields(
     *, whole: str = "", yes_or_no: str = "", text: str = "", base64: str = ""
 ) -> dict[str, Any]:
-    """Return the JSON Schema of fields; each argument lists the names of one type."""
+    """Return the JSON Schema of fields by name; each argument holds names of one type.
+
+    They are separated by spaces.
+    """
     kinds: dict[str, dict[str, str]] = {
         whole: {"type": "integer"},
         yes_or_no: {"type": "boolean"},

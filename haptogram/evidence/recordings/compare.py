@@ -163,7 +163,10 @@ class ReplayComparison:
             waiting[key] = deque(one for one in waiting[key] if self._is_extra_reply(key, one))
 
     def _is_extra_reply(self, key: _Key, entry: _Entry) -> bool:
-        """Return True for a reply so late that the recorded host would have asked again."""
+        """Return True for a reply so late that the recorded host would have asked again.
+
+        That is over 250 ms of device time before what was read last.
+        """
         if key[-1] != _REPLY or self._read_us is None:
             return False
         return signed_difference(self._read_us, entry.t_us, 32) > INITIAL_RTO_US
@@ -189,7 +192,7 @@ class ReplayComparison:
             self.differences.append(self._first_bytes)
 
     def _add(self, side: str, kind: str, key: _Key, entry: _Entry) -> None:
-        """Compare an entry with its counterpart, or queue it until that arrives."""
+        """Compare an entry with that of the other side and equal *key*, or queue it until then."""
         if side == RECORDED and kind != "frames":
             self.has_backdoor = True
         place, others = (kind, *key), self._waiting[_OTHER[side]]
@@ -207,7 +210,10 @@ class ReplayComparison:
             self.same[kind] += 1
 
     def _differ(self, kind: str, entry: _Entry, detail: str, *, recorded: bool) -> None:
-        """Count a difference; keep the first ones."""
+        """Count a difference; keep the first 1000 in words.
+
+        The time is that of a *recorded* entry; else it is not known.
+        """
         self.differing[kind] += 1
         if len(self.differences) < _MOST_KEPT:
             t_us = entry.t_us if recorded else None
@@ -215,7 +221,7 @@ class ReplayComparison:
 
 
 def _compared_replay_key(piece: Annotated) -> _Key:
-    """Return the key of a frame: number for a reply, latch for an event; STATUS does not count."""
+    """Return the key of a frame: its number for a reply, the latch for an event it tells of."""
     header, fields = piece.header, piece.fields
     assert header is not None  # of an undamaged frame
     if header.type not in EVENT_RANGE:
@@ -225,7 +231,10 @@ def _compared_replay_key(piece: Annotated) -> _Key:
 
 
 def _comparable_fields(fields: Fields, name: str) -> Fields:
-    """Return the fields that must be equal in a replay: none of time or identity."""
+    """Return the fields of a frame *name* that must be equal in a replay: none of the moment.
+
+    Of HELLO_REPLY only the fields count that tell the kind of board.
+    """
     if name == MessageType.HELLO_REPLY.name:
         return {key: value for key, value in fields.items() if key in _IDENTITY}
     return {
@@ -236,7 +245,7 @@ def _comparable_fields(fields: Fields, name: str) -> Fields:
 
 
 def _comparable_value(value: Any) -> Any:
-    """Return a value without nested fields that may differ in a replay."""
+    """Return a value without fields inside it that may differ in a replay."""
     if isinstance(value, Mapping):
         return _comparable_fields(value, "")
     if isinstance(value, list):
@@ -245,7 +254,7 @@ def _comparable_value(value: Any) -> Any:
 
 
 def _compared_replay_details(recorded: Fields, replayed: Fields) -> Iterator[str]:
-    """Yield the differences of two sets of fields, in words."""
+    """Yield the differences of two sets of fields in words; nothing if they are equal."""
     for name in {**recorded, **replayed}:
         before, after = recorded.get(name), replayed.get(name)
         if before == after:

@@ -222,7 +222,7 @@ class Recording:
     # --- the file ------------------------------------------------------------------------------
 
     def _check_beginning(self) -> None:
-        """Refuse a file without the header of a recording; read its version and run."""
+        """Read version and run; refuse a file without the header of a recording."""
         from mcap.records import Header, Metadata
 
         seen: list[Any] = []
@@ -244,7 +244,10 @@ class Recording:
         self.run = next((entry.fields for entry in self.entries((channels.RUN,))), {})
 
     def _check_version(self, text: str, library: str) -> None:
-        """Refuse a recording of another format version; say what can be done."""
+        """Refuse a recording whose version *text* is not ours; say what can be done.
+
+        *library* is the program that wrote it.
+        """
         shown, library = text[:_VERSION_DIGITS], library or "an unknown one"
         if text != str(channels.VERSION):
             is_old = text.isdecimal() and shown == text and int(text) < channels.VERSION
@@ -286,10 +289,9 @@ class Recording:
                 ) from error
 
     def _in_chunk(self, chunk: Any) -> list[Any]:
-        """Return the records in a chunk; none of a damaged one.
+        """Return the records in a chunk; of a damaged one, those of the channels at the file's end.
 
-        A damaged chunk may have held the channels: those at the end of the file are returned
-        instead.
+        A damaged chunk may have held the channels.
         """
         from mcap.stream_reader import breakup_chunk
 
@@ -325,7 +327,7 @@ class _RecordingAsItWas:
 
 
 def _opened_recording(path: Path) -> BinaryIO:
-    """Open a recording; refuse a file with another beginning."""
+    """Open a recording at its begin; refuse a file that does not begin as MCAP does."""
     with reading_file(path, "recording"):
         file = path.open("rb")
         begin = file.read(len(channels.MAGIC))
@@ -372,6 +374,6 @@ def repair_recording(source: Path, target: Path) -> tuple[int, str]:
 
 
 def _readable_entries(recording: Recording) -> Iterator[RecordingEntry]:
-    """Yield the messages that lie before the damage."""
+    """Yield the messages that lie before the damage, or all if there is none."""
     with contextlib.suppress(ConfigurationError):
         yield from recording.entries(channels.CHANNELS)

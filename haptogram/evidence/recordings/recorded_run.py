@@ -110,7 +110,10 @@ def recorded_run(recording: Recording) -> RecordedRun:
 
 
 def _why_recording_incomplete(recording: Recording, found: int, count: int | None) -> str:
-    """Return why frames may be missing from the recording; "" if it is complete."""
+    """Return why frames may be missing; "" if all *count* intended ones were *found*.
+
+    None for *count*: the recording does not say how many there were.
+    """
     if count is None:
         return f"{recording.path}: the recording does not say how many frames were intended"
     if found != count:
@@ -136,7 +139,7 @@ def _intended_fields(frame: Intended) -> dict[str, Any]:
 
 
 def _intended_from_fields(fields: Mapping[str, Any], drives: dict[int, Drive]) -> Intended:
-    """Return a frame, whose drive may be that of an earlier one, and keep its drive.
+    """Return a frame from its fields, whose drive may be an earlier one's; keep it in *drives*.
 
     Raises
     ------
@@ -213,7 +216,7 @@ def model_of_recorded_answers(recording: Recording) -> AcousticModel | None:
 def _reported_array(
     identity: messages.HelloReply, elements: dict[int, messages.Element]
 ) -> TransducerArray | None:
-    """Return the array, by grid or elements, that has the reported hash; None if none has."""
+    """Return the array, by grid or all *elements*, that has the reported hash; None if none has."""
     found = []
     if identity.grid_nx and identity.grid_ny:
         pitch_m = identity.pitch_um / 1e6
@@ -261,7 +264,7 @@ def recorded_sent_frames(recording: Recording, count: int) -> Iterator[SentFrame
 
 
 def _frame_drive(message: messages.Message, count: int) -> Drive | None:
-    """Return the drive of a sent frame; None if it has none or the board refuses it."""
+    """Return the drive in a sent frame for *count* elements; None if it has none or is wrong."""
     try:
         codes = messages.drive_codes(message, count)
     except RemoteProtocolError:  # the board refuses it

@@ -166,7 +166,7 @@ def replay_recording(recording: Recording, make_board: MakeReplayBoard) -> Repla
 
 
 def _noted_as_excerpt(opening: _Opening, result: ReplayResult) -> bool:
-    """Add a note and return True if a line is an excerpt of a soak, which cannot be replayed."""
+    """Add a note and return True if a line is an excerpt of a soak: it cannot be replayed."""
     if opening.excerpt:
         result.notes.append(f"an excerpt of a soak is not replayed: {opening.excerpt}")
     return bool(opening.excerpt)
@@ -175,7 +175,10 @@ def _noted_as_excerpt(opening: _Opening, result: ReplayResult) -> bool:
 def _recorded_lines(
     recording: Recording,
 ) -> Iterator[tuple[_Opening, LineFacts, Iterator[RecordingEntry]]]:
-    """Yield for every board its opening, its facts, and its entries in the order of the file."""
+    """Yield for every board its opening, its facts, and its entries in the order of the file.
+
+    An excerpt of a soak, and a line whose clock is known, have no facts.
+    """
     facts = [
         _collect_facts(part) if opening.boot_ns is None and not opening.excerpt else LineFacts()
         for opening, part in _recorded_parts(recording, _FRAMES)
@@ -187,7 +190,10 @@ def _recorded_lines(
 def _recorded_parts(
     recording: Recording, topics: tuple[str, ...]
 ) -> Iterator[tuple[_Opening, Iterator[RecordingEntry]]]:
-    """Yield each session opening with its entries, in one pass over the selected topics."""
+    """Yield each opening of a line with the entries of *topics* after it, in one pass.
+
+    Entries before the first opening are left out.
+    """
     last: _Opening | None = None
 
     def opening_of(entry: RecordingEntry) -> _Opening | None:
@@ -216,7 +222,7 @@ def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
 
 
 def _collect_facts(entries: Iterator[RecordingEntry]) -> LineFacts:
-    """Return what a line's entries tell: first reply, clock offset, untimed frames, HELLO_REPLY."""
+    """Return what a line's frames tell: first reply, clock offset, untimed frames, HELLO_REPLY."""
     facts = LineFacts()
     annotators = {TO_BOARD: FrameAnnotator(), TO_HOST: FrameAnnotator()}
     for entry in entries:
@@ -238,7 +244,10 @@ def _is_recorded_immediate(header: messages.Header) -> bool:
 
 
 def _note_recorded_reply(facts: LineFacts, t_ns: int, header: messages.Header) -> None:
-    """Update first time, device time and least clock offset of the facts by a recorded reply."""
+    """Take first time, latest device time and least clock offset from the reply of *header*.
+
+    *t_ns* is the host's time of it.
+    """
     if facts.first_ns is None or facts.device_us is None or facts.offset_ns is None:
         facts.first_ns, facts.device_us = t_ns, header.time_us
         facts.offset_ns = t_ns - header.time_us * 1000
@@ -257,7 +266,10 @@ def _replay_line(
     make_board: MakeReplayBoard,
     result: ReplayResult,
 ) -> None:
-    """Replay one line to a new board, and add the comparison to *result*."""
+    """Replay one line to a new board, and add the comparison to *result*.
+
+    Without a reply to tell the clock, only a note is added.
+    """
     board = make_board(_replay_options(opening, facts), paced=opening.paced)
     if opening.boot_ns is not None:
         start_ns = opening.boot_ns
@@ -280,7 +292,10 @@ def _replay_line(
 
 
 def _replay_options(opening: _Opening, facts: LineFacts) -> Mapping[str, Any]:
-    """Return the recorded options of the board; without any, derive them from its HELLO_REPLY."""
+    """Return the recorded options of the board, else those of its HELLO_REPLY; {} without both.
+
+    Refuses a board whose reply has no grid.
+    """
     if opening.options is not None:
         return opening.options
     hello = facts.hello
@@ -312,7 +327,7 @@ class _ReplayLine:
         self._recorded, self._replayed = FrameAnnotator(), FrameAnnotator()
 
     def run(self, entries: Iterator[RecordingEntry]) -> None:
-        """Feed every entry, and then let the board come to the end of its queue."""
+        """Feed every entry, and then let the board come to the end of its queue, 12 s at most."""
         for entry in entries:
             self._take(entry)
         end_ns = self._now_ns
@@ -323,7 +338,7 @@ class _ReplayLine:
         self.comparison.close(self._board.boot_us + end_ns // 1000)
 
     def _take(self, entry: RecordingEntry) -> None:
-        """Pass an entry to the board if the host sent it, else to the comparison."""
+        """Pass bytes of the host or a fault on to the board; compare what the board did."""
         if entry.topic == TO_BOARD:
             self._advance_to(entry)
             self.to_board += len(entry.data)
@@ -354,7 +369,7 @@ class _ReplayLine:
         self._now_ns = max(self._now_ns, entry.t_ns - self._start_ns)
 
     def _collect(self) -> bytes:
-        """Read the board's output, compare it and return its bytes."""
+        """Read the board's output up to now, compare it and return its bytes."""
         data = self._board.read(self._now_ns)
         self.to_host += len(data)
         for piece in self._replayed.feed(data):
@@ -364,7 +379,7 @@ class _ReplayLine:
         return data
 
     def _add(self, side: str, record: LatchRecord | Mapping[str, Any]) -> None:
-        """Add a latch or an event to the comparison."""
+        """Add a latch or an event of *side* to the comparison; other records are left out."""
         if isinstance(record, LatchRecord):
             timed = record.sequence > 0 or record.index % (1 << 16) not in self._facts.immediate
             self.comparison.add_latch(side, record, timed=timed)
@@ -407,7 +422,10 @@ class ReplayFrameShifter:
         return bytes(moved)
 
     def _moved(self, piece: bytes) -> bytes:
-        """Return a timed frame with its time shifted to the board's clock; others unchanged."""
+        """Return a frame with its time shifted to the board's clock; others unchanged.
+
+        Raises if a timed frame comes before the shift is known.
+        """
         try:
             body = decode_frame(piece)
         except RemoteProtocolError:
@@ -469,7 +487,7 @@ class _RecordingPlayer:
         self._first_us: dict[str, int] = {}  # device time of the first reply, by side
 
     def run(self, entries: Iterator[RecordingEntry]) -> None:
-        """Send what was sent, when it was sent, and take what comes."""
+        """Send what was sent, when it was sent, and compare replies; wait 2 s for the last ones."""
         start_ns: int | None = None
         now_ns = self._port.now_ns()
         for entry in (entry for entry in entries if entry.topic != LINK):
@@ -494,7 +512,10 @@ class _RecordingPlayer:
         self._send(encode_frame(header.pack() + messages.Mute().pack()))
 
     def _wait_for_clock(self) -> None:
-        """Wait for the board's first reply, if the recording has had one by now."""
+        """Wait up to 2 s for the board's first reply, if the recording has had one by now.
+
+        Raises if none comes.
+        """
         end_ns = self._port.now_ns() + _PATIENCE_NS
         while RECORDED in self._first_us and REPLAYED not in self._first_us:
             if self._port.now_ns() > end_ns:
@@ -502,7 +523,7 @@ class _RecordingPlayer:
             self._listen_until(self._port.now_ns() + _RETRY_NS)
 
     def _listen_until(self, t_ns: int) -> None:
-        """Read and compare the board's frames until a time."""
+        """Read and compare the board's frames until *t_ns* on the host's clock."""
         while True:
             data = self._port.read_available(t_ns)
             self.to_host += len(data)
@@ -512,7 +533,10 @@ class _RecordingPlayer:
                 return
 
     def _compare_frame(self, side: str, piece: Annotated) -> None:
-        """Compare a frame; the first ones of both sides give the shift of the clock."""
+        """Compare a frame of *side*; the first ones of both sides give the shift of the clock.
+
+        Refuses a board whose HELLO_REPLY names another number of transducers.
+        """
         self.comparison.add_frame(side, piece)
         if piece.header is None or side in self._first_us:
             return

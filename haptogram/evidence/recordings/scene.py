@@ -30,12 +30,12 @@ def _numbers(*names: str) -> Fields:
 
 
 def _object(**properties: Fields) -> Fields:
-    """Return the JSON schema of an object."""
+    """Return the JSON schema of an object with *properties*, a schema for each name."""
     return {"type": "object", "properties": properties}
 
 
 def _array(**properties: Fields) -> Fields:
-    """Return the JSON schema of an array of objects."""
+    """Return the JSON schema of an array of objects with *properties*, a schema for each name."""
     return {"type": "array", "items": _object(**properties)}
 
 
@@ -116,7 +116,7 @@ def focus_of_recording(
 
 
 def _scene(t_ns: int, name: str, spheres: list[Fields]) -> Fields:
-    """Return a scene update that replaces the entity of the same name."""
+    """Return a scene update at *t_ns* that replaces the spheres of the entity *name*."""
     entity = {
         "timestamp": _time(t_ns),
         "frame_id": _AXES,
@@ -131,7 +131,7 @@ def _scene(t_ns: int, name: str, spheres: list[Fields]) -> Fields:
 
 
 def _sphere(place_m: Sequence[Any], size_cm: Sequence[float], colour: Sequence[float]) -> Fields:
-    """Return a sphere of a scene, by place, size and colour."""
+    """Return a sphere of a scene, drawn in cm; *colour* is red, green, blue, alpha, 0 to 1."""
     return {
         "pose": {"position": _vector(_CM * value for value in place_m), "orientation": _turn()},
         "size": _vector(size_cm),
@@ -150,6 +150,6 @@ def _turn() -> Mapping[str, float]:
 
 
 def _time(t_ns: int) -> Mapping[str, int]:
-    """Return a time as an object with seconds and nanoseconds."""
+    """Return a time as an object with seconds and nanoseconds; 0 for a negative one."""
     sec, nsec = divmod(max(0, t_ns), _NS_PER_S)
     return {"sec": sec, "nsec": nsec}

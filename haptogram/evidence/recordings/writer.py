@@ -132,7 +132,7 @@ class RecordingWriter(ClosedByWith):
             self._begin(command, configuration or {})
 
     def _begin(self, command: str, configuration: Mapping[str, Any]) -> None:
-        """Write the header, the channels, and the command with its configuration."""
+        """Write the header, the channels, and the command with its configuration and versions."""
         self._ids = begin_recording(self._writer, f"haptogram {haptogram.__version__}")
         versions = {"haptogram": haptogram.__version__, "python": platform.python_version()}
         run = {"command": command, "configuration": configuration, "versions": versions}
@@ -223,7 +223,10 @@ class RecordingWriter(ClosedByWith):
             self.log(t_ns, _recorded_event_text(record))
 
     def _draw_array(self, fields: Mapping[str, Any]) -> None:
-        """Write array and axes with the time at which the line begins, where a viewer starts."""
+        """Write axes and elements with the time at which the line begins, where a viewer starts.
+
+        *fields* tell positions and pitch (None: drawn as 10 mm).
+        """
         begin_ns = self._clock.start_ns
         self.document(channels.FRAME, begin_ns, axes_of_recording())
         pitch_m = fields.get("pitch_m") or _PITCH_M
@@ -250,7 +253,10 @@ class RecordingWriter(ClosedByWith):
     # --- the file ------------------------------------------------------------------------------
 
     def _take(self, topic: str, t_ns: int, data: bytes, published_ns: int) -> None:
-        """Queue an entry, and write the queue once it is a batch; nothing after a failure."""
+        """Queue an entry, and write the queue from 8 entries on; nothing after a failure.
+
+        *t_ns* is its time on the host, *published_ns* since when its bytes may have waited.
+        """
         if self.failure:
             return
         self.last_ns = max(self.last_ns, t_ns)
@@ -260,7 +266,7 @@ class RecordingWriter(ClosedByWith):
                 self._encode()
 
     def _flush_when_due(self, t_ns: int) -> None:
-        """Flush the file if the last time is long ago by the clock of the entries."""
+        """Flush the file if the last time was 50 ms ago or more, by the clock of the entries."""
         if not 0 <= t_ns - self._flushed_ns < _FLUSH_NS:
             self._flushed_ns = t_ns
             self.flush()
@@ -350,7 +356,7 @@ def _encoded_recording_bytes(data: bytes) -> bytes:
 
 
 def _recorded_event_text(record: Mapping[str, Any]) -> str:
-    """Format an output event with its extra fields."""
+    """Return an output event as text, with the fields besides kind, event and time."""
     more = (f"{name} {value}" for name, value in record.items() if name not in _SAID)
     return ", ".join([f"output: {record.get('event', record['kind'])}", *more])
 

@@ -60,7 +60,7 @@ def bench_document(run: BenchRun, result: Result, changes: Sequence[str] = ()) -
 
 
 def _bench_stages_section(run: BenchRun, result: Result) -> Section:
-    """Return table and picture of the stages of a frame."""
+    """Return table and picture of the stages of a frame, and a text on the clocks."""
     last = len(_STAGE_HEAD) - 1
     rows = list(_bench_stages_rows(result))
     return Section(
@@ -124,7 +124,7 @@ def _bench_frames_text(result: Result) -> str:
 
 
 def _bench_stages_rows(result: Result) -> Iterator[tuple[str, ...]]:
-    """Yield the percentiles of each stage, under :data:`_STAGE_HEAD`."""
+    """Yield the percentiles (µs) of each stage, under :data:`_STAGE_HEAD`; blank if unmeasured."""
     for name, meaning in STAGES.items():
         found = result["stages"][name]
         if found["n"]:
@@ -144,7 +144,7 @@ def _bench_clocks_text(result: Result) -> str:
 
 
 def _bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
-    """Yield late frames at port and board for each limit, by cause, under :data:`_MISS_HEAD`."""
+    """Yield how many frames were late by each limit (µs) at port and board, and by which causes."""
     for place, found in result["misses"].items():
         for miss in found:
             causes = (f"{cause} {n}" for cause, n in miss["by_cause"].items() if n)
@@ -158,7 +158,7 @@ def _bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
 
 
 def _bench_machine_rows(result: Result) -> Iterator[str]:
-    """Yield processor, system and load of the machine."""
+    """Yield lines on processor and system of the machine and, if known, the processors' load."""
     found = result["environment"]
     yield (
         f"{found['cpu']}, {found['cpus_usable']} of {found['cpus']} processors, "

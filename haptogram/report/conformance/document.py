@@ -134,7 +134,10 @@ def _cases_not_judged(suite: SuiteResult) -> list[CaseResult]:
 
 
 def _case_check(result: CaseResult) -> Check:
-    """Return a case as a check; a failure that the baseline expects is not judged."""
+    """Return a case as a check; a failure that the baseline expects is not judged.
+
+    The check is in the group of its chapter, such as HG-5.
+    """
     outcome = _OUTCOMES[MEANINGS[result.behaviour].junit]
     if result.is_failure:  # one that the baseline expects is none
         outcome = Outcome.FAILED if result.is_new_failure else Outcome.NOT_JUDGED
@@ -151,7 +154,7 @@ def _case_check(result: CaseResult) -> Check:
 
 
 def _chapter_table(suite: SuiteResult) -> Table:
-    """Return the number of cases in each chapter, by behaviour."""
+    """Return a table of the number of cases in each chapter, a column for each behaviour."""
     shown = wording.ordered_behaviours(result.behaviour for result in suite.results)
     rows = []
     for chapter, results in wording.conformance_chapters_of_cases(suite.results).items():

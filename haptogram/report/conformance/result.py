@@ -56,7 +56,7 @@ def _case_as_json(result: CaseResult) -> dict[str, Any]:
 
 
 def _case_of_json(item: Mapping[str, Any]) -> CaseResult:
-    """Return the result of a case that a JSON object holds."""
+    """Return the result of a case that a JSON object holds; a missing traceback is ""."""
     known = {"traceback": "", **item}  # results before it lack it
     return CaseResult(**{name: read(known[key]) for key, (name, _, read) in _FIELDS.items()})
 

@@ -33,7 +33,7 @@ def suite_text(suite: SuiteResult, *, verbose: bool = False) -> str:
 
 
 def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[str]:
-    """Yield the cases in full, the failures by cause, and the summary."""
+    """Yield findings of cases, failures by cause, summary and verdict; if *verbose*, all cases."""
     common = {case for cases in _common_reasons(suite).values() for case in cases}
     failures = failures_by_cause(suite.results)
     alike = common_finding(failures)
@@ -64,7 +64,10 @@ def _conformance_suite_lines(suite: SuiteResult, *, verbose: bool) -> Iterator[s
 def _conformance_failure_lines(
     failures: Sequence[CaseResult], alike: CommonFinding | None
 ) -> Iterator[str]:
-    """Yield the failures grouped by cause."""
+    """Yield the first 12 failures in a line, the likeliest cause first, and what they share.
+
+    *alike* is that finding, None without one; nothing is said of a single failure.
+    """
     if len(failures) > 1:
         first = ", ".join(result.case for result in failures[:_FAILURES])
         more = len(failures) - _FAILURES
@@ -75,7 +78,10 @@ def _conformance_failure_lines(
 
 
 def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
-    """Yield each recovery that failed after cases which did not fail, with these cases."""
+    """Yield each recovery that failed after cases which did not fail themselves, with these.
+
+    A case did not fail if its result alone would not be exit status 1.
+    """
     found: dict[str, list[str]] = {}
     for result in failures:
         if MEANINGS[result.behaviour].exit_status != FAIL:
@@ -100,12 +106,12 @@ def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
 
 
 def _named_cases(cases: Sequence[str]) -> str:
-    """Return the names of a few cases, or the number of many."""
+    """Return the names of up to 3 cases, or the number of more."""
     return ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
 
 
 def _cases_by_reason(suite: SuiteResult, behaviour: Behaviour) -> dict[str, list[str]]:
-    """Return the cases with *behaviour* by their reason."""
+    """Return the cases that ended in *behaviour*, by their reason; {} if none did."""
     reasons: dict[str, list[str]] = {}
     for result in suite.results:
         if result.behaviour is behaviour:
@@ -114,7 +120,7 @@ def _cases_by_reason(suite: SuiteResult, behaviour: Behaviour) -> dict[str, list
 
 
 def _common_reasons(suite: SuiteResult) -> dict[str, list[str]]:
-    """Return the reasons that made many cases inconclusive, with the cases."""
+    """Return the reasons that made more than 3 cases inconclusive, with the cases."""
     reasons = _cases_by_reason(suite, Behaviour.INCONCLUSIVE)
     return {reason: cases for reason, cases in reasons.items() if len(cases) > _NAMED}
 
@@ -223,7 +229,8 @@ def folded_transcript(result: CaseResult) -> Iterator[str]:
 def _cited_frames(result: CaseResult) -> list[_Frame]:
     """Return the frame of the board that a finding speaks of, its request and its likely cause.
 
-    They are the frames with the most words of the finding, in the order of the transcript.
+    They are the frames with the most words of the finding, in the order of the transcript; what the
+    transcript lacks is left out.
     """
     frames = _frames_of(result.transcript)
     done = _NOT_DONE.sub("", result.detail)
@@ -244,7 +251,7 @@ def _cited_frames(result: CaseResult) -> list[_Frame]:
 
 
 def _request_of(answer: _Frame | list[_Frame], host: Sequence[_Frame]) -> list[_Frame]:
-    """Return the last host frame before *answer* that has its number; none without a number."""
+    """Return the last host frame before *answer* with its sequence number; [] if there is none."""
     seq = _SEQ.match(answer.text) if isinstance(answer, _Frame) else None
     if seq is None or not isinstance(answer, _Frame):
         return []
@@ -257,7 +264,7 @@ def _request_of(answer: _Frame | list[_Frame], host: Sequence[_Frame]) -> list[_
 
 
 def _frames_of(transcript: Sequence[str]) -> list[_Frame]:
-    """Return the frames in the lines of a transcript."""
+    """Return the frames in the lines of a transcript, in their order."""
     found: list[_Frame] = []
     start, head, sender = 0, "", ""
     for number, line in enumerate(transcript):

@@ -227,7 +227,7 @@ def draw_plane_figure(
 
 
 def _draw_plane_image(axes: Axes, plane: PicturePlane, values: NDArray[Any]) -> AxesImage:
-    """Draw (V, H) values on a plane in mm; return the image."""
+    """Draw values (V, H), rows upwards, on a plane in mm; return the image."""
     across, up = (1e3 * samples for samples in plane.coordinates_m())
     half = 0.5e3 * plane.step_m
     axes.grid(visible=False)
@@ -245,7 +245,10 @@ def _draw_plane_image(axes: Axes, plane: PicturePlane, values: NDArray[Any]) -> 
 
 
 def _draw_elements(axes: Axes, places: FloatArray) -> None:
-    """Draw the elements on an upright plane, widening the picture; none if they are far off."""
+    """Draw the elements at *places* (N, 2) in mm on an upright plane, and widen the picture.
+
+    Nothing if they are over half a picture's height away.
+    """
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
     room = _WIDER * (high - low)
@@ -260,7 +263,7 @@ def _draw_elements(axes: Axes, places: FloatArray) -> None:
 
 
 def _plane_picture_size(plane: PicturePlane) -> tuple[float, float]:
-    """Return the size of a figure, in inches, that fits the shape of the plane."""
+    """Return width and height in inches of a figure that fits the shape of the plane."""
     (left, right), (low, high) = plane.horizontal_m, plane.vertical_m
     ratio = (high - low) / (right - left)
     width = min(_WIDEST_IN, _TALLEST_IN / ratio)
@@ -269,7 +272,7 @@ def _plane_picture_size(plane: PicturePlane) -> tuple[float, float]:
 
 
 def _marked_plane_picture(plane: PicturePlane, targets_m: ArrayLike) -> list[list[float]]:
-    """Return the targets near the plane; none if there are too many to mark."""
+    """Return the targets (m) within 2.5 mm of the plane; [] if they are over 200."""
     targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
     distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
     shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()

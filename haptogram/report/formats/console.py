@@ -71,7 +71,7 @@ def document_text(document: Document) -> str:
 
 
 def _console_block(block: Block) -> list[str]:
-    """Return a table or a listing as lines; none for a picture or view."""
+    """Return a table or a listing as lines; [] for a picture or view."""
     if isinstance(block, Table):
         return console_table(block.head, block.rows, numbers=block.numbers, indent=2)
     if isinstance(block, Listing):

@@ -109,7 +109,10 @@ def html_setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _html_setting_text(value: Any) -> str:
-    """Return a setting as a page shows it: None as '', a bool as yes or no, lists by commas."""
+    """Return a setting as a page shows it: None as "", a bool as yes or no, lists by commas.
+
+    A float has 10 digits; a mapping is its names and values.
+    """
     match value:
         case None:
             return ""
@@ -125,7 +128,10 @@ def _html_setting_text(value: Any) -> str:
 
 
 def _html_environment(folder: Path | None) -> Environment:
-    """Return the Jinja environment with the templates of the package, and of *folder*."""
+    """Return the Jinja environment with the package's templates, and of *folder* unless None.
+
+    A template of the package comes before one of the same name in the folder.
+    """
     from jinja2 import ChoiceLoader, Environment, FileSystemLoader, PackageLoader, StrictUndefined
 
     environment = Environment(

@@ -93,7 +93,10 @@ def _markdown_listing(items: Sequence[str]) -> Iterator[str]:
 def _summary_markdown_table(
     title: str, head: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Iterator[str]:
-    """Yield a Markdown table of the first rows below its title; nothing without rows."""
+    """Yield a Markdown table of the first 100 rows below its title; nothing without rows.
+
+    A line then says how many more there are; an empty *title* is left out.
+    """
     if not rows:
         return
     if title:

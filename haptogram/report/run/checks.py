@@ -92,7 +92,7 @@ def run_checks(
 
 
 def _check_of_fault(run: verification.RunVerdict, fault: _Fault) -> Check:
-    """Check that no judged frame shows one kind of fault."""
+    """Check that no judged frame shows one kind of fault; not judged if there is no such frame."""
     found = [frame for frame in run.frames if fault.shows(frame)]
     besides = sum(frame.status in fault.besides for frame in run.frames)
     judged = run.counts[fault.seen_in] - besides
@@ -110,7 +110,7 @@ def _check_of_fault(run: verification.RunVerdict, fault: _Fault) -> Check:
 
 
 def _check_of_unexpected(run: verification.RunVerdict) -> Check:
-    """Check that only intended frames were latched."""
+    """Check that only intended frames were latched; not judged without any latch."""
     keys, outcome, message = run.unexpected, Outcome.PASSED, "none"
     if keys:
         outcome = Outcome.FAILED
@@ -122,7 +122,7 @@ def _check_of_unexpected(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_lost(run: verification.RunVerdict) -> Check:
-    """Check that the board has lost no frame."""
+    """Check that the board has lost no frame; not judged if no latch could be seen."""
     lost = _frames_with(run, verification.FrameStatus.LOST)
     reasons = [reason for reason in run.reasons if verification.LOST_BY_BOARD in reason]
     outcome, message = Outcome.PASSED, "none is known to be"
@@ -135,7 +135,10 @@ def _check_of_lost(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_held_up(run: verification.RunVerdict) -> Check:
-    """Check that the host delayed no frame; decisive only if too few are verified for that."""
+    """Check that the host delayed no frame; delayed ones are noted.
+
+    They decide the verdict only if too few frames are verified.
+    """
     held_up = _frames_with(run, verification.FrameStatus.HELD_UP)
     outcome, message = Outcome.PASSED, "none"
     if held_up:
@@ -147,7 +150,10 @@ def _check_of_held_up(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_late(run: verification.RunVerdict) -> Check:
-    """Check that no frame was latched late; late frames are noted and do not fail."""
+    """Return the check on late latches: passed if none is, else noted, as they do not fail.
+
+    Not judged if no frame was latched.
+    """
     late, latched = [frame for frame in run.frames if frame.late], run.counts["latched"]
     outcome, message = Outcome.NOT_JUDGED, "no frame was latched"
     if latched:
@@ -157,7 +163,10 @@ def _check_of_late(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_share_verified(run: verification.RunVerdict) -> Check:
-    """Check that enough frames were verified; too few are noted only if the run fails anyway."""
+    """Check that the asked share of frames was verified; if not, the run is inconclusive.
+
+    It is only noted if the run fails anyway.
+    """
     outcome, missing = Outcome.PASSED, list[verification.FrameVerdict]()
     if run.too_few:
         # Beside a fault that was proved, too few frames change nothing.
@@ -172,7 +181,10 @@ def _check_of_share_verified(run: verification.RunVerdict) -> Check:
 def _check_of_complete_run(
     run: verification.RunVerdict, cut_short: str | None, seconds: float | None
 ) -> Check:
-    """Check that the run was not cut short."""
+    """Check that the run came to its end; *cut_short* says why it did not, None: it did.
+
+    *seconds* is how long it took.
+    """
     outcome, message = Outcome.PASSED, "it came to its end"
     if cut_short is not None:
         outcome = Outcome.INCONCLUSIVE
@@ -188,12 +200,12 @@ def _frames_with(
 
 
 def _named_frames(frames: list[verification.FrameVerdict]) -> list[str]:
-    """Return a line for each of the first frames, and the number of the others."""
+    """Return a line for each of the first 20 frames, and the number of the others."""
     return _first_lines(frames, run_frame_wording)
 
 
 def _first_lines(items: Sequence[_Item], describe_item: Callable[[_Item], str]) -> list[str]:
-    """Return a line for each of the first items, and the number of the others."""
+    """Return a line for each of the first 20 items, and the number of the others."""
     lines = [describe_item(item) for item in items[:NAMED_FRAMES]]
     if len(items) > NAMED_FRAMES:
         lines.append(f"... and {len(items) - NAMED_FRAMES} more, in the JSON file")
@@ -201,5 +213,5 @@ def _first_lines(items: Sequence[_Item], describe_item: Callable[[_Item], str]) 
 
 
 def _key_text(key: FrameKey) -> str:
-    """Format a frame key."""
+    """Return a frame's key as text: session, sequence, loop and index."""
     return f"session {key.session:#x}, sequence {key.sequence}, loop {key.loop}, index {key.index}"

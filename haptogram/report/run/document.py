@@ -89,7 +89,7 @@ def run_document(
 
 
 def _run_findings(checks: Sequence[document.Check]) -> Iterator[document.Finding]:
-    """Yield a finding for each check that did not pass, those that decide the verdict first."""
+    """Yield a finding for each check that failed, is inconclusive or noted; decisive ones first."""
     for check in sorted(checks, key=lambda check: not check.decisive):
         if (level := _LEVELS.get(check.outcome)) is not None:
             found = "; ".join([check.message, *check.details[:1]])
@@ -97,7 +97,7 @@ def _run_findings(checks: Sequence[document.Check]) -> Iterator[document.Finding
 
 
 def _run_sections(result: Mapping[str, Any]) -> Iterator[document.Section]:
-    """Yield the sections of a run: key figures, injected faults, damage on the line, pins."""
+    """Yield the sections of a run: key figures; if any, faults, damage, pins and warnings."""
     head = ("figure", "value", "unit")
     yield document.Section(
         "Key figures", [document.Table(head, list(_run_key_figures(result)), (1,))], folds=True
@@ -140,7 +140,7 @@ def _run_key_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, str]
 
 
 def _run_properties(result: Mapping[str, Any]) -> dict[str, str]:
-    """Return the settings of the run as texts, by dotted names."""
+    """Return the settings of the run as texts, by dotted names, but those that are None or []."""
     names = ("verdict", "evidence", "seed", "frames", "faults", "configuration", "board")
     named = {name: result[name] for name in names if name in result}
     return {

@@ -57,7 +57,7 @@ def run_frame_table(run: verification.RunVerdict) -> dict[str, Any]:
 
 
 def _run_frame_place_text(frame: verification.FrameVerdict) -> str:
-    """Return the target of *frame* in mm."""
+    """Return the target of *frame* as text in mm, "x, y, z"."""
     return ", ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in frame.target_m)
 
 
@@ -94,14 +94,17 @@ def _run_frame_row(frames: Sequence[verification.FrameVerdict]) -> dict[str, Any
 
 
 def _timing_text(frame: verification.FrameVerdict) -> str:
-    """Return how many µs a frame was latched early or late, '' if it was in time."""
+    """Return how many µs a frame was latched early or late, as text; "" if in time or not known."""
     if frame.lateness_us is None or not (frame.late or frame.early):
         return ""
     return f"{abs(frame.lateness_us)} µs {'late' if frame.late else 'early'}"
 
 
 def _relative_error(frame: verification.FrameVerdict) -> float | None:
-    """Return the error over its bound, on the axis where that is largest; None: not measured."""
+    """Return the error as a share of its bound, on the axis where that is largest.
+
+    None if it was not measured on any axis.
+    """
     if frame.measured_m is None or frame.bound_mm is None:
         return None
     axes = zip(frame.target_m, frame.measured_m, frame.bound_mm, strict=True)
@@ -114,6 +117,6 @@ def _relative_error(frame: verification.FrameVerdict) -> float | None:
 
 
 def _badness(frame: verification.FrameVerdict) -> tuple[bool, float, int]:
-    """Return a key for the worst frame: not on target, then relative error, then lowest number."""
+    """Return a sort key, greatest for the worst frame: off target, relative error, low number."""
     wrong = frame.status is not verification.FrameStatus.ON_TARGET
     return wrong, _relative_error(frame) or 0.0, -frame.number

@@ -76,7 +76,10 @@ def run_capture_checks(captures: Mapping[str, Any]) -> Iterator[Check]:
 
 
 def _run_capture_check(one: Mapping[str, Any], name: str, statement: str) -> Check:
-    """Return the check *name* of the pins in one capture, by its findings, judged or not."""
+    """Return the check *name* of the pins in one capture: its findings, or why not judged.
+
+    *one* is the verdict on the capture as JSON has it, *statement* what is checked.
+    """
     found, frames = one["findings"].get(name, ()), one["frames"]
     missing = one["reasons"] if one["verdict"] == str(Verdict.INCONCLUSIVE) else ()
     outcome = Outcome.PASSED
@@ -120,7 +123,7 @@ def run_pin_elements(captures: Mapping[str, Any] | None) -> list[list[str]]:
 
 
 def _pin_cell(value: object) -> str:
-    """Return a table cell: a dash for an unknown value."""
+    """Return a table cell: a dash for None, a float with 3 digits."""
     if value is None:
         return "–"
     return f"{value:.3f}" if isinstance(value, float) else str(value)
@@ -165,7 +168,10 @@ def draw_pin_elements(one: Mapping[str, Any]) -> Figure:
 def _draw_pin_values(
     axes: Any, table: Mapping[str, Any], name: str, spread: str, limit: float | None
 ) -> None:
-    """Draw one value of each element with its spread; mark values beyond the *limit*."""
+    """Draw the column *name* of each element with its *spread*; mark values beyond the limit.
+
+    None for *limit*: no value is marked.
+    """
     values = table[name]
     off = np.zeros(len(values), np.bool_) if limit is None else np.abs(values) > limit
     for colour, chosen in ((BLUE, ~off), (VERMILION, off)):

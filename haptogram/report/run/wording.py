@@ -82,7 +82,7 @@ def run_remedy_text(result: Mapping[str, Any]) -> str | None:
 
 
 def _run_fired_faults_wording(faults: Mapping[str, Any]) -> str:
-    """Return how often each injected fault fired, as text."""
+    """Return how often each injected fault fired, as text; or that the board did not tell."""
     if faults["fired"] is None:
         return f"{', '.join(faults['plan'])}; the board did not report how often each fired"
     times = (
@@ -118,7 +118,7 @@ def run_tested_rows(result: Mapping[str, Any], model: AcousticModel) -> Iterator
 
 
 def _run_object_text(asked: Mapping[str, Any]) -> str:
-    """Return shape, size, place and modulation of the object that a run displayed."""
+    """Return shape, size, place (mm) and modulation of the object that a run displayed."""
     name, center = asked["object"], ", ".join(f"{value:g}" for value in asked["center_mm"])
     size = f" of {asked['radius_mm']:g} mm" if name in _SIZED and "radius_mm" in asked else ""
     text = f"{name}{size} at {center} mm"
@@ -128,7 +128,7 @@ def _run_object_text(asked: Mapping[str, Any]) -> str:
 
 
 def _run_array_text(model: AcousticModel, file: str | None) -> str:
-    """Return the number of transducers, rows and columns, and the file of the array."""
+    """Return the number of transducers, rows and columns of a grid, and the *file* if any."""
     count, lattice = model.array.count, find_lattice(model.array)
     text = f"{count} transducers"
     if lattice is not None and lattice.elements.size == count:

@@ -83,7 +83,7 @@ def soak_document(campaign: SoakCampaign) -> document.Document:
 
 
 def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
-    """Yield errors: each violation, segments that were not run, and memory that grew."""
+    """Yield errors: each violation kept, a soak without a whole segment, and memory that grew."""
     for example in campaign.tally.examples:
         yield document.Finding(document.Level.ERROR, *example.split(": ", 1))
     if not campaign.done:
@@ -93,7 +93,10 @@ def _soak_findings(campaign: SoakCampaign) -> Iterator[document.Finding]:
 
 
 def _soak_course(campaign: SoakCampaign) -> list[document.Block]:
-    """Return a table of a soak's counts over time, each step with its latest frame; [] if none."""
+    """Return a table of a soak's counts in up to 12 steps of time; [] if there are none.
+
+    The lateness of the latest frame is in ms.
+    """
     course, interval_s = campaign.tally.course, campaign.setup.interval_s
     if not course:
         return []
@@ -119,7 +122,7 @@ def _soak_course(campaign: SoakCampaign) -> list[document.Block]:
 
 
 def _soak_sentence(campaign: SoakCampaign) -> str:
-    """Return the verdict and its reason."""
+    """Return the verdict and its reason; inconclusive if no segment came to its end."""
     if not campaign.done:
         return "INCONCLUSIVE: no segment came to its end, so nothing was judged"
     if campaign.failures:
@@ -143,7 +146,7 @@ def _soak_conditions(campaign: SoakCampaign) -> Iterator[str]:
 
 
 def _soak_memory(campaign: SoakCampaign) -> str:
-    """Return the growth of the memory of the processes."""
+    """Return the growth of the processes' memory as text in MiB, or that it did not grow."""
     grown = f"{campaign.memory.growth_bytes / 2**20:.1f}"
     return "memory did not grow" if float(grown) <= 0.0 else f"memory grew by {grown} MiB"
 
@@ -178,7 +181,10 @@ def _soak_counter_rows(tally: SoakTally) -> Iterator[tuple[str, str, str]]:
 
 
 def _soak_checks(campaign: SoakCampaign) -> Iterator[document.Check]:
-    """Yield a check for each kind of violation."""
+    """Yield a check for each kind of violation, and one that the soak came to its end.
+
+    Without a whole segment a violation that did not occur is not judged.
+    """
     for name, statement in VIOLATIONS.items():
         count = campaign.failures.get(name, 0)
         examples: list[str] = []

@@ -73,7 +73,11 @@ def _sweep_pictures(
     levels: Mapping[str, Sequence[SweepLevel]],
     measure: Measure,
 ) -> Iterator[Block]:
-    """Yield the map of a measure over the first two axes."""
+    """Yield the map of a measure over the first two axes of the sweep, or the only one.
+
+    The axis of the seed is left out if there are others; *labels* and *levels* are by name of the
+    axis.
+    """
     names = ([name for name in levels if name != _SEED] or list(levels))[:2]
     titles, shown = [labels[name] for name in names], [levels[name] for name in names]
     if len(names) == 1:
@@ -89,13 +93,13 @@ def _sweep_pictures(
 
 
 def _sweep_level_table(name: str, levels: Sequence[SweepLevel], measure: Measure) -> Table:
-    """Return a table of the values of one axis: verdicts, and the measure's median and worst."""
+    """Return a table of the *levels* of one axis: verdicts, and the measure's median and worst."""
     head = (name, "points", *reversed(VERDICTS), f"{measure.text}, median", "worst")
     return Table(head, [level.cells() for level in levels], range(1, len(head)))
 
 
 def _sweep_worst_table(rows: Sequence[Row], measures: Sequence[Measure]) -> Table:
-    """Return a table of the worst points, with the command that repeats each."""
+    """Return a table of the 20 worst points, with the command that repeats each."""
     worst = sorted(rows, key=lambda row: badness(row, measures))[:_MOST_WORST]
     head = ("point", "verdict", *(m.text for m in measures), "reason", "command that repeats it")
     cells = [
@@ -208,7 +212,7 @@ def draw_sweep_map(
 
 
 def _draw_sweep_cells(axes: Axes, values: np.ndarray, texts: np.ndarray, most: float) -> None:
-    """Draw the cells of a map, with their texts in a legible colour."""
+    """Draw the cells of a map (rows, columns) with *texts*, dark on cells over 0.6 of *most*."""
     axes.grid(visible=False)
     axes.imshow(values, aspect="auto", origin="lower", vmin=0.0, vmax=most)
     for (y, x), text in np.ndenumerate(texts):
@@ -217,5 +221,5 @@ def _draw_sweep_cells(axes: Axes, values: np.ndarray, texts: np.ndarray, most: f
 
 
 def _short(level: SweepLevel) -> str:
-    """Return the label of a level, truncated."""
+    """Return the label of a level, cut to 24 characters."""
     return level.label if len(level.label) <= _LABEL else f"{level.label[:_LABEL]}…"

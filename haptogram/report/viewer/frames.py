@@ -186,6 +186,6 @@ def view_drive_columns(drives: Sequence[Drive | None], count: int) -> dict[str, 
 
 
 def _viewer_frame_places(places: Iterable[Place]) -> NDArray[np.float32]:
-    """Return (F, 3) places, NaN where there is none."""
+    """Return (F, 3) places in the unit given, NaN for each that is None."""
     rows = [(None, None, None) if place is None else tuple(place) for place in places]
     return np.array(rows, dtype=np.float64).reshape(-1, 3).astype(np.float32)

@@ -98,7 +98,7 @@ class LiveViewerScene:
         return [f"{self.model.array.count} transducers, {len(self._frames)} latches{last}."]
 
     def _newest(self, count: int) -> ViewerScene:
-        """Return a scene of the newest *count* frames."""
+        """Return a scene of the newest *count* frames; of none if it is 0 or less."""
         newest = list(islice(reversed(self._frames), max(0, count)))[::-1]
         return ViewerScene.of(
             self.model, newest, counters=self._shown_counters(), client_axes=self._client_axes
@@ -131,7 +131,11 @@ class LiveViewerScene:
         timing: int = TIMELY,
         received_us: int | None = None,
     ) -> None:
-        """Append a latch to the scene, and count it: latched, muted, no single focus."""
+        """Append a latch to the scene, and count it: latched, muted, no single focus.
+
+        *drive* None: it is not known. *timing* says if it was late; *received_us* when the frame
+        came (None: not known). Refuses a drive of another number of elements.
+        """
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")
         self._frames.append(
@@ -150,7 +154,7 @@ class LiveViewerScene:
         self._counters["no single focus"] += isinstance(field, NotSingle)
 
     def _output(self, record: Mapping[str, Any]) -> None:
-        """Take an event: the output state, a remark; of others only the count."""
+        """Take an event: an output state or remark is shown, others are counted."""
         if record["event"] == "state":
             self._state = f"{record['state']} ({record['reason']})"
         elif record["event"] == "remark":
@@ -159,7 +163,10 @@ class LiveViewerScene:
             self._counters[record["event"].replace("_", " ")] += 1
 
     def _shown_counters(self) -> dict[str, Any]:
-        """Return the counters that are not 0, firmware, state and last remark."""
+        """Return what the view lists: counters that are not 0, firmware, state and last remark.
+
+        A board of another dialect has no state; without a remark there is none.
+        """
         counted = {name: count for name, count in self._counters.items() if count}
         shown = counted | {"board": self.firmware}
         if self._has_states:

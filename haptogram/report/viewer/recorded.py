@@ -84,7 +84,7 @@ def _recorded_scene_of(recording: Recording) -> RecordedScene:
 
 
 def _versions_in_viewer(recording: Recording) -> list[str]:
-    """Return the sentence that names the programs by which the recording was written."""
+    """Return the sentence that names the programs which wrote the recording; [] if not known."""
     versions = recording.run.get("versions")
     if not isinstance(versions, dict) or not versions:
         return []
@@ -92,7 +92,7 @@ def _versions_in_viewer(recording: Recording) -> list[str]:
 
 
 def _verdict_in_viewer(recording: Recording) -> str:
-    """Return the recorded verdict of the run; empty without one."""
+    """Return the recorded verdict of the run; "" without one."""
     verdicts = [entry.fields.get("verdict") for entry in recording.entries((SUMMARY,))]
     return str(verdicts[-1] or "") if verdicts else ""
 
@@ -100,7 +100,10 @@ def _verdict_in_viewer(recording: Recording) -> str:
 def _viewer_scene_of(
     model: AcousticModel, frames: list[ViewerFrame], path: Path, what: str
 ) -> tuple[ViewerScene, list[str]]:
-    """Return the scene of recorded frames, and the line that counts them."""
+    """Return the scene of recorded *frames*, and the line that counts them as *what*.
+
+    It also says if they are only the first 20 000 of the file.
+    """
     more = f", the first {_MOST_FRAMES} of {path.name}" if len(frames) == _MOST_FRAMES else ""
     scene = ViewerScene.of(model, frames, counters=Counter(frame.status for frame in frames))
     return scene, [f"{model.array.count} transducers, {len(frames)} {what}{more}."]
@@ -109,7 +112,10 @@ def _viewer_scene_of(
 def _sent_scene(
     recording: Recording, judged: dict[FrameKey, ViewerFrame]
 ) -> tuple[ViewerScene, list[str]]:
-    """Return the scene of a recording without the board's output, with the sent drives."""
+    """Return the scene, with the sent drives, of a recording without the board's output.
+
+    *judged* frames are shown if there are any; refuses a recording that does not tell the array.
+    """
     path = recording.path
     model = model_of_recorded_answers(recording)
     if model is None:
@@ -132,7 +138,10 @@ def _sent_scene(
 
 
 def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ViewerFrame]:
-    """Yield the frames without an observed latch, with the focus of the drive that was sent."""
+    """Yield the frames without an observed latch, with the focus of the drive that was sent.
+
+    After 20 failed searches no focus is looked for.
+    """
     reconstructor, searches = Reconstructor(model), _MOST_SEARCHES
     for number, frame in enumerate(sent):
         field = None
@@ -150,7 +159,7 @@ def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iter
 
 
 def _viewer_frames_judged(recording: Recording) -> dict[FrameKey, ViewerFrame]:
-    """Return the first frames with a verdict, by key, with their latches where recorded."""
+    """Return the first 20 000 frames with a verdict, by key, with their latches where recorded."""
     judged: dict[FrameKey, ViewerFrame] = {}
     for entry in islice(recording.entries((VERDICT,)), _MOST_FRAMES):
         fields = entry.fields

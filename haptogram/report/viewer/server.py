@@ -162,13 +162,13 @@ class _ViewHandler(http.server.BaseHTTPRequestHandler):
 
 
 def _query_frame_count(query: str) -> int:
-    """Return the number "after" in a query: how many frames the page has; 0 without it."""
+    """Return the number "after" in a query: how many frames the page has; 0 without a valid one."""
     text = parse_qs(query).get("after", ["0"])[0]
     return int(text) if text.isdecimal() and len(text) < 16 else 0
 
 
 def _view_headers(page: str) -> dict[str, str]:
-    """Return a content security policy that allows only the page's own script and style."""
+    """Return headers whose security policy allows only the page's own script and style."""
     sources: dict[str, list[str]] = {"script": [], "style": []}
     for name, content in _INLINE.findall(page):
         digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()

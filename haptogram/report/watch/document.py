@@ -113,7 +113,7 @@ class WatchReport:
         )
 
     def _view_sections(self) -> Iterator[parts.Section]:
-        """Yield the interactive view, in the axes of the array."""
+        """Yield the interactive view, in the axes of the array; nothing without frames."""
         if self._frames:
             axes = other_axes_of_viewer(self._board.client_axes)
             scene = ViewerScene.of(self._board.model, list(self._frames), client_axes=axes)
@@ -124,7 +124,7 @@ class WatchReport:
             yield parts.Section("View", [parts.View(scene.embedded(), note)])
 
     def _expected_section(self, expected_m: Sequence[FloatArray]) -> parts.Section:
-        """Return the table of expected foci, in the client's axes."""
+        """Return the table of expected foci in mm, in the client's axes; empty without foci."""
         rows = [
             (str(number), ", ".join(map(watched_place_text, self._board.clients_m(foci))))
             for number, foci in enumerate(expected_m, start=1)
@@ -135,7 +135,10 @@ class WatchReport:
         )
 
     def _latch_sections(self) -> Iterator[parts.Section]:
-        """Yield the table of the latches, with the columns that any row has, and the board."""
+        """Yield a table of the last latches and one of the board; nothing without a page.
+
+        Columns from the verdict on that no row has are left out.
+        """
         if not self._has_page:
             return
         width = len(_LATCH_HEAD)
@@ -181,7 +184,7 @@ def watched_status_text(verdict: FrameVerdict) -> str:
 
 
 def _watch_table_section(title: str, table: parts.Table, *notes: parts.Block) -> parts.Section:
-    """Return a section with a table; without rows it is empty."""
+    """Return a section with a table, then *notes*; without rows it is empty."""
     return parts.Section(title, [table, *notes] if table.rows else [])
 
 
@@ -203,7 +206,7 @@ def _shown_watched_frame(seen: WatchedLatch) -> ViewerFrame:
 def _watch_findings(
     result: WatchResult, verdicts: Sequence[FrameVerdict]
 ) -> Iterator[parts.Finding]:
-    """Yield the diagnoses, then wrong and unjudged frames in groups."""
+    """Yield the diagnoses, wrong and unjudged frames in groups, and what is missing, as errors."""
     for diagnosis in result.diagnoses:
         yield parts.Finding(parts.Level.ERROR, str(diagnosis.defect), str(diagnosis))
     wrong = [verdict for verdict in verdicts if verdict.status in WRONG]
@@ -217,7 +220,7 @@ def _watch_findings(
 
 
 def _watch_frame_check(verdict: FrameVerdict) -> parts.Check:
-    """Check that a latch has its expected foci."""
+    """Check that a latch has its expected foci; inconclusive if it was not verified."""
     outcome = parts.Outcome.PASSED
     if verdict.status in WRONG:
         outcome = parts.Outcome.FAILED
@@ -236,7 +239,7 @@ def _watch_defect_check(result: WatchResult, defect: Defect) -> parts.Check:
 
 
 def _watch_seen_check(result: WatchResult, seconds: float | None) -> parts.Check:
-    """Check that no latch is missing."""
+    """Check that no latch is missing; inconclusive if one is, or none was seen."""
     count = sum(result.kinds.values())
     missing = result.missing or ("" if count else "no latch of a client was seen")
     outcome = parts.Outcome.INCONCLUSIVE if missing else parts.Outcome.PASSED

@@ -114,7 +114,11 @@ class RunConsequences:
 def _held_stretches(
     frames: Sequence[FrameVerdict], silences: Sequence[int]
 ) -> Iterator[_HeldStretch]:
-    """Yield the intervals in which an old drive was radiated instead of the intended one."""
+    """Yield the intervals in which another drive than the intended one was radiated.
+
+    *silences* are the times in µs at which the output was muted; frames without a due time are left
+    out.
+    """
     due = (frame for frame in frames if frame.status is not FrameStatus.CANCELLED)
     timed = [frame for frame in due if frame.t_apply_us is not None]
     begins = [frame.t_apply_us or 0 for frame in timed]
@@ -132,7 +136,11 @@ def _held_stretches(
 
 
 def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
-    """Yield when each frame is due to end: at the next one, after a period, or when muted."""
+    """Yield the time in µs at which each of the frames that begin at *begins* should end.
+
+    That is the next begin, if it is at most two periods away (a period: the gap to the begin
+    before); else the first of next begin, one period, and *silences*; without any, its own begin.
+    """
     neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
     for before_us, begin_us, next_us in neighbours:
         period_us = None if before_us is None else begin_us - before_us
@@ -146,7 +154,10 @@ def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
 
 
 def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the interval in which the old drive was still radiated; errors None if unknown."""
+    """Return the stretch from *begin_us* to *end_us*, in which the old drive was held.
+
+    Its miss and pressures are those of the frame's consequence; None if that is not known.
+    """
     held = frame.consequence
     if held is None:
         return _HeldStretch(begin_us, end_us, None, None, None)
@@ -155,7 +166,7 @@ def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _H
 
 
 def _unbroken_stretches(stretches: list[_HeldStretch]) -> Iterator[list[_HeldStretch]]:
-    """Yield lists of stretches in which each begins where the one before ends."""
+    """Yield lists of stretches that follow without a gap; one empty list if there are none."""
     joined: list[_HeldStretch] = []
     for stretch in stretches:
         if joined and stretch.begin_us > joined[-1].end_us:
@@ -170,7 +181,7 @@ def _total_stretch_ms(stretches: Sequence[_HeldStretch]) -> float:
 
 
 def _mean_over_stretches(stretches: list[_HeldStretch], values: list[float]) -> float | None:
-    """Return the average of *values*, weighted by length; None without *stretches*."""
+    """Return the mean of *values*, one a stretch, weighted by length; None without *stretches*."""
     if not stretches:
         return None
     lengths = [stretch.length_us for stretch in stretches]

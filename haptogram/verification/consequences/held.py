@@ -97,7 +97,7 @@ def focus_still_held(
 
 
 def _fell_silent(quiet_us: Sequence[int], after_us: float, until_us: float) -> bool:
-    """Return True if the output fell silent after *after_us*, at *until_us* at the latest."""
+    """Return True if a time of the sorted *quiet_us* is after *after_us*, up to *until_us*."""
     return bisect_right(quiet_us, after_us) < bisect_right(quiet_us, until_us)
 
 

@@ -34,7 +34,7 @@ def drive_of_crc(model: AcousticModel, intended: Intended, crc: int) -> Drive | 
 
 
 def _rolled_drive(drive: Drive, crc: int) -> Drive | None:
-    """Return *drive* with its elements shifted in a ring to give this CRC; None if none does."""
+    """Return *drive* with its elements rolled by any number of places to match *crc*; else None."""
     count = drive.count
     twice, levels = drive.phase_codes.tobytes() * 2, drive.amplitude_codes.tobytes() * 2
     for begin in range(1, count):
@@ -66,7 +66,7 @@ def _nearly_right_drive(wanted: Drive, crc: int) -> Drive | None:
 
 @functools.cache
 def _crc_change_table(length: int) -> NDArray[np.uint32]:
-    """Return a table (length, 256): the CRC-32 change caused by each changed byte.
+    """Return (length, 256): how each XOR of each of *length* bytes changes the CRC-32.
 
     The rows are those of XOR: a change of several bits is the XOR of the changes of each.
     """

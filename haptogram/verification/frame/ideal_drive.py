@@ -107,7 +107,10 @@ class IdealFrameDrive:
         return [self._peak(target) for target in self.placed]
 
     def _peak(self, target: FrameTarget) -> ExpectedPeak | None:
-        """Return the pressure peak expected at a target; None if a coordinate is unobservable."""
+        """Return the peak expected at a target; None without one, or if a coordinate is unseen.
+
+        Unseen is an x, y or z of the target that the phases cannot show.
+        """
         if not target.observable.all():
             return None
         return expected_frame_peak(
@@ -144,14 +147,14 @@ class IdealFrameDrive:
         return self._tolerated_change(np.abs)
 
     def _tolerated_change(self, measure: Callable[[ComplexArray], FloatArray]) -> FloatArray:
-        """Return how far hosts within tolerance change *measure*, with a margin."""
+        """Return by how much hosts within tolerance change *measure*, times 1.15 as margin."""
         asked = measure(self.asked)
         changes = [np.abs(measure(drive) - asked) for drive in self.tolerated]
         tolerated: FloatArray = _MARGIN * np.max([0.0 * asked, *changes], axis=0)
         return tolerated
 
     def _rounding_of_level(self, target: FrameTarget) -> float:
-        """Return by how much rounding of phases and amplitudes can change a target's level."""
+        """Return by how many Pa rounding of the drive can change a target's peak pressure."""
         parts = target.arrivals * self.weights
         total, error_rad = complex(parts.sum()), target.phase_limit_rad
         quadrature = np.abs((parts * (total.conjugate() / abs(total) if total else 1.0)).imag)
@@ -160,7 +163,7 @@ class IdealFrameDrive:
         return float(limit)
 
     def _levels_of(self, weights: ComplexArray) -> FloatArray:
-        """Return the level of *weights* at each target."""
+        """Return (F,) the peak pressure in Pa that *weights* (N,) make at each target."""
         return np.abs([target.arrivals @ weights for target in self.targets])
 
     def phase_error_rad(self, latched: Drive, active: Bools) -> float:

@@ -95,7 +95,10 @@ class FrameJudge:
     def _make_target(
         self, position_m: tuple[float, float, float], amplitude_codes: bytes, limit_rad: float
     ) -> FrameTarget:
-        """Return the target at a position; refuse a tolerance too large to be judged there."""
+        """Return the target at a position, with the largest phase error *limit_rad*.
+
+        Refuses a tolerance that is too large to be judged there.
+        """
         codes = np.frombuffer(amplitude_codes, np.uint8)
         amplitudes, place = codes / FULL_AMPLITUDE, np.array(position_m)
         target = FrameTarget(self._model, place, amplitudes, limit_rad, self.tolerance)
@@ -104,7 +107,7 @@ class FrameJudge:
         return target
 
     def _targets(self, intended: Intended) -> list[FrameTarget]:
-        """Return the target of each focus, with its phase limit."""
+        """Return the target of each focus, with the largest phase error that passes there."""
         codes = intended.drive.amplitude_codes.tobytes()
         limit_rad = criteria.frame_phase_limit_rad(intended, self._grain_rad)
         return [self._target(focus.position_m, codes, limit_rad) for focus in intended.foci]
@@ -112,7 +115,7 @@ class FrameJudge:
     def _make_ideals(self, intended: Intended) -> list[IdealFrameDrive]:
         """Return the ideal drive of the foci for each model with which they may have been solved.
 
-        An array for which the solver refuses the foci is left out.
+        A model for which the solver refuses the foci is left out; [] if it refuses them for all.
         """
         targets, found = self._targets(intended), []
         for model in self._known_models(board_computed=intended.board_computed):
@@ -122,9 +125,10 @@ class FrameJudge:
         return found
 
     def _known_models(self, *, board_computed: bool) -> Iterator[AcousticModel]:
-        """Yield the models by which foci may have been solved: ours and, if another, the wire's.
+        """Yield the models that the sender may have used: the judge's and, if another, the wire's.
 
-        On the wire the array is in whole micrometres and the speed of sound in whole mm/s.
+        On the wire the array is in whole micrometres; *board_computed*: the speed of sound is in
+        whole mm/s.
         """
         model = self._model
         if board_computed:
@@ -149,11 +153,11 @@ class FrameJudge:
                     yield self.judge(*pair) if verdict is None else verdict
 
     def _steps_of_missing_field(self, pair: Pair) -> int | None:
-        """Return the phase steps of a frame whose field is still to be reconstructed; else None."""
+        """Return the phase steps of a frame whose latch lacks a reconstructed field; else None."""
         return pair[0].steps if self._ordinary.is_field_missing(*pair) else None
 
     def _with_fields(self, pairs: Iterable[Pair], steps: int) -> list[Pair]:
-        """Return the pairs, each latch with the field reconstructed from its intended drive."""
+        """Return the pairs, with fields reconstructed from the intended drives at phase *steps*."""
         asked = [
             DriveToFind(intended.drive, criteria.judged_frame_step_rad(intended))
             for intended, _ in pairs
@@ -176,7 +180,7 @@ class FrameJudge:
         return dataclasses.replace(found, **{name: getattr(seen, name) for name in _ITS_OWN})
 
     def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
-        """Judge a latch; frames and latches that differ in key and times alone share a verdict."""
+        """Judge a latch of *intended*; pairs that differ in key and times alone share a verdict."""
         seen = self._unjudged_verdict(intended, observation)
         if observation.drive_crc is not None and observation.shows_by_crc(intended) is False:
             named = drive_of_crc(self._model, intended, observation.drive_crc)
@@ -218,7 +222,7 @@ class FrameJudge:
         return one.judge(seen, found, faults)
 
     def _faults(self, intended: Intended, latched: Drive, output: Drive) -> tuple[str, ...]:
-        """Name the faults of the latched drive or, if it has none, those of the radiated one."""
+        """Name the faults of the latched drive or, if none, of the radiated *output*; else ()."""
         faults = name_drive_faults(self._model, intended, latched)
         if faults or output is latched:
             return faults
@@ -228,7 +232,7 @@ class FrameJudge:
     def _latched_drive(
         self, intended: Intended, observation: Observation
     ) -> tuple[Drive | None, str]:
-        """Return the latched drive, by its CRC if need be; else None and why it is not known."""
+        """Return the latched drive, if need be by its CRC, and a note; or None and the reason."""
         drive, crc, count = observation.drive, observation.drive_crc, self._model.array.count
         if drive is None and crc is None:
             return None, "the latch was seen, but nothing of its drive"
@@ -248,7 +252,10 @@ class FrameJudge:
         return drive, ""
 
     def _unjudged_verdict(self, intended: Intended, observation: Observation) -> FrameVerdict:
-        """Return a verdict with evidence and times of the observation, not yet judged."""
+        """Return a verdict with evidence and times of the observation, not yet judged.
+
+        A latch is late if it was reported so, or from a carrier period after its time on.
+        """
         lateness_us = (
             0 if intended.t_apply_us is None else observation.t_latch_us - intended.t_apply_us
         )
@@ -263,13 +270,16 @@ class FrameJudge:
         )
 
     def _reconstructor(self, steps: int) -> Reconstructor:
-        """Return the cached reconstructor for a phase resolution."""
+        """Return the cached reconstructor for *steps* phases in a period."""
         if steps not in self._reconstructors:
             self._reconstructors[steps] = Reconstructor(self._model)
         return self._reconstructors[steps]
 
     def _reconstruct(self, frame: SingleFocusFrame) -> Reconstruction | None:
-        """Return the field of a latched drive; None if only a quick search is due, and fails."""
+        """Return the field of a latched drive; a quick search may fail and return None.
+
+        The search is quick for a frame that is wrong anyway, after 256 failed searches.
+        """
         # How well the phases fit a focus depends on the wire's steps, not on the registers.
         known = self._reconstructor(frame.intended.steps)
         weights, slack_rad = frame.latched.weights(), frame.target.tolerated_rad
@@ -282,9 +292,10 @@ class FrameJudge:
 
 
 def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
-    """Return True if a field without a focus disproves nothing: no outliers, or small errors.
+    """Return True if a field without a focus disproves nothing.
 
-    The board does not know the tolerance, nor the phase resolution of an uploaded frame.
+    It then has no outliers, or an RMS phase error within the limit. The board does not know the
+    tolerance, nor the phase resolution of an uploaded frame.
     """
     return not found.outliers or found.residual_rms_rad <= target.phase_limit_rad
 
@@ -299,7 +310,7 @@ def _judged_frame_without_identity(intended: Intended) -> Intended:
 def _drive_of_judged_host(
     model: AcousticModel, intended: Intended, off: FloatArray
 ) -> ComplexArray:
-    """Return the drive of a host that is *off* by a position (m) and a relative sound speed."""
+    """Return the weights of a host that is *off* by (4,): x, y, z in m and a share of the speed."""
     if off[3]:
         model = model.with_sound_speed(model.medium.sound_speed_m_s * (1.0 + float(off[3])))
     foci = [

@@ -102,7 +102,10 @@ class OrdinaryFrames:
         return found
 
     def _judged(self, pairs: Sequence[Pair], carrier_us: int) -> list[FrameVerdict | str]:
-        """Return the verdict on each frame, or the reason why it needs the full judge."""
+        """Return the verdict on each pair, or why it needs the full judge.
+
+        A latch is late if it was reported so, or from *carrier_us* after its time on.
+        """
         pistons, kernels = self._pistons, self._pistons.kernels
         codes = np.array([intended.drive.phase_codes for intended, _ in pairs])
         limits, coherences = np.array([self._limits_of(intended) for intended, _ in pairs]).T.copy()
@@ -123,7 +126,7 @@ class OrdinaryFrames:
         ]
 
     def _limits_of(self, intended: Intended) -> tuple[float, float]:
-        """Return the limits of S1 (phases) and S3 (coherence) for a drive of full amplitude."""
+        """Return the limit of S1 in rad, and of S3 (least coherence, 0 to 1) at full amplitude."""
         key = (intended.steps, intended.drive.phase_bits, intended.board_computed)
         if key not in self._limits:
             limit_rad = self._limit_rad(intended)
@@ -134,7 +137,11 @@ class OrdinaryFrames:
     def _verdict(
         self, intended: Intended, latch: Observation, measures: list[float], carrier_us: int
     ) -> FrameVerdict:
-        """Return the verdict of a frame that meets all criteria."""
+        """Return the verdict of a frame that meets all criteria.
+
+        *measures* is the frame's row of what the kernel measured; late is *carrier_us* after its
+        time.
+        """
         bx, by, bz, scatter, drift, phase_rad, coherence, loudness, peak_rad, across, along = (
             measures
         )
@@ -179,7 +186,10 @@ class OrdinaryFrames:
 
 
 def _why_not_ordinary(intended: Intended, latch: Observation, full: bytes) -> str | None:
-    """Return why a frame needs the full judge; None if it is one focus latched as sent."""
+    """Return why a frame needs the full judge; None if it is one focus latched as sent.
+
+    *full* holds the amplitude codes of a drive at full amplitude.
+    """
     reason = _why_not_as_sent(intended, latch, full)
     if reason is not None:
         return reason
@@ -188,7 +198,7 @@ def _why_not_ordinary(intended: Intended, latch: Observation, full: bytes) -> st
 
 
 def _why_not_as_sent(intended: Intended, latch: Observation, full: bytes) -> str | None:
-    """Return why a latch differs from the single full-amplitude focus sent; None if equal."""
+    """Return why a latch differs from the one focus sent at amplitudes *full*; None if equal."""
     wanted = intended.drive
     drive = wanted if latch.shows_by_crc(intended) else latch.drive
     if len(intended.foci) != 1:
@@ -207,7 +217,7 @@ def _why_not_as_sent(intended: Intended, latch: Observation, full: bytes) -> str
 
 
 def _beam_axes(along: FloatArray) -> FloatArray:
-    """Return (F, 4, 3): two transverse axes of each direction, the direction, and zeros."""
+    """Return (F, 4, 3): two axes across each unit vector of *along* (F, 3), that vector, zeros."""
     axes, rows = np.zeros((len(along), 4, 3)), np.arange(len(along))
     furthest_off = np.abs(along).argmin(axis=1)
     first = -along[rows, furthest_off][:, None] * along

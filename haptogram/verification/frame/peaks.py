@@ -136,9 +136,9 @@ def _worst_peak_displacement_m(
     direction: FramePeakAxes,
     errors_rad: FloatArray,
 ) -> FloatArray:
-    """Return (D,) the largest displacements of the peak by phase errors (K, N) and their negative.
+    """Return (D,) the peak's largest displacement along each axis by errors (K, N) of either sign.
 
-    Infinite where one of them leaves no peak.
+    *ideal* (N,) is the drive without errors; infinite where an error leaves no peak near *place_m*.
     """
     worst = np.zeros(len(direction.axes))
     for errors in (*errors_rad, *-errors_rad):

@@ -155,14 +155,17 @@ class SeveralFociFrame:
 
     @cached_property
     def _active(self) -> Bools:
-        """(N,) the elements that are intended to sound, sound, and have a significant phase."""
+        """(N,) the elements that are meant to sound, sound, and are not too faint for a phase."""
         active: Bools = self.ideals[0].targets[0].active
         return meaningful_frame_elements(self.intended, self.latched) & active
 
     def _judge_strictly(
         self, ideal: IdealFrameDrive, error_rad: float, slack: FloatArray | float = 0.0
     ) -> _Findings:
-        """Return the findings about a drive that may differ from the ideal one by rounding only."""
+        """Return the findings about a drive that may differ from the ideal one by rounding only.
+
+        *error_rad* is its largest phase error, *slack* what amplitudes may be off besides.
+        """
         offsets_m, limits_m = ideal.offsets_m(self._weights), ideal.limits_m()
         limit_rad = ideal.targets[0].phase_limit_rad
         s5 = criteria.frame_amplitudes_ok(self.intended, self.latched)
@@ -189,9 +192,10 @@ class SeveralFociFrame:
         return _Findings(verdicts, [], list(fit.offsets_m), limits_m)
 
     def _host(self, ideal: IdealFrameDrive) -> tuple[ToleratedHost | None, str | None]:
-        """Return the tolerated host that explains this drive, or else the fault of its elements.
+        """Return the host, of shifted foci or other air, that explains this drive; else the fault.
 
-        A host within the tolerance or, if there is none, one that is beyond it for certain.
+        The nearest host within the tolerance is tried first, then any that is certainly beyond it.
+        Both are None if the solver refuses the foci or no element can be named.
         """
         target, model = ideal.targets[0], ideal.targets[0].model
         phases_rad = np.angle(self._weights)
@@ -206,7 +210,7 @@ class SeveralFociFrame:
         return None, None
 
     def _judge_of_host(self, ideal: IdealFrameDrive, host: ToleratedHost) -> _Findings:
-        """Return the findings, with the drive of a tolerated host as the ideal.
+        """Return the findings, with the drive of *host*, shifted foci in other air, as the ideal.
 
         Peaks of several foci may move further than the host is off; smaller misses do not show.
         """
@@ -231,7 +235,8 @@ class SeveralFociFrame:
         """Judge a multi-focus drive with the positions of the foci fitted from its phases.
 
         For displaced foci a solver may choose other phases between the foci, so the positions are
-        fitted to the phases with free weights of the foci.
+        fitted to the phases with free weights of the foci. A *fault* fails S1; None: none was
+        named.
         """
         target = ideal.targets[0]
         limit_rad, miss_mm = target.phase_limit_rad, target.tolerance.miss_mm
@@ -284,7 +289,10 @@ class SeveralFociFrame:
     def _do_peaks_follow(
         self, ideal: IdealFrameDrive, limits_m: Sequence[FloatArray], miss_mm: float
     ) -> bool:
-        """Return True if the pressure peaks are no further off than the fitted foci may be."""
+        """Return True if each pressure peak is within its focus's limit (3,) plus *miss_mm*.
+
+        The distance is that from where the ideal drive has the peak; without a peak False.
+        """
         return all(
             offset_m is not None
             and np.linalg.norm(offset_m) <= np.linalg.norm(limit_m) + miss_mm / _MM
@@ -293,7 +301,7 @@ class SeveralFociFrame:
 
 
 def _relative_errors(fit: FociFit, limit_rad: float, slack_rad: tuple[float, float]) -> FloatArray:
-    """Return (N,) phase errors of active elements, relative to what rounding and tolerance allow.
+    """Return (N,) phase errors, as a share of what rounding and tolerance allow: 1 is the limit.
 
     *slack_rad* is what an element may add for all its waves, and what each wave may add.
     """
@@ -303,7 +311,7 @@ def _relative_errors(fit: FociFit, limit_rad: float, slack_rad: tuple[float, flo
 
 
 def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArray] | None:
-    """Return how far (3,) each focus may be off; None where a miss of one would not show."""
+    """Return how far (3,) in m each focus may be off; None if any reaches 0.4 of its distance."""
     limits = []
     for target, bound_m in zip(ideal.placed, fit.bound_m, strict=True):
         limits.append(_SECOND_ORDER * bound_m + target.tolerated_m)
@@ -313,7 +321,7 @@ def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArra
 
 
 def _are_frame_peaks_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray]) -> bool:
-    """Return True if each focus has a place to within its own lobe: else the fit is no proof."""
+    """Return True if each limit lies in the lobe of its focus, 1.8 rad of phase: a proof."""
     return all(
         target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
         for target, limit_m in zip(ideal.placed, limits_m, strict=True)
@@ -321,7 +329,10 @@ def _are_frame_peaks_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray
 
 
 def _farthest_miss_mm(targets: Sequence[FrameTarget], found: _Findings) -> dict[str, Any]:
-    """Return the error of the focus farthest from its place; nothing if one has no place."""
+    """Return the errors in mm of the focus farthest from its place, as fields of a verdict.
+
+    {} if a focus has no place, or no limit is known.
+    """
     offsets = [offset for offset in found.offsets_m if offset is not None]
     if len(offsets) < len(targets) or not targets or found.limits_m is None:
         return {}
@@ -332,7 +343,7 @@ def _farthest_miss_mm(targets: Sequence[FrameTarget], found: _Findings) -> dict[
 
 
 def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
-    """Yield one finding if foci have no pressure peak of their own: a miss would not show."""
+    """Yield one finding if foci have no pressure peak of their own, as a miss would not show."""
     lost = [str(number) for number, peak in enumerate(ideal.peaks, 1) if peak is None]
     if lost:
         yield (
@@ -342,7 +353,10 @@ def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
 
 
 def _solver_failure(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
-    """Yield why the solver did not make the foci."""
+    """Yield one finding if a solver other than "naive" did not make the foci; else nothing.
+
+    Made are they with an efficiency of 0.25, and the weakest at 0.2 of their mean, at least.
+    """
     if intended.solver != "naive" and not levels.made:
         yield (
             f"the solver {intended.solver} did not make the foci: efficiency "

@@ -166,14 +166,17 @@ class SingleFocusFrame:
 
     @cached_property
     def _host(self) -> ToleratedHost:
-        """The tolerated host whose phases are nearest."""
+        """The host, of a place and air within the tolerance, whose phases are nearest."""
         phases_rad = np.angle(self.latched.weights())
         target, known = self.target, self.known
         return ToleratedHost.nearest(target, known, target.drive_of_host, phases_rad, self._active)
 
     @cached_property
     def _drive_criteria(self) -> tuple[dict[str, Any], dict[str, bool]]:
-        """Return measures and verdicts that need the drive alone: S1, S3, S4 and S5."""
+        """Return measures, and verdicts that need the drive alone: S1, S3, S4, S5.
+
+        If no element sounds, S1 and S3 fail and the coherence is 0.
+        """
         intended, latched, target, active = self.intended, self.latched, self.target, self._active
         s5 = criteria.frame_amplitudes_ok(intended, latched)
         if not active.any():
@@ -186,16 +189,19 @@ class SingleFocusFrame:
         return measures, verdicts | {"S5": s5}
 
     def _is_in_place(self, found: acoustics.Reconstruction) -> bool:
-        """Return True if criterion S2 holds: the focus is at its target."""
+        """Return True if criterion S2 holds: *found* is a focus, and at its target.
+
+        At the target is within what rounding and the tolerance allow.
+        """
         if not isinstance(found, acoustics.SingleFocus):
             return False
         offset_m = np.array(found.position_m) - self.target.position_m
         return criteria.is_frame_on_target(self.target, offset_m)
 
     def _is_ambiguous(self, verdicts: dict[str, bool], found: acoustics.Reconstruction) -> bool:
-        """Return True if phases within limits also fit another point, or no point at all.
+        """Return True if phases within limits (S1) also fit another point, or no point at all.
 
-        Few elements with few bits can fit two points, or a search that is not told the target none.
+        With few elements of few bits two points can fit, or a search without the target finds none.
         """
         if not verdicts["S1"] or self._is_in_place(found):
             return False
@@ -204,7 +210,10 @@ class SingleFocusFrame:
         ) and self._is_of_this_drive(found)
 
     def _other_faults(self, verdicts: dict[str, bool], faults: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the fault of elements that no tolerated host explains; () if *faults* has one."""
+        """Return one fault of elements that no place or air within the tolerance explains.
+
+        () if there is none, *faults* has one already, S1 holds, or nothing is tolerated.
+        """
         if faults or verdicts["S1"] or self.target.tolerance.is_strict or not self._active.any():
             return ()
         model = self.target.model
@@ -212,7 +221,7 @@ class SingleFocusFrame:
         return () if fault is None else (fault,)
 
     def _outliers(self, found: acoustics.NotSingle, faults: tuple[str, ...]) -> tuple[str, ...]:
-        """Name elements out of step with the focus of the others, if the codes show no fault.
+        """Name elements out of step with the focus of the others; () if none, or with *faults*.
 
         Either the codes themselves are out of step, for these elements in this air, or something
         else was radiated than the codes say.
@@ -225,9 +234,9 @@ class SingleFocusFrame:
         return (f"{names} radiated otherwise than latched",)
 
     def _is_of_this_drive(self, found: acoustics.SingleFocus | acoustics.NotSingle) -> bool:
-        """Return True if a reconstruction is consistent with the latched phases.
+        """Return True if a reconstruction fits the latched phases to within 1.5 times the limit.
 
-        It is not if its outlier elements are no outliers in these phases.
+        It does not if its outlier elements are no outliers in these phases.
         """
         if isinstance(found, acoustics.NotSingle) and not found.outliers:
             return True  # nothing was found, which any search may come to
@@ -283,7 +292,7 @@ def _unobservable_frame_target(target: FrameTarget) -> str:
 def _focus_miss(
     target: FrameTarget, found: acoustics.SingleFocus | acoustics.NotSingle
 ) -> dict[str, Any]:
-    """Return the miss of the found focus, its pressure and force, as fields of the verdict."""
+    """Return the found focus's miss, pressure (Pa RMS) and force (N or None) as verdict fields."""
     force_n = found.force_n if isinstance(found, acoustics.SingleFocus) else None
     if force_n is not None and not math.isfinite(force_n):
         force_n = None
@@ -294,7 +303,7 @@ def _focus_miss(
 
 
 def _peak_miss(target: FrameTarget, latched: ComplexArray) -> dict[str, Any]:
-    """Return the pressure peak's distance from its place; {} if it was not found all around."""
+    """Return the peak's distance in mm across and along the beam; {} unless both are found."""
     offsets = [
         offset_m @ peak.direction.axes
         for peak in target.peaks

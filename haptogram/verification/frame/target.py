@@ -140,7 +140,7 @@ class FrameTarget:
 
     @cached_property
     def _response(self) -> tuple[FloatArray, Bools]:
-        """Return how phase errors move the focus, and which of its coordinates they can show."""
+        """Return (3, N) how many m each rad of phase moves the focus, and which of x, y, z show."""
         return focus_fit.focus_phase_response(self.model, self.position_m, active=self.active)
 
     @property
@@ -166,7 +166,7 @@ class FrameTarget:
         return self._fit(phases_rad, active).position_m - self.position_m
 
     def _fit(self, phases_rad: FloatArray, active: Bools) -> focus_fit.PhaseFit:
-        """Return the focus near the target that best fits the phases of active elements."""
+        """Return the focus near the target that best fits (N,) the phases of *active* elements."""
         return fit_focus(self.model, phases_rad, self.position_m, phase_bits=8, active=active)
 
     @cached_property
@@ -235,12 +235,12 @@ class FrameTarget:
 
     @property
     def _speed_share(self) -> float:
-        """Return the relative tolerance of the sound speed."""
+        """Return the tolerance of the sound speed, as a share of it."""
         return self.tolerance.speed_share(self.model.medium)
 
     @cached_property
     def _air_fits(self) -> tuple[focus_fit.PhaseFit, focus_fit.PhaseFit]:
-        """The foci fitted to hosts with the fastest and the slowest tolerated air."""
+        """The foci fitted to hosts whose air has the fastest and the slowest sound tolerated."""
         speed_m_s, share = self.model.medium.sound_speed_m_s, self._speed_share
         hosts = (self.model.with_sound_speed(speed_m_s * (1.0 + sign * share)) for sign in (1, -1))
         fast, slow = (focus_phases(host, self.position_m) for host in hosts)
@@ -267,7 +267,7 @@ class FrameTarget:
 
     @cached_property
     def _steepness_rad_m(self) -> float:
-        """RMS change of the phases per metre of a miss, across the beam where that is largest."""
+        """RMS change of the phases in rad per metre of a miss, in the steepest direction."""
         steepest = float(np.linalg.eigvalsh(self.covariance)[-1])
         return self.model.wavenumber * math.sqrt(max(steepest, 0.0))
 

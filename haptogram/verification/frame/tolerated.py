@@ -125,7 +125,7 @@ class ToleratedHost:
 
     @cached_property
     def _drive(self) -> ComplexArray:
-        """Return the drive that a host with this error sends."""
+        """Return the weights (N,) that a host with this error asks for."""
         return self.drive(self.off)
 
     @cached_property
@@ -178,7 +178,7 @@ class ToleratedHost:
 
     @property
     def _off_rad(self) -> float:
-        """Phase error above which a single element counts as wrong."""
+        """Phase error above which an element is wrong: the limit plus what rounding adds."""
         return self.limit_rad + self.rounding_rad
 
     # --- search ----------------------------------------------------------------------------------
@@ -273,9 +273,10 @@ class ToleratedHost:
         return self._elements_text(model, errors, np.flatnonzero(off))
 
     def _is_proven(self, off: Bools) -> bool:
-        """Return True if a tolerated host explains every element but *off*, and none of these.
+        """Return True if some place and air explain all elements but *off*, and none of these.
 
-        A small change of the air can turn an element of a solver's drive far.
+        Place and air are within the tolerance; a small change of the air can turn an element of a
+        solver's drive far.
         """
         rest = self.active & ~off
         host = dataclasses.replace(self, active=rest).searched()
@@ -298,7 +299,10 @@ class ToleratedHost:
     def _elements_text(
         self, model: AcousticModel, errors: FloatArray, numbers: NDArray[np.intp]
     ) -> str:
-        """Return the fault of the elements: inverted, swapped, or out of step."""
+        """Return how elements *numbers* are wrong: inverted, two swapped, or off by up to N rad.
+
+        *errors* (N,) are the phase errors of all in rad.
+        """
         names, limit_rad = faulty_elements_text(model, numbers), self._off_rad
         if bool((np.abs(np.abs(errors[numbers]) - math.pi) <= limit_rad).all()):
             return f"{names} inverted"
@@ -329,13 +333,13 @@ def scale_of_tolerance(tolerance: Tolerance, model: AcousticModel) -> FloatArray
 
 
 def _tolerated_shares(share: FloatArray) -> FloatArray:
-    """Return (4,) shares of position and air tolerance, each cut to at most 1 in size."""
+    """Return *share* (4,) with its place (3) shortened to length 1, and its air cut to ±1."""
     length = max(1.0, float(np.linalg.norm(share[:3])))
     return np.append(share[:3] / length, np.clip(share[3], -1.0, 1.0))
 
 
 def _unit_directions() -> FloatArray:
-    """Return uniformly distributed unit vectors."""
+    """Return (128, 3) unit vectors that are spread evenly over all directions."""
     n = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * n / _DIRECTIONS, n * math.pi * (3.0 - math.sqrt(5.0))
     flat = np.sqrt(1.0 - z**2)

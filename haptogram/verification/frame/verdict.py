@@ -329,7 +329,7 @@ def _frame_verdict_text(frame: FrameVerdict) -> str:
 
 
 def _frame_verdict_place(frame: FrameVerdict) -> str | None:
-    """Return the error across and along the beam as text; None if neither is measured."""
+    """Return the error in mm across and along the beam as text; None if neither is measured."""
     parts = [
         None if frame.lateral_error_mm is None else f"{frame.lateral_error_mm:.3f} mm across",
         None if frame.axial_error_mm is None else f"{frame.axial_error_mm:+.3f} mm along",

@@ -207,7 +207,7 @@ def verify_captures(
 def _pins_too_rarely_seen(
     pins: Sequence[PinVerdict], passes: Sequence[Sequence[int]], min_verified: float
 ) -> str:
-    """Return the elements judged in fewer frames than *min_verified* asks, as text or "".
+    """Return as text the elements judged in a smaller share of frames than *min_verified*; else "".
 
     A frame counts for an element if any pass of its drive is judged in a capture of the element.
     """
@@ -235,7 +235,7 @@ def _pins_too_rarely_seen(
 def _why_no_field(
     pins: Sequence[PinVerdict], frames: Sequence[Intended], model: AcousticModel
 ) -> str:
-    """Return why captured pins cannot show the field; "" if all elements that count are seen."""
+    """Return why captured pins cannot show the field: elements, run or samples missing; else ""."""
     count = model.array.count
     captured = {element for one in pins for element in one.elements}
     if len(captured) < count:
@@ -293,7 +293,10 @@ def joined_observations_of_pins(
 def _merged_codes(
     pins: Sequence[PinVerdict], same: Sequence[int], frame: Intended, count: int
 ) -> np.ndarray | None:
-    """Return (2, N) phase and amplitude codes merged from all passes; None if incomplete."""
+    """Return (2, N) phase and amplitude codes, merged from the frames *same* of one drive.
+
+    None if an element was judged in no capture.
+    """
     codes = np.full((2, count), -1, np.int64)
     for one in pins:
         seen = [place for place in same if one.judged[place]]
@@ -304,7 +307,10 @@ def _merged_codes(
 
 
 def _fill_codes(codes: np.ndarray, one: PinVerdict, place: int, meant: Drive) -> None:
-    """Set the codes of captured elements in one frame: the intended ones where they are right."""
+    """Write into *codes* (2, N) phase and amplitude codes of what *one* captured in frame *place*.
+
+    Where the pin is right they are those of *meant*, else the nearest to what was measured.
+    """
     elements = np.array(one.elements)
     right = one.right[place]
     phases, amplitudes = _nearest_codes(one.weights[place])
@@ -314,14 +320,14 @@ def _fill_codes(codes: np.ndarray, one: PinVerdict, place: int, meant: Drive) ->
 
 
 def _nearest_codes(weights: ComplexArray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the phase and amplitude codes nearest to measured weights."""
+    """Return the phase and amplitude codes, 0 to 255, nearest to measured weights."""
     phases = np.rint(np.angle(weights) / (2.0 * np.pi) * _TURN).astype(np.int64) % _TURN
     sizes = np.rint(np.abs(weights) * FULL_AMPLITUDE).astype(np.int64)
     return phases, np.clip(sizes, 0, FULL_AMPLITUDE)
 
 
 def _joined_observation(frame: Intended, codes: np.ndarray, late_us: float) -> Observation:
-    """Return a frame's observation by the pins, with joined codes and lateness."""
+    """Return a frame's observation by the pins of *codes* (2, N), late if *late_us* is over 0."""
     drive = Drive(codes[0].astype(np.uint8), codes[1].astype(np.uint8))
     due_us = frame.t_apply_us or 0
     return Observation(

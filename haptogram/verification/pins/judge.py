@@ -106,7 +106,7 @@ def verify_captured_pins(
 
 
 def _count_distinct_drives(weights: ComplexArray, apart: float) -> int:
-    """Return how many *weights* (K,) differ by more than *apart*; no more than suffice."""
+    """Return how many *weights* (K,) differ by more than *apart*, counted up to 4."""
     found = 0
     while len(weights) and found < _FEWEST_AGREEING + 2:
         found += 1
@@ -159,7 +159,7 @@ class _PinJudge:
 
     @cached_property
     def _late_frames(self) -> NDArray[np.intp]:
-        """Return the indices of the frames that the pins show later than due."""
+        """Return the indices of frames that the pins show over 2 periods after they are due."""
         shown = self.shown
         return np.flatnonzero((shown.late > LATE_PERIODS) & shown.seen)
 
@@ -171,7 +171,7 @@ class _PinJudge:
     # --- frames ----------------------------------------------------------------------------------
 
     def _check_torn(self) -> int:
-        """Add a finding for each latch that reaches some pins late; return their number.
+        """Add a finding for each latch over 1.25 periods apart; return how many there are.
 
         Where missing samples may be the cause, or nothing can be torn, that is noted instead.
         """
@@ -204,7 +204,7 @@ class _PinJudge:
         return len(torn)
 
     def _note_events(self) -> None:
-        """Note lost and late frames as events, which alone do not fail the verdict."""
+        """Note frames that were lost, or late by over 2 periods, as events: they do not fail it."""
         for frame in np.flatnonzero(self.shown.lost):
             self.events.append(f"{frame}: not latched; the pins kept the drive they had")
         for frame in self._late_frames:
@@ -212,7 +212,7 @@ class _PinJudge:
             self.events.append(f"{frame}: latched {late_us:.0f} µs after most others")
 
     def _end(self) -> EndOfSound:
-        """Judge if the pins fall silent together after the run; note findings or why not."""
+        """Judge if the pins fall silent together after the run; add findings, or why not judged."""
         found = end_of_sound_on_pins(self.record, self.run, self.shown)
         for text in found.findings:
             self._find("mute", text)
@@ -223,7 +223,10 @@ class _PinJudge:
     # --- pins ------------------------------------------------------------------------------------
 
     def _check_fit(self, judged: Bools) -> bool:
-        """Return True if the pins show this run; else note what is missing, or a common mistake."""
+        """Return True if the pins show this run in the frames of the mask *judged*.
+
+        Else what is missing is noted, or a mistake that all pins share is added as a finding.
+        """
         drives, right = self.shown.drives, self.shown.right
         if self._has_divided_carrier():
             return False
@@ -267,7 +270,7 @@ class _PinJudge:
         return False
 
     def _has_divided_carrier(self) -> bool:
-        """Return True if most pins pulse only in every n-th carrier period."""
+        """Return True, and add a finding, if over half the pins pulse in every n-th period only."""
         pins = [pin for pin in self.record.pins.values() if len(pin.rises)]
         fewer = [pin for pin in pins if pin.every > 1]
         if 2 * len(fewer) <= len(pins):
@@ -281,7 +284,7 @@ class _PinJudge:
         return True
 
     def _is_beyond_chance(self, judged: Bools) -> bool:
-        """Return True if agreement between pins and frames is unlikely by chance.
+        """Return True if at least 2 more pins or drives agree with the run than do by chance.
 
         Any two pins that sound agree with a run in one phase, and a pin with itself in one drive.
         """
@@ -307,9 +310,10 @@ class _PinJudge:
         return agreeing >= _FEWEST_AGREEING
 
     def _fits_better_elsewhere(self, judged: Bools) -> bool:
-        """Return True if the pins match better with the run shifted by a frame or to its begin.
+        """Return True if the run, begun a frame off or at the first pulse, fits the pins better.
 
-        A pin that is wrong wherever the run begins is wrong.
+        There every pin must be right in 90 % of the frames: a pin that is wrong wherever the run
+        begins is wrong.
         """
         weights, begin, gap = self.run.weights, float(self.shown.starts[0]), self.run.gap
         if self.shown.right[judged].all() or (weights == weights[0]).all():
@@ -326,19 +330,22 @@ class _PinJudge:
         return False
 
     def _near_match_share(self, judged: Bools) -> float:
-        """Return the share of pins and frames that are right within two more steps of phase."""
+        """Return the share of pins and frames right within the limit plus two 8-bit phase steps."""
         drives = self.shown.drives
         wider = dataclasses.replace(drives, limit_rad=drives.limit_rad + _NEAR_RAD)
         return float(wider.all_right()[judged].mean())
 
     def _pins_that_fit(self, judged: Bools) -> Bools | None:
-        """Return a mask (E,) of pins right in nearly all judged frames; None if too few are."""
+        """Return a mask (E,) of pins right in 90 % of the frames *judged*.
+
+        None if they are fewer than 3, or than a quarter of all pins.
+        """
         fitting: Bools = self.shown.right[judged].mean(axis=0) >= _NEARLY_ALL
         fewest = max(_FEWEST_FITTING, _FITTING_SHARE * len(fitting))
         return fitting if fitting.sum() >= fewest else None
 
     def _likely_mistakes(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-        """Yield mistakes that all pins may share (sign, order of chains), with their phases."""
+        """Yield mistakes that all pins may share (sign, order of chains), with codes (F, N)."""
         phases = self.run.phases
         yield "every captured pin has the opposite sign of the phase", np.negative(phases)
         numbers = np.arange(phases.shape[1])
@@ -352,13 +359,16 @@ class _PinJudge:
                 )
 
     def _shows_other_phases(self, phases: NDArray[np.uint8]) -> bool:
-        """Return True if the pins show this run with other *phases*."""
+        """Return True if the pins show the run with the codes *phases* (F, N): 90 % are right."""
         turned = dataclasses.replace(self.run, phases=phases)
         shown = frames_shown_by_pins(self.record, turned, self.offset)
         return bool(shown.seen.any()) and float(shown.right[shown.seen].mean()) >= _NEARLY_ALL
 
     def _name_faults(self, judged: Bools) -> Bools:
-        """Name the faults of pins; return a mask of frames in which single pins were judged."""
+        """Name the faults of pins; return a mask (F,) of frames in which single pins were judged.
+
+        Frames in which most pins are wrong are findings of their own, and left out of it.
+        """
         drives, right = self.shown.drives, self.shown.right
         count = len(self.run.elements)
         fitting = self._pins_that_fit(judged)
@@ -410,7 +420,10 @@ class _PinJudge:
         return alone
 
     def _name_structures(self, faults: dict[int, PinFault], alone: Bools) -> set[int]:
-        """Name faults shared by a chain or group of pins; return the elements explained."""
+        """Name faults shared by a chain or group of pins; return its elements, empty if none.
+
+        *faults* is by column of the pin, *alone* the mask (F,) of frames in which pins are judged.
+        """
         self._offsets = ElementOffsets.of(self.record, self.shown.drives, alone)
         kinds = {PinFaultKind.SHIFTED, PinFaultKind.INVERTED}
         shifted = [self.run.elements[p] for p, fault in faults.items() if fault.kind in kinds]
@@ -429,9 +442,9 @@ class _PinJudge:
     def _note_doubtful_frames(self, judged: NDArray[np.intp], mixed: Bools) -> Bools:
         """Return a mask (F,) of wrong frames that missing samples of the capture may explain.
 
-        With a carrier clock those are the last frames, and the first one of a capture that begins
-        within it. With an element as reference every frame may lack samples, and a frame that does
-        may have any pin wrong.
+        With a carrier clock those are the last two frames, and the first one of a capture that
+        begins within it. With an element as reference every frame may lack samples, and a frame
+        that does may have any pin wrong. *mixed* holds the frames in which most pins are wrong.
         """
         doubtful = np.zeros_like(mixed)
         if self.record.reference_element is None:
@@ -452,7 +465,8 @@ class _PinJudge:
     def _frames_with_a_break(self) -> Bools:
         """Return a mask (F,) of frames within which the reference element changes its drive.
 
-        It latches only between frames, so samples are missing there.
+        It latches only between frames, so samples are missing there. Without such an element no
+        frame is True.
         """
         found = np.zeros(self.run.count, np.bool_)
         limit = _BREAK_SAMPLES * math.tau * self.record.carrier_hz / self.record.sample_rate_hz
@@ -469,7 +483,10 @@ class _PinJudge:
 
     @cached_property
     def _turns_rad(self) -> FloatArray | None:
-        """Return the phase common to all pins, relative to the carrier clock; None without one."""
+        """Return (F,) the phase common to all pins against the carrier clock; None without a clock.
+
+        NaN where no right pin sounds.
+        """
         if self.record.reference_element is not None:
             return None
         shown = self.shown
@@ -477,7 +494,7 @@ class _PinJudge:
         return np.where(sounding.any(axis=1), shown.drives.turns_rad, np.nan)
 
     def _check_turns(self, judged: Bools) -> None:
-        """Add a finding for each frame in which all pins share a wrong phase.
+        """Add a finding for each frame whose common phase is off the usual by twice the limit.
 
         A phase common to the whole array moves no focus, but pins outside the capture may lack it.
         """
@@ -497,11 +514,11 @@ class _PinJudge:
 
     @cached_property
     def _limits(self) -> PinLimits:
-        """Return the tolerances of the capture."""
+        """Return the largest errors in phase and amplitude that pass, by the sampling rate."""
         return PinLimits.of(self.record)
 
     def _check_carrier(self) -> None:
-        """Add a finding if the carrier frequency is out of tolerance."""
+        """Add a finding if the carrier is out of tolerance; note a capture too short to tell."""
         drift = self.record.drift_ppm
         if self.record.cut and self.record.end < _LEAST_PERIODS_OF_CARRIER:
             self.not_judged["carrier"] = (
@@ -520,7 +537,7 @@ class _PinJudge:
     # --- the end ---------------------------------------------------------------------------------
 
     def _find(self, check: str, text: str) -> None:
-        """Add a finding to the check *check*: the verdict then is FAIL."""
+        """Add *text* as a finding of the check named *check*: the verdict then is FAIL."""
         self.findings.setdefault(check, []).append(text)
 
     def _conclude(
@@ -530,7 +547,10 @@ class _PinJudge:
         end: EndOfSound,
         levels: LevelsInTime | None,
     ) -> PinVerdict:
-        """Return the verdict: FAIL with findings, else INCONCLUSIVE with gaps, else PASS."""
+        """Return the verdict: FAIL with findings, else INCONCLUSIVE with gaps, else PASS.
+
+        *judged* is a mask (F,); *levels* None: the amplitudes in time are not known.
+        """
         if self.record.cut:
             self.missing.append(f"the capture was cut off: {self.record.cut}")
         wrong = [line for lines in self.findings.values() for line in lines]

@@ -137,7 +137,12 @@ def _write_pin_steps(
     faint: float,
     found: tuple[FloatArray, FloatArray, Bools],
 ) -> None:
-    """Write when one pin steps from *old* to *wanted* in each frame, and if that is certain."""
+    """Write when one pin steps from *old* to *wanted* (F,) in each frame, and if that is certain.
+
+    Read are its pulses, *centres* and *vectors* (P,), between *lows* and *highs* (F,) where *told*;
+    written are the three arrays (F,) of *found*: last old pulse, first new one, certain. An
+    amplitude up to *faint* counts as silence.
+    """
     after, first, inside = found
     begins, ends = np.searchsorted(centres, lows), np.searchsorted(centres, highs)
     frames = np.flatnonzero(told & (ends > begins))

@@ -198,7 +198,7 @@ def _degrees_in_pin_verdict(angle_rad: float | None) -> float | None:
 
 
 def _ranges_in_pin_verdict(numbers: np.ndarray) -> list[list[int]]:
-    """Return whole numbers as ranges, first and last of each."""
+    """Return sorted whole numbers as [first, last] of each range without a gap; [] if none."""
     if not len(numbers):
         return []
     parts = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
@@ -254,7 +254,7 @@ def pin_verdict_lines(pins: PinVerdict) -> Iterator[str]:
 
 
 def _shown_pin_verdict_lines(lines: list[str]) -> Iterator[str]:
-    """Yield the first lines, and the number of the others."""
+    """Yield the first 8 lines, and how many more there are."""
     yield from lines[:_NAMED]
     if len(lines) > _NAMED:
         yield f"  ... and {len(lines) - _NAMED} more, in the JSON file"

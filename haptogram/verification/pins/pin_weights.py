@@ -94,7 +94,7 @@ def common_turns_of_pins(
 
 
 def _agreeing_pins(errors: FloatArray, common: FloatArray, limit_rad: float) -> Bools:
-    """Return a mask of pins whose error is near the common one."""
+    """Return (F, E) True where *errors* are within twice *limit_rad* of the *common* (F,) one."""
     with np.errstate(invalid="ignore"):
         near: Bools = np.abs(wrapped_phases(errors - common[:, None])) <= 2.0 * limit_rad
     return near
@@ -130,7 +130,7 @@ def pins_phase(errors: FloatArray, limit_rad: float, *, near: float | None = Non
 
 
 def _filled_pin_weights(values: FloatArray) -> FloatArray:
-    """Return *values* (F,) with NaN replaced by the nearest valid value."""
+    """Return *values* (F,) with NaN replaced by the nearest valid value; zeros if all are NaN."""
     known = np.flatnonzero(np.isfinite(values))
     if not len(known):
         return np.zeros(len(values))

@@ -81,7 +81,10 @@ def _share_pin_element(
     seen_b: Sequence[int],
     amplitudes: np.ndarray,
 ) -> bool:
-    """Return True if a sounding element is in both captures, right in all shared frames."""
+    """Return True if a sounding element is in both captures, right in all of their frames.
+
+    *seen_a*, *seen_b* are the frames of one drive in each, *amplitudes* (N,) its codes.
+    """
     return any(
         amplitudes[element] / 255.0 > max(a.limits.amplitude, b.limits.amplitude)
         and a.right[seen_a, a.elements.index(element)].all()
@@ -93,7 +96,10 @@ def _share_pin_element(
 def _pin_phase_difference_rad(
     a: FloatArray | None, b: FloatArray | None, seen_a: Sequence[int], seen_b: Sequence[int]
 ) -> float:
-    """Return the largest difference of two captures' common phases; inf if one is not known."""
+    """Return the largest difference of common phases *a*, *b* (F,) in the frames seen.
+
+    Infinite if a capture has none (None), or one is not known (NaN).
+    """
     if a is None or b is None:
         return math.inf
     turns = np.concatenate([a[seen_a], b[seen_b]])
@@ -107,7 +113,10 @@ def _pin_phase_lines(
     apart: dict[tuple[int, int], int],
     worst_rad: dict[tuple[int, int], float],
 ) -> Iterator[str]:
-    """Yield a line for each pair of captures whose common phases differ."""
+    """Yield a line for each pair of captures whose common phases differ.
+
+    *apart* has the number of such frames by pair, *worst_rad* the largest difference.
+    """
     for (a, b), frames in apart.items():
         names = f"{pins[a].name} and {pins[b].name}"
         if math.isfinite(worst := worst_rad[a, b]):

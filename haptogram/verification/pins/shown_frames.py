@@ -124,7 +124,7 @@ class _AlignedPins:
 
     @cached_property
     def _limits(self) -> PinLimits:
-        """Return the tolerances of the capture."""
+        """Return the largest errors in phase and amplitude that pass, by the sampling rate."""
         return PinLimits.of(self.record)
 
     def steps(self, as_due: PinDrives, before: NDArray[np.int64]) -> PinSteps:
@@ -180,7 +180,7 @@ class _AlignedPins:
 def _last_frame_end(
     record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
 ) -> float:
-    """Return until when the last frame must be shown: half of it, or until all pins stop.
+    """Return until when (in periods) the last frame must be shown: half of it, or all pins' end.
 
     The host may mute in its second half.
     """
@@ -194,10 +194,11 @@ def _last_frame_end(
 def _frames_lost_on_pins(
     record: PinRecord, drives: PinDrives, prior: ComplexArray
 ) -> tuple[Bools, NDArray[np.int64]]:
-    """Return the (F,) frames that the pins do not show, and the one shown before each.
+    """Return the (F,) frames that the pins do not show, and the one shown before each, -1: none.
 
     A frame is lost if every pin shows the drive of the one before, and not every pin its own. A
-    mixture of both is no lost frame: pins that latched and pins that did not are torn.
+    mixture of both is no lost frame: pins that latched and pins that did not are torn. *prior* (E,)
+    are the drives before the first frame.
     """
     run, weights = drives.run, drives.weights
     sound = np.array([not record.pins[element].defects for element in run.elements])
@@ -225,7 +226,10 @@ def _frames_lost_on_pins(
 
 
 def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: ComplexArray) -> Bools:
-    """Return a mask (E,) of pins that show the *old* drive for most of the frame."""
+    """Return a mask (E,) of pins that show the *old* drive for over half of the frame.
+
+    *seen* and *old* (E,) are the mean drive in the frame, and the one before it.
+    """
     run = drives.run
     step = run.weights[frame] - old
     size = float((np.abs(step) ** 2).sum())
@@ -242,7 +246,7 @@ def _pin_keeps_frame(drives: PinDrives, frame: int, seen: ComplexArray, old: Com
 def _on_reference_phase(
     record: PinRecord, run: PinRunDrives, seen: ComplexArray, old: ComplexArray
 ) -> ComplexArray:
-    """Return *seen* (E,) rotated to the *old* phase of the reference element."""
+    """Return *seen* (E,) rotated to the *old* phase of the reference element; as is without one."""
     if record.reference_element is None:
         return seen
     place = run.elements.index(record.reference_element)
@@ -251,7 +255,7 @@ def _on_reference_phase(
 
 
 def _pins_without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray) -> Bools:
-    """Return the (F,) frames during which the latch pin did not rise, if it rose at all."""
+    """Return the (F,) frames during which the latch pin did not rise; none if it never did."""
     if record.latches is None or not len(record.latches):
         return np.zeros(len(starts), np.bool_)
     lows, highs = starts - _LATCH_SLACK, ends - _LATCH_SLACK
@@ -262,7 +266,10 @@ def _pins_without_latch(record: PinRecord, starts: FloatArray, ends: FloatArray)
 
 
 def _pin_lateness(steps: PinSteps, lost: Bools) -> FloatArray:
-    """Return (F,) by how many periods each frame was late at the pins; 0.0 if not known."""
+    """Return (F,) by how many periods each frame was late; 0 if not known.
+
+    That is when a quarter of the pins had latched.
+    """
     late = np.where(steps.is_inside, steps.middle, np.nan)
     late[lost] = np.nan
     known = np.isfinite(late).any(axis=1)
@@ -302,7 +309,10 @@ def align_pins_to_run(record: PinRecord, run: PinRunDrives) -> tuple[float, floa
 
 
 def _line_through(due: FloatArray, begins: FloatArray, rate: float) -> tuple[int, float, float]:
-    """Fit begins = rate x due + offset near *rate*; return the frames on it, offset, rate."""
+    """Fit begins = rate x due + offset near *rate*; return count, offset and rate, in periods.
+
+    The count is that of frames within 2.5 periods of the line; the rate is fitted from 8 on.
+    """
     away = begins - rate * due
     ordered = np.sort(away)
     counts = np.searchsorted(ordered, ordered + _NEAR_PERIODS, side="right") - np.arange(len(away))

@@ -145,7 +145,10 @@ def pins_that_sound_again(record: PinRecord, found: PinStops) -> dict[int, float
 
 
 def _pins_sound_again(record: PinRecord, found: PinStops, again: dict[int, float]) -> EndOfSound:
-    """Report a finding if only some pins sound again after the end; if all do, it is not judged."""
+    """Return a finding if only some pins sound again after the end; if all do, it is not judged.
+
+    *again* has the time in periods at which each such element sounds.
+    """
     first = min(again.values())
     behind_ms = (first - max(found.stops.values())) * 1e3 / record.carrier_hz
     if set(found.stops) <= set(again):
@@ -162,9 +165,9 @@ def _pins_sound_again(record: PinRecord, found: PinStops, again: dict[int, float
 
 
 def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> str:
-    """Return the pins that pulse later than a period after MUTE, as text or ''.
+    """Return as text the pins that pulse over a period after MUTE; "" if none does.
 
-    From the next ARM on (*armed*) they may.
+    From the next ARM on (*armed*) they may. Times are in periods of the capture.
     """
     limit = mute + 1.0 + _MUTE_SAMPLES / record.samples
     last: dict[int, float] = {}
@@ -183,7 +186,10 @@ def _pins_sounding_after_mute(record: PinRecord, mute: float, armed: float) -> s
 
 
 def _pins_stop_together(record: PinRecord, found: PinStops, after: float | None) -> EndOfSound:
-    """Return how far apart the first and last pin stop, with a finding if over a period."""
+    """Return how many periods apart the first and last pin stop; over one is a finding.
+
+    *after* is the time from MUTE to silence, which is passed on; None: not known.
+    """
     us = 1e6 / record.carrier_hz
     # A pin is off from its last pulse on, or as late as when it would have begun the next one.
     first, last = min(found.rises.values()) + 1.0, max(found.stops.values())

@@ -102,7 +102,7 @@ class DefectFinder:
     # --- one latch -------------------------------------------------------------------------------
 
     def _shown(self, latch: SeenLatch, pattern: Pattern) -> Iterator[Defect]:
-        """Yield the defects of a drive: stray channels, amplitudes as phases, silent elements."""
+        """Yield the defects of a drive, if any: stray channels, amplitudes as phases, silence."""
         if latch.stray:
             self._stray.update(latch.stray)
             yield Defect.STRAY_CHANNELS
@@ -114,7 +114,7 @@ class DefectFinder:
             yield Defect.SILENT
 
     def _is_amplitude_frame(self, latch: SeenLatch) -> bool:
-        """Return True if a frame of amplitudes was written as phases: FB and a code per channel.
+        """Return True if a frame of amplitudes, byte FB and a code per channel, set phases.
 
         Two frames in one would have a code less, and amplitudes are at most 16.
         """
@@ -129,7 +129,7 @@ class DefectFinder:
         return bool(rises.max() <= _FB_LARGEST + 1e-3)
 
     def _silent_beside(self, latch: SeenLatch, pattern: Pattern) -> frozenset[int]:
-        """Return silent elements scattered among those that form a pattern.
+        """Return up to 20 % of silent elements scattered among those of a pattern; else none.
 
         A row, a rim or a half of the array that is off is a part of it that somebody left out.
         """
@@ -142,7 +142,10 @@ class DefectFinder:
         return frozenset(int(n) for n in np.flatnonzero(silent))
 
     def _is_near(self, pattern: Placed) -> bool:
-        """Return False if the position is too uncertain to tell a focus from a plane wave."""
+        """Return True if a position is certain enough to tell a focus from a plane wave.
+
+        Its error is less than its distance plus the array's radius.
+        """
         distance_m = float(np.linalg.norm(np.array(pattern.position_m) - self._centre_m))
         return bool(np.linalg.norm(pattern.bound_m) < distance_m + self._distance_m.max())
 
@@ -151,7 +154,7 @@ class DefectFinder:
         return bool(self._distance_m[silent].min() >= self._distance_m[~silent].max() - _SAME_M)
 
     def _take_polarities(self, latch: SeenLatch, pattern: Placed) -> None:
-        """Record which elements are half a turn off the pattern."""
+        """Record which elements are half a turn off the pattern, to within a phase step."""
         drive = hash(latch.weights.tobytes())
         limit_rad = math.pi / latch.steps
         away = np.abs(np.abs(wrapped_phases(np.array(pattern.outlier_rad))) - np.pi)
@@ -168,7 +171,7 @@ class DefectFinder:
         return frozenset(n for n, seen in self._reversed.items() if seen.is_proven)
 
     def _reversals(self) -> list[Diagnosis]:
-        """Return the diagnosis of elements with reversed polarity."""
+        """Return the diagnosis of elements with reversed polarity; [] if none is proven."""
         if not (proven := sorted(self.reversed_elements)):
             return []
         names = ", ".join(map(str, proven[:12])) + (", ..." if len(proven) > 12 else "")
@@ -195,7 +198,7 @@ class _WatchedPolarity:
 
     @property
     def is_proven(self) -> bool:
-        """Whether chance would hardly turn it by half in each of these drives."""
+        """Whether chance hardly (1 in 10 000) turns it by half in each of 2 or more drives."""
         enough = len(self.drives) >= _LEAST_LATCHES and self._log_chance <= math.log(_CHANCE)
         return enough and not self.contradicted
 
@@ -206,7 +209,7 @@ def _watched_elements_text(count: int) -> str:
 
 
 def _nearest_elements(positions_m: FloatArray) -> NDArray[np.intp]:
-    """Return (N, 4) the nearest elements of each."""
+    """Return (N, 4) the indices of the nearest elements of each, the nearest first."""
     found = [
         np.argsort(np.linalg.norm(positions_m - place, axis=1), kind="stable")
         for place in positions_m
@@ -226,7 +229,7 @@ class _FoundDefects:
         self.torn: list[tuple[int, str]] = []
 
     def add(self, defect: Defect, number: int | None, count: int = 1) -> None:
-        """Take down a latch that shows *defect*; None: nothing was latched."""
+        """Take down *count* latches that show *defect*; *number* None: nothing was latched."""
         self.counts[defect] += count
         latches = [] if number is None else [number]
         self.latches[defect] = (self.latches[defect] + latches)[:_MOST_KEPT]
@@ -345,7 +348,10 @@ class FrameDefects:
         return is_torn and sizes and About.OTHER_ARRAY not in self._about
 
     def _so_far(self) -> _FoundDefects:
-        """Return the defects of the wire until now, without those that a wrong array explains."""
+        """Return the defects of the wire until now, without those that a wrong array explains.
+
+        Those of a client's frames are left out if the bytes were not for this board.
+        """
         found, of_client = _FoundDefects(), self._of_client
         found.extend(self._judged)
         if About.OTHER_WIRE in self._about or self._is_own is False:

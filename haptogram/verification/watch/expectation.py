@@ -111,7 +111,7 @@ class Expectation:
         return self._judge_one(seen, latch, pattern)
 
     def _judge_one(self, seen: FrameVerdict, latch: SeenLatch, pattern: Pattern) -> FrameVerdict:
-        """Judge a latch where one focus is expected; S2 is left out where phases prove none."""
+        """Judge a latch where one focus is expected; S2 is left out where phases prove no focus."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         amplitudes = np.abs(weights)
         if amplitudes.max(initial=0.0) < _SOUNDING:
@@ -151,7 +151,7 @@ class Expectation:
         )
 
     def _shows_focus(self, target: FrameTarget, steps: int) -> bool:
-        """Return True if the elements' phases, in *steps*, suffice to prove a focus at *target*."""
+        """Return True if ideal phases, in *steps* a period, are proof of a focus at *target*."""
         step_rad = 2.0 * math.pi / steps
         phases_rad = np.round(target.phases_rad / step_rad) * step_rad
         ideal = np.zeros(len(target.active), dtype=np.complex128)
@@ -160,7 +160,7 @@ class Expectation:
         return isinstance(found, OneFocus)
 
     def _make_target(self, place_m: Vector, amplitudes: bytes, steps: int) -> FrameTarget:
-        """Return the target at a place, for the sounding amplitudes and the phase steps."""
+        """Return the target at a place, for amplitudes (float64 bytes) and *steps* in a period."""
         limit_rad = math.pi / min(steps, _FINEST_STEPS) + _ROUNDING_RAD
         levels = np.frombuffer(amplitudes, np.float64)
         return FrameTarget(self._model, np.array(place_m), levels, limit_rad, self.tolerance)
@@ -168,7 +168,10 @@ class Expectation:
     def _judge_several(
         self, seen: FrameVerdict, foci: FloatArray, pattern: Pattern
     ) -> FrameVerdict:
-        """Judge by position alone (S2): WRONG_DRIVE unless as many foci are found as expected."""
+        """Judge by position alone (S2): WRONG_DRIVE unless as many foci are found as expected.
+
+        OFF_TARGET if one is beyond its bound and tolerance, or two are nearest to one target.
+        """
         if not isinstance(pattern, SeveralFoci) or len(pattern.positions_m) != len(foci):
             fault = f"{pattern.kind} where {len(foci)} foci were expected"
             return dataclasses.replace(
@@ -250,9 +253,9 @@ class ExpectedOrder:
         return found
 
     def _offsets(self, pattern: Pattern) -> Iterator[int]:
-        """Yield by how many places the expected order must advance to match a latch.
+        """Yield by how many places the order must advance to match a latch within 10 mm.
 
-        They are 1 and more, or -1 where a torn latch may have been counted.
+        They are 1 to 3, or -1 where a torn latch may have been counted.
         """
         count = len(self._expectation.frames)
         back = [-1] if self._after_torn else []
@@ -264,7 +267,7 @@ class ExpectedOrder:
                 yield ahead
 
     def _skip(self, ahead: int, number: int) -> None:
-        """Advance the expected order by *ahead*; count the frames missing before latch *number*."""
+        """Advance the order by *ahead*; a positive one counts as frames missing before *number*."""
         self._next += ahead
         if ahead > 0:
             self._missing += ahead

@@ -129,13 +129,19 @@ class CommonLosses:
         return found
 
     def _focus(self, weights: ComplexArray, near_m: Vector) -> tuple[FloatArray, float]:
-        """Return the position of the focus of *weights* near *near_m*, and the pressure there."""
+        """Return the position (m) of the focus of *weights* near *near_m*, and the pressure there.
+
+        The pressure is in Pa RMS.
+        """
         sounding = np.abs(weights) > _SOUNDING
         place = fit_focus(self._model, np.angle(weights), near_m, active=sounding).position_m
         return place, arrival_at_point(self._model, weights, place)[0]
 
     def _phase_errors(self, weights: ComplexArray, near_m: Vector) -> tuple[BoolArray, FloatArray]:
-        """Return a mask of sounding elements, and their errors to a focus at any speed of sound."""
+        """Return a mask (N,) of sounding elements, and their errors (rad) to a focus near *near_m*.
+
+        The speed of sound is fitted too.
+        """
         array, radiated = self._model.array, self._model.radiated(weights)
         active = np.abs(radiated) > _SOUNDING
         phases = PatternPhases(
@@ -203,7 +209,7 @@ class ElementMistakes:
         ]
 
     def _is_swap(self, aim: Aim, residual: FloatArray, pair: NDArray[np.intp]) -> bool:
-        """Return True if each of two elements has the phase that the other should have."""
+        """Return True if two elements have each other's phase, to within a phase step."""
         distance = np.linalg.norm(self._model.array.positions_m[pair] - aim.target_m, axis=1)
         between = float(self._model.wavenumber * (distance[1] - distance[0]))
         errors = wrapped_phases(residual[pair] - between * np.array([-1.0, 1.0]))

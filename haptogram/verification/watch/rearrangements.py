@@ -112,7 +112,7 @@ class _CoordinateTurns:
             yield (Defect.UNITS, text), functools.partial(np.multiply, factor)
 
     def are_order(self, index: NDArray[np.intp]) -> bool:
-        """Return True if elements in that order are turned or mirrored onto each other."""
+        """Return True if elements taken in the order *index* lie as if turned or mirrored."""
         places, centre = self._array.positions_m, self._array.centre_m
         return any(
             np.allclose(self._around(matrix, centre)(places), places[index], atol=_ROW_M)
@@ -120,7 +120,7 @@ class _CoordinateTurns:
         )
 
     def _orders(self) -> Iterator[tuple[str, FloatArray]]:
-        """Yield the mirrorings and rotations in a plane, with their names."""
+        """Yield mirrorings and rotations in the array's plane, as names and matrices (3, 3)."""
         a, b = ("xyz"[axis] for axis in self._plane)
         for text, values in (
             (f"{a} mirrored", ((-1, 0), (0, 1))),
@@ -136,14 +136,14 @@ class _CoordinateTurns:
             yield text, matrix
 
     def _around(self, matrix: FloatArray, centre_m: FloatArray) -> Callable[[Places], Places]:
-        """Return a function that turns places by *matrix*, in the client's axes, around a point."""
+        """Return a function that turns places by *matrix*, in client axes, about *centre_m*."""
         axes = self._axes.T @ self._array.axes
         turn = axes.T @ matrix @ axes
         return lambda places: centre_m + (places - centre_m) @ turn.T
 
 
 def _axes_text(order: Sequence[int]) -> str:
-    """Return "y and z exchanged", or the order of three."""
+    """Return "y and z exchanged" for two axes, or the order in which all three are taken."""
     moved = ["xyz"[axis] for axis, other in enumerate(order) if axis != other]
     if len(moved) == 2:
         return f"{moved[0]} and {moved[1]} exchanged"
@@ -153,7 +153,10 @@ def _axes_text(order: Sequence[int]) -> str:
 def _other_channels(
     model: AcousticModel, boards: NDArray[np.intp], axes: FloatArray
 ) -> Iterator[tuple[str, NDArray[np.intp]]]:
-    """Yield mistaken channel maps by name: the channel of each element."""
+    """Yield mistaken channel maps by name: the channel of each element.
+
+    *boards* (B, C) has the channels of each board, *axes* (3, 3) those of the client.
+    """
     same = boards.ravel()
     for roll in range(1, _MOST_ROLL + 1):
         for way in (roll, -roll):
@@ -180,7 +183,11 @@ def _other_channels(
 def _element_maps(
     model: AcousticModel, boards: NDArray[np.intp], axes: FloatArray
 ) -> Iterator[NDArray[np.intp]]:
-    """Yield the channel of each element, counted row by row or column by column on each board."""
+    """Yield (N,) the channel of each element, counted by rows or columns on each board.
+
+    All 8 ways are yielded: from each corner, along either axis. *boards* (B, C) has the channels of
+    each board, *axes* (3, 3) the client's.
+    """
     places = model.array.positions_m @ axes
     first, second = (axis for axis in range(3) if axis != int(np.argmax(axes[2])))
     rounded = np.round(places / _ROW_M)
@@ -191,7 +198,10 @@ def _element_maps(
 
 
 def _board_phase_offsets(boards: NDArray[np.intp]) -> Iterator[Rearrangement]:
-    """Yield mistakes in each of which one board of a chain, not the first, lags half a turn."""
+    """Yield mistakes in each of which one of *boards* (B, C), not the first, lags half a turn.
+
+    Nothing for a chain of more than 4 boards.
+    """
     same = boards.ravel()
     for number, board in enumerate(boards[1:], 2) if len(boards) <= _MAX_BOARDS else ():
         text = f"half a turn between the boards: board {number} against the others"

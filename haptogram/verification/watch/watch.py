@@ -132,7 +132,7 @@ class Watch:
         )
 
     def _pattern(self, latch: SeenLatch) -> tuple[Pattern, float]:
-        """Return the pattern of a drive, and the duration of the search."""
+        """Return the pattern of a drive, and how many ms the search took: 0 if it is remembered."""
         weights = np.asarray(latch.weights, dtype=np.complex128)
         key = latch.steps, weights.tobytes()
         if key in self._seen:
@@ -153,7 +153,7 @@ class Watch:
         return pattern, took_ms
 
     def _judged(self, latch: SeenLatch, pattern: Pattern) -> FrameVerdict | None:
-        """Return the verdict on a latch; None without an expected order."""
+        """Return the verdict on a latch; None without an expected order, or for a silent output."""
         if self._order is None or pattern.kind in _SILENT_KINDS:
             return None
         verdict, foci = self._order.judge(latch, pattern)
@@ -171,7 +171,7 @@ class Watch:
         return verdict
 
     def _aim(self, latch: SeenLatch, pattern: Pattern, target_m: FloatArray) -> Aim:
-        """Return the intended focus with the latched phases, and the focus they have (or None)."""
+        """Return the intended focus with the latched phases, and the focus found; None if none."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         radiated = self._model.radiated(weights)
         phases = np.where(np.abs(radiated) > _SOUNDING, np.angle(radiated), np.nan)
@@ -187,7 +187,10 @@ class Watch:
         return ClientMistakes(self._model, made, axes, [*self._aims.values()])
 
     def _hints(self, mistakes: ClientMistakes | None) -> Iterator[str]:
-        """Yield explanations of wrong foci that are likely but not proven."""
+        """Yield explanations of wrong foci that are likely but not proven.
+
+        *mistakes* None: there was no wrong latch to search.
+        """
         yield from (f"not verified: {note}" for note in self._notes)
         count = self._model.array.count
         if count < _LEAST_ELEMENTS and self._expectation is None and Unnamed.kind in self._kinds:

@@ -157,7 +157,10 @@ def faults_of_pins(drives: PinDrives, places: Sequence[int], judged: Bools) -> d
 
 
 def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault | None:
-    """Return the fault that a pin's own drives show (dead, silent, late, constant); else None."""
+    """Return the fault that the pin in column *place* shows in *frames*; None for no such fault.
+
+    These are dead, silent, a frame behind (in 90 % of its wrong frames), or a constant error.
+    """
     run = drives.run
     meant = run.weights[:, place]
     seen = drives.weights[frames, place]
@@ -184,12 +187,12 @@ def _plain_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) ->
 
 
 def _wrong_count_text(wrong: Bools) -> str:
-    """Return "in N of M frames" from a mask of the wrong ones."""
+    """Return "in N of M frames", N the True values of the mask *wrong*."""
     return f"in {int(wrong.sum())} of {len(wrong)} frames"
 
 
 def _remaining_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]) -> PinFault:
-    """Return the fault of a pin by exclusion: sign, amplitude or phase."""
+    """Return by exclusion the fault of the pin in column *place*: sign, amplitude or phase."""
     meant = drives.run.weights[:, place]
     if _share_true(drives.right(np.conj(meant), place)[frames]) >= _MOST:
         return PinFault(PinFaultKind.SIGN, "opposite sign of the phase")
@@ -207,7 +210,11 @@ def _remaining_pin_fault(drives: PinDrives, place: int, frames: NDArray[np.intp]
 def _constant_pin_fault(
     seen: ComplexArray, errors: FloatArray, limit: float, meant: ComplexArray
 ) -> PinFault | None:
-    """Return the fault of one phase error, or one phase, in all frames; None if they vary."""
+    """Return the fault of one phase error, or one phase, in all frames; None if they vary.
+
+    *seen* and *meant* are the drives of the pin, *errors* their phase errors in rad. Values within
+    twice *limit* of their mean do not vary.
+    """
     shift = float(np.angle(np.exp(1j * errors).sum()))
     if np.abs(wrapped_phases(errors - shift)).max() <= 2.0 * limit and abs(shift) > limit / 2.0:
         degrees = math.degrees(shift)
@@ -228,9 +235,10 @@ def _constant_pin_fault(
 def _exchanged_elements(
     drives: PinDrives, places: Sequence[int], frames: NDArray[np.intp]
 ) -> dict[int, int]:
-    """Return the other element whose drives each pin shows, where exactly one matches.
+    """Return, by pin, the one other element whose drives it shows in 90 % of the frames.
 
-    The first frames rule out most elements; only the others are compared in more frames.
+    Pins for which none or several match are left out. Some 16 frames rule out most elements; the
+    others are compared in some 256.
     """
     run = drives.run
     some = frames[:: max(1, len(frames) // _FRAMES_COMPARED)]

@@ -92,7 +92,10 @@ def levels_of_pins_in_time(record: PinRecord) -> LevelsInTime | None:
 
 
 def _busy_windows(record: PinRecord, count: int) -> Any:
-    """Return a mask (T,) of windows filled with host bytes; None if there is no such window."""
+    """Return a mask (count,) of 0.5 ms windows that bytes of the host fill by more than half.
+
+    None if there is no such window, or no line of the host in the capture.
+    """
     if record.to_board is None or len(record.to_board.times) < 2:
         return None
     times_s = record.seconds(record.to_board.times)

@@ -91,7 +91,7 @@ class ElementOffsets:
 
 
 def _mean_and_spread(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard deviation of each column of (F, E), without NaN."""
+    """Return mean and deviation (E,) of each column of *values* (F, E) but NaN; NaN if all are."""
     known = np.isfinite(values)
     count = np.maximum(known.sum(axis=0), 1)
     none = ~known.any(axis=0)

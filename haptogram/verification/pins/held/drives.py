@@ -137,7 +137,10 @@ def held_pin_drives(record: PinRecord, *, window: float | None = None) -> HeldDr
 
 
 def _group_bounds(before: FloatArray, window: float) -> Iterator[tuple[int, int]]:
-    """Yield index ranges of sorted values that are at most *window* from the next one."""
+    """Yield index ranges (begin, end) of sorted values that are at most *window* from the next.
+
+    Nothing is yielded without values.
+    """
     if not len(before):
         return
     cuts = np.flatnonzero(np.diff(before) > window) + 1
@@ -146,7 +149,7 @@ def _group_bounds(before: FloatArray, window: float) -> Iterator[tuple[int, int]
 
 
 def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, FloatArray]:
-    """Return (C,) the earliest and the latest time of each change of a pin's pulses."""
+    """Return (C,) the earliest and latest time of each change of a pin's pulses, in periods."""
     rises, falls = pin.rises, pin.falls
     if not len(rises):
         return rises, falls
@@ -181,7 +184,10 @@ def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, Floa
 def _latch_of_changes(
     after: FloatArray, before: FloatArray, owners: _Ints, limit: float
 ) -> PinLatch:
-    """Return one latch of a group of pin changes: begin, end, pins, and those late by *limit*."""
+    """Return one latch of a group of pin changes: begin, end, pins, those over *limit* late.
+
+    *after*, *before* (C,) are the earliest and latest times in periods, *owners* (C,) the pins.
+    """
     places, firsts, counts = np.unique(owners, return_index=True, return_counts=True)
     begin = float(before[firsts].min())
     late = after[firsts] - begin > limit
@@ -200,7 +206,10 @@ def _joined_held_drives(
     pins: list[PinPulses],
     groups: list[tuple[PinLatch, _Ints]],
 ) -> HeldDrives:
-    """Return the drives between *groups* of changes; equal neighbours are merged."""
+    """Return the drives between *groups* of changes, as measured on the pins.
+
+    Neighbours that are equal within 1.5 samples and their jitter are merged.
+    """
     bounds = np.array([0.0, *(max(one.begin, one.end) for one, _ in groups), record.end])
     ends = np.array([*(one.begin for one, _ in groups), record.end])
     lows = bounds[:-1] + 1.0  # the pulse that a latch cut is over
@@ -235,7 +244,7 @@ def _joined_held_drives(
 
 
 def _joined_latch(latches: list[PinLatch]) -> PinLatch:
-    """Merge changes with no steady drive between them into one latch; the largest dates it."""
+    """Merge changes with no steady drive between them into one; that of most pins dates it."""
     if len(latches) == 1:
         return latches[0]
     last = max(latches, key=lambda one: len(one.places))
@@ -245,7 +254,11 @@ def _joined_latch(latches: list[PinLatch]) -> PinLatch:
 def _measured_held_drives(
     record: PinRecord, pins: list[PinPulses], lows: FloatArray, highs: FloatArray
 ) -> tuple[ComplexArray, FloatArray, FloatArray, FloatArray]:
-    """Return (S, E) weights, duties, lengths and jitters of the whole pulses of each stretch."""
+    """Return (S, E) weights, duties, pulse distances and jitters (turns) in each stretch.
+
+    A stretch is from *lows* to *highs* (S,), in periods; its whole pulses count. Without pulses the
+    weight is 0 and the distance NaN.
+    """
     shape = len(lows), len(pins)
     weights = np.zeros(shape, np.complex128)
     duties, lengths, jitters = np.zeros(shape), np.full(shape, np.nan), np.zeros(shape)

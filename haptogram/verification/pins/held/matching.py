@@ -58,7 +58,10 @@ def matched_drives(held: HeldDrives, meant: ComplexArray) -> tuple[_Ints, _Ints]
 
 
 def _drive_correlations(seen: ComplexArray, meant: ComplexArray) -> Iterator[FloatArray]:
-    """Yield (S, F) the correlation of drives and frames, for each likely phase that all share."""
+    """Yield (S, F) correlations, -1 to 1, of drives *seen* (S, E) and frames *meant* (F, E).
+
+    There is one table for each of the 4 likeliest phases that all drives share.
+    """
     sizes = np.linalg.norm(seen, axis=1)[:, None] * np.linalg.norm(meant, axis=1)
     both = (seen @ np.conj(meant).T) / np.where(sizes > 0.0, sizes, 1.0)
     lags = range(1 - len(seen), len(meant))
@@ -70,7 +73,10 @@ def _drive_correlations(seen: ComplexArray, meant: ComplexArray) -> Iterator[Flo
 
 
 def _pairs_in_order(match: FloatArray) -> tuple[float, _Ints]:
-    """Return the sum of agreement and the (K, 2) pairs of the best match that keeps the order."""
+    """Return the summed agreement and (K, 2) the pairs of drive and frame that best keep the order.
+
+    *match* (S, F) holds correlations, of which the part above 0.5 counts.
+    """
     gain = np.maximum(match - _LEAST_MATCH, 0.0)
     rows = [np.zeros(match.shape[1] + 1)]
     for row in gain:
@@ -139,7 +145,10 @@ def frames_at_held_drives(
 
 
 def _pair_in_order(seen: ComplexArray, meant: ComplexArray) -> _Ints:
-    """Return index pairs of sounding drives and frames, from the last of both backwards."""
+    """Return (K, 2) index pairs of sounding drives and frames, from the last of both backwards.
+
+    (0, 0) alone if nothing sounds.
+    """
     sounding = np.flatnonzero(seen.any(axis=1))
     frames = np.flatnonzero(meant.any(axis=1))
     count = min(len(sounding), len(frames))
@@ -149,10 +158,10 @@ def _pair_in_order(seen: ComplexArray, meant: ComplexArray) -> _Ints:
 
 
 def _frame_starts(frames: _Ints, starts: FloatArray, end: float, count: int) -> FloatArray:
-    """Return (F,) start times of all frames, interpolated between the matched ones.
+    """Return (count,) start times of all frames, interpolated between the matched *frames* (K,).
 
     Those before the first and after the last of these follow each other as most do: a capture may
-    show a part of a run.
+    show a part of a run. *starts* (K,) and *end* are in periods.
     """
     gap = max(end - float(starts[-1]), 1.0) / (count - float(frames[-1]))
     if len(frames) > 1:
