@@ -237,7 +237,10 @@ def refusing_other_content(refusal: str) -> contextlib.AbstractContextManager[No
 def _errors_as_refusals(
     refusal: Callable[[BaseException], ConfigurationError], kinds: _Kinds
 ) -> Iterator[None]:
-    """Convert errors of these kinds into the ConfigurationError that *refusal* makes."""
+    """Convert errors of these *kinds* into the ConfigurationError that *refusal* makes.
+
+    A ConfigurationError stays as it is.
+    """
     try:
         yield
     except ConfigurationError:  # a refusal already, though it may be one of the kinds

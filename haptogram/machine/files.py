@@ -67,7 +67,7 @@ def is_standard_output(path: Path) -> bool:
 
 
 def _is_file_open_as(descriptor: int, path: Path) -> bool:
-    """Return True if the descriptor is open on the file *path*; the null device does not count."""
+    """Return True if the descriptor is open on the file *path*; never for the null device."""
     with contextlib.suppress(OSError):
         found = path.stat()
         nothing = os.stat(os.devnull)  # takes everything, from everybody

@@ -141,7 +141,10 @@ def _element_setting(name: str, text: str, count: int) -> int:
 
 
 def _settings_by_element(name: str, texts: tuple[str, ...], count: int) -> list[float]:
-    """Return a time in microseconds for each of *count* elements, 0 where none is given."""
+    """Return a time in µs for each of *count* elements, 0 where none is given.
+
+    *texts* are ELEMENT=US or all=US; others are refused.
+    """
     found = [0.0] * count
     for text in texts:
         element, _, time_us = text.partition("=")

@@ -100,7 +100,7 @@ def propagators(model: AcousticModel, points_m: ArrayLike) -> ComplexArray:
 
 
 def _field_propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
-    """Return (M, N) the pressure at each point by each element at full amplitude."""
+    """Return (M, N) the complex pressure (Pa) at each point by each element at full amplitude."""
     x, y, z = (points[:, None, i] - model.array.positions_m[:, i] for i in range(3))
     distance = np.sqrt(x * x + y * y + z * z)
     gain = _field_gain(model, (x, y, z), distance)
@@ -164,7 +164,10 @@ def arrival_at_point(
 def _field_gain(
     model: AcousticModel, offsets: tuple[FloatArray, ...], distance: FloatArray
 ) -> FloatArray:
-    """Return the directivity of each element toward each point, from its own normal."""
+    """Return (M, N) the directivity of each element toward each point, from its own normal.
+
+    *offsets*: x, y, z (M, N) from the elements to the points.
+    """
     normals, directivity = model.array.normals, model.transducer.directivity
     if hasattr(directivity, "gain_towards"):  # isinstance of a Protocol takes 20 µs
         directions = np.stack(offsets, axis=-1) / distance[..., None]
@@ -175,7 +178,7 @@ def _field_gain(
 
 
 def _point_batch_size(model: AcousticModel) -> int:
-    """Return how many points are computed at once, so that memory stays bounded."""
+    """Return how many points are computed at once: 8192 pairs with an element, 1 point at least."""
     return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 

@@ -239,7 +239,7 @@ def check_phase_bits(bits: int) -> int:
 
 
 def _phase_code_type(bits: int) -> type[np.uint8] | type[np.uint16]:
-    """Return the integer type that holds codes of so many bits."""
+    """Return the integer type that holds codes of so many bits: uint8 up to 8, else uint16."""
     return np.uint8 if bits <= REGISTER_BITS else np.uint16
 
 

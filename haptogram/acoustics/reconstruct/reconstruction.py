@@ -191,7 +191,10 @@ class Reconstructor:
         return found
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
-        """Return foci of the first drives, each found from the one before, until that fails."""
+        """Return foci of the first drives, each found from the one before, until that fails.
+
+        An empty list if the first fails, or there is no focus before.
+        """
         warm = self._warm
         if warm is None or self._last_focus is None:
             return []
@@ -349,7 +352,10 @@ class Reconstructor:
         return (np.array(fix.position_m) if found else None), "global"
 
     def _search(self, tried: list[PhaseFit], radiated: _ReconstructedDrive) -> Reconstruction:
-        """Return a focus of all elements, found in the whole volume; else of most; else none."""
+        """Return a focus of all elements, found in the whole volume; else of most; else none.
+
+        The last two are a NotSingle, of most elements with the others as outliers.
+        """
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
@@ -374,7 +380,10 @@ class Reconstructor:
         return self._mostly_single(partial, radiated)
 
     def _acquisition_for(self, active: BoolArray) -> FocusAcquisition:
-        """Return the search volume; a new one if the drive leaves the array's middle silent."""
+        """Return the search volume; a new one if the drive leaves the array's middle silent.
+
+        Silent means over half of the elements of its first fit.
+        """
         if self._acquisition is None:
             everything = np.ones(self._model.array.count, dtype=np.bool_)
             self._acquisition = FocusAcquisition(self._model, everything)
@@ -391,9 +400,8 @@ class Reconstructor:
     def _fit_most(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> PhaseFit | None:
         """Return a fit that tolerates some outlier elements, or None.
 
-        The elements that stick out by far are left out, and the fit is done again, until the
-        others are within half a step. At least half of them always stay: the limit is above their
-        median.
+        Elements beyond both twice the limit and 3 times the median residual are left out, and the
+        fit is done again, up to 6 times; None as well if fewer than 8 elements would stay.
         """
         if fit.residual_rms_rad > HOPELESS_RAD:
             return None
@@ -409,11 +417,14 @@ class Reconstructor:
         return None
 
     def _explains(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> bool:
-        """Return True if a fit has a small residual and its focus can be there."""
+        """Return True if the RMS residual is within the drive's limit and a focus can be there."""
         return fit.residual_rms_rad <= radiated.limit_rad and self._is_reachable(fit.position_m)
 
     def _is_reachable(self, position: FloatArray) -> bool:
-        """Return True if a focus can be at *position*: in front, not too near, not too far."""
+        """Return True if a focus can be at *position*: in front, and in reach of the array.
+
+        It is 15 mm to 1.25 m from the nearest element.
+        """
         array = self._model.array
         offsets = array.positions_m - position
         nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
@@ -469,7 +480,7 @@ class Reconstructor:
     def _not_single(
         self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _ReconstructedDrive
     ) -> NotSingle:
-        """Return the loudest of the points tried, with the least residual of the fits."""
+        """Return the loudest of *starts* and the points tried, and the fits' least residual."""
         points = [fit.position_m for fit in tried if self._is_reachable(fit.position_m)] + starts
         loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
         loudest = points[int(loudness.argmax())]

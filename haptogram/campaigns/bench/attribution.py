@@ -141,7 +141,7 @@ def bench_lateness_shares(parts: BenchLatenessParts) -> Times:
 
 
 def _lateness_proportions(before: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return the share of each cause in *before*, the lateness carried over; all WORK if none."""
+    """Return the share of each of CAUSES in *before*, lateness carried over; all WORK if none."""
     total = 0.0 if before is None else float(before.sum())
     if before is None or total <= 0.0:
         # Work that ran into the tick without being a tick is host work: the loop served the port.

@@ -133,7 +133,7 @@ def _sleep_until_budget_deadline(deadline_ns: int) -> None:
 
 
 def _encode_budget_frame(message: messages.Message, stuff: Stuffing) -> bytes:
-    """Encode a frame, as the timed work."""
+    """Return the bytes of a frame, encoded as the timed work."""
     body = messages.build_body(message, flags=0, seq=4711, time_us=123_456_789, session=77)
     return encode_frame(body, stuff)
 
@@ -146,7 +146,7 @@ def _decode_budget_frame(decoder: FrameDecoder, wire: bytes) -> None:
 
 
 def _median_time_ns(work: Callable[[], object], between: Callable[[], object] | None = None) -> int:
-    """Return the median time of *work*; *between* runs after each call, untimed."""
+    """Return the median time of 400 calls of *work*; *between* runs after each, untimed."""
     clock, taken = time.perf_counter_ns, []
     for _ in range(_SETTLE + _TIMES):
         begin_ns = clock()
@@ -159,7 +159,7 @@ def _median_time_ns(work: Callable[[], object], between: Callable[[], object] | 
 
 @contextlib.contextmanager
 def _drained_budget_pty() -> Iterator[tuple[int, Callable[[int], None]]]:
-    """Yield a pseudo-terminal to write to, and a function that reads from its other end."""
+    """Yield a pseudo-terminal to write to, and a function that reads a number of bytes back."""
     tty = posix_module("tty", "the stage of a pty", "bench of a port")
     master, slave = os.openpty()
     try:

@@ -69,7 +69,10 @@ class SoakHost(HostConnection):
             self._tally.violate("undamaged frame dropped", text)
 
     def _compare_event(self, event: events.EventReceived, sent: Sent) -> None:
-        """Report a violation if events are missing that the line did not lose, or memory is."""
+        """Report a violation if the host misses other events than the line lost, or memory leaks.
+
+        Memory leaks if the board has fewer free bytes than at the last STATUS.
+        """
         lost = self._line.explain_gap(sent)
         if event.gap != lost:
             text = f"the host misses {event.gap} events, and {lost} were lost"
@@ -251,7 +254,7 @@ class SoakRig:
 
 
 def _soak_drives(count: int) -> list[m.Phases | m.Drives]:
-    """Return frames of random codes, some with amplitudes; no two share a half."""
+    """Return 61 frames of random codes for *count* transducers, every eighth with amplitudes."""
     source = random.Random(_DRIVES)
     return [
         m.Phases(source.randbytes(count))
