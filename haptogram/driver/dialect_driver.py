@@ -351,7 +351,10 @@ class DialectDriver(ClosedByWith):
         return intended
 
     def _send(self, frame: dialect_frames.DialectFrame) -> list[int | None] | None:
-        """Send a frame; return the phase codes that its bytes show, None for no whole frame."""
+        """Send a frame; return the phase codes that its bytes show, None for no whole frame.
+
+        The code of a silent channel is None.
+        """
         self._wake()
         seen = self._line.send(self._display.frame(frame.codes))
         self._shown_ns = self._line.now_ns()

@@ -231,7 +231,7 @@ class Streamer:
         return next_boundary_on_device_clock_us(first_us, self._identity.carrier_hz)
 
     def _encoded(self, frames: list[Frame], schedule: Schedule, t0_us: int) -> Iterator[_Encoded]:
-        """Yield each frame with its number, due time and wire bytes."""
+        """Yield each frame with its number, due time (device time) and wire bytes."""
         for number, frame in enumerate(frames):
             due_us = t0_us + schedule.offset_us(number)
             index, wire = self.link.connection.stream_frame(frame.message, t_apply_us=due_us)

@@ -72,7 +72,7 @@ def read_board_url(url: str, default: BoardConfig | None = None) -> PortConfig:
 
 
 def _port_config_of_url(parts: SplitResult, default: BoardConfig | None) -> PortConfig:
-    """Return port and board of a haptogram:// URL; what it leaves out is as in *default*."""
+    """Return port and board of a haptogram:// URL; the rest is as in *default*, if given."""
     if parts.scheme != "haptogram" or parts.netloc or parts.path.strip("/"):
         raise ConfigurationError("must be haptogram://?name=value&...")
     values: dict[str, Any] = {} if default is None else default.non_default()

@@ -178,7 +178,7 @@ def _field_gain(
 
 
 def _point_batch_size(model: AcousticModel) -> int:
-    """Return how many points are computed at once: 8192 pairs with an element, 1 point at least."""
+    """Return how many points are computed at once: 8192 over the elements, but 1 at least."""
     return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 

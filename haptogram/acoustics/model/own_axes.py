@@ -144,7 +144,7 @@ def _row_direction(
 
 
 def _axes_turned_least(face: FloatArray) -> FloatArray:
-    """Return the axes of the world, turned by the least angle that brings z to *face*."""
+    """Return the axes (3, 3) of the world, turned by the least angle that brings z to *face*."""
     x, y, z = face.tolist()
     share = 1.0 / (1.0 + z) if z > -1.0 + _UPRIGHT else 0.0
     axes = plane_axes(face, np.array([1.0 - x * x * share, -x * y * share, -x]))

@@ -78,7 +78,7 @@ class _VolumeOf:
 
 @functools.lru_cache(_VOLUMES_KEPT)
 def _kept_search_volume(of: _VolumeOf) -> SearchVolume:
-    """Compute the search cells and their phasors; they are cached, and read-only."""
+    """Return the search cells and their phasors; they are cached, and read-only."""
     cells = search_cells(of.model, of.positions)
     phasors = cell_phasors(of.model, cells, of.positions)
     read_only_array(cells)
@@ -214,7 +214,7 @@ def _search_cell_clearance_m(cells: FloatArray, positions: FloatArray) -> FloatA
 
 
 def _distances_m(across: FloatArray, position: FloatArray) -> FloatArray:
-    """Return the distances of points, given as (3, M) coordinates, from a position."""
+    """Return (M,) distances of points, given as (3, M) coordinates, from a position."""
     x, y, z = (coordinate - at for coordinate, at in zip(across, position, strict=True))
     distances: FloatArray = np.sqrt(x * x + y * y + z * z)
     return distances

@@ -177,7 +177,10 @@ class Reconstructor:
     def _all_of(
         self, asked: Sequence[DriveToFind], reconstruct: Callable[..., _Found]
     ) -> list[Reconstruction | _Found]:
-        """Return the field of each drive: foci near the last one at once, others one by one."""
+        """Return the field of each drive: foci near the last one at once, others one by one.
+
+        *reconstruct* finds the others; a muted drive is NoFocus.
+        """
         found: list[Reconstruction | _Found] = []
         while len(found) < len(asked):
             beside = self._foci_beside_last(asked[len(found) : len(found) + self._at_once])
@@ -288,7 +291,7 @@ class Reconstructor:
     def _as_radiated_drive(
         self, given: ArrayLike, step_rad: float, slack_rad: float
     ) -> _ReconstructedDrive | NoFocus:
-        """Return phases and active elements of the weights; NoFocus if none is active."""
+        """Return phases and active elements of the weights; NoFocus if none exceeds 1e-6."""
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
         weights = as_weights(given)
         if weights.shape != (self._model.array.count,):

@@ -160,7 +160,7 @@ def _iterative_backpropagation(
 def _gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return the drive of rounds between *wanted* levels at foci and full amplitude of elements."""
+    """Return the drive after *rounds* between foci of *wanted* levels and full elements."""
     for _ in range(rounds):
         drive = _solver_phasor(matrix.conj().T @ (wanted * _solver_phasor(matrix @ drive)))
     return drive
@@ -169,7 +169,7 @@ def _gerchberg_saxton(
 def _weighted_gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return the drive by Gerchberg and Saxton, with weights that even out the foci."""
+    """Return the drive after *rounds* of Gerchberg and Saxton, weighted to even out the foci."""
     kernels = load_kernels()
     if kernels is None:
         return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
@@ -185,7 +185,7 @@ def _weighted_gerchberg_saxton(
 def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
-    """Return the drive from compiled code; None if elements are no parallel pistons."""
+    """Return the drive from compiled code; None unless parallel pistons reach all *points*."""
     pistons = _pistons_to_solve(model)
     if pistons is None:
         return None
@@ -202,7 +202,7 @@ def _solved_for_pistons(
 
 @lru_cache(maxsize=8)
 def _pistons_to_solve(model: AcousticModel) -> ParallelPistons | None:
-    """Return the kernels' data of the array; None if elements are no parallel pistons."""
+    """Return the kernels' data of the array; None if calibrated, or not of parallel pistons."""
     is_served = model.calibration is None and ParallelPistons.why_not(model) is None
     return ParallelPistons.of(model) if is_served else None
 
@@ -238,7 +238,7 @@ def weighted_gerchberg_saxton(
 def _gs_pat(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return the drive by GS-PAT: rounds on the F foci alone, by the F x F matrix G B."""
+    """Return the drive by GS-PAT: rounds on the F foci alone, by their F x F couplings."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     between = matrix @ back
     scale = _reachable_foci_levels(matrix, wanted)

@@ -126,7 +126,7 @@ def measure_budget_wake_ns(rate_hz: float) -> int:
 
 
 def _sleep_until_budget_deadline(deadline_ns: int) -> None:
-    """Sleep until *deadline_ns* of the monotonic clock, on a loop that serves nothing."""
+    """Sleep until *deadline_ns* of the monotonic clock; return at once if it has passed."""
     wait_ns = deadline_ns - time.monotonic_ns()
     if wait_ns > 0:
         time.sleep(wait_ns / 1e9)

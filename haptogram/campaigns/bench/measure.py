@@ -118,7 +118,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
 
 
 def _bench_board(config: BenchConfig, parts: contextlib.ExitStack) -> BoardUnderTest:
-    """Return the board at the port, else a virtual one, which *parts* end."""
+    """Return the board at the port, else a virtual one, which ends with *parts*."""
     if config.port is not None:
         return PortBoardUnderTest(
             config.port, baudrate=config.baud, rate_hz=config.rate_hz, board_computes=False

@@ -177,7 +177,7 @@ class SoakComparison:
         self._compare_silence(t_ns, requested=requested)
 
     def _compare_latches(self, t_ns: int) -> None:
-        """Compare latches of board and model, up to the shorter list."""
+        """Compare latches of board and model, as many as both have; a difference is a violation."""
         latches = self._board.take_latches()
         if self._excerpts.kept:
             for latch in latches:

@@ -58,7 +58,10 @@ class SoakHost(HostConnection):
         return event
 
     def _explain_drop(self, sent: Sent, reason: str) -> None:
-        """Attribute a copy that the host drops to a fault or a retry; else report (HG-3.7/3)."""
+        """Attribute a copy that the host drops to a fault or a retry; else report a violation.
+
+        It is one of HG-3.7/3. A copy of the session before is ignored.
+        """
         self._tally.totals[f"the host: {reason}"] += 1
         if reason == "duplicate" and sent.hit is not None:
             self._tally.find(sent.hit, reason)

@@ -182,13 +182,13 @@ class _SoakSegment:
     # --- interruptions -------------------------------------------------------------------------
 
     def _pause(self) -> None:
-        """Send nothing for a time shorter or longer than the timers."""
+        """Send nothing for a time shorter or longer than hold and lease, then arm again."""
         since_ns = self._rig.now_ns()
         self._rig.idle_until(since_ns + self._some_time_ns())
         self._resume(since_ns)
 
     def _outage(self) -> None:
-        """Stream for a while with both directions cut, then go on.
+        """Stream with both directions cut, for less or more than hold and lease, then go on.
 
         A request that fails five times meanwhile is given up: only another session helps.
         """
@@ -242,7 +242,7 @@ class _SoakSegment:
             self._blocks = blocks
 
     def _finish(self) -> None:
-        """Wait for the last latch, then compare the counters."""
+        """Wait for the last latch, then compare counters and clock steps; report differences."""
         rig = self._rig
         rig.idle_until(rig.now_ns() + 2 * _LEAD_US * 1000)
         self._tally.totals["virtual ms"] += self._length_ns // NS_PER_MS

@@ -281,7 +281,7 @@ def _check_frame_solver(solver: Method, mode: Mode) -> None:
 
 
 def _frame_focus_on_wire(focus: Focus) -> messages.FocalPoint:
-    """Return a focus rounded to the units of the wire."""
+    """Return a focus rounded to the units of the wire: whole µm, 16 bits of level and phase."""
     x_um, y_um, z_um = (round(value * 1e6) for value in focus.position_m)
     turns = math.floor(focus.phase_rad / math.tau * _TURN + 0.5)
     return messages.FocalPoint(

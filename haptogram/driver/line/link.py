@@ -147,7 +147,7 @@ class Link:
         self._push()
 
     def _wake_ns(self, deadline_ns: int) -> int:
-        """Return when to wake: at the deadline, or earlier for a retry or unwritten bytes."""
+        """Return the host time to wake: at the deadline, or before it to retry or to write."""
         due_us = self.connection.next_deadline_us()
         if due_us is not None:
             deadline_ns = min(deadline_ns, due_us * 1000)

@@ -200,7 +200,7 @@ def _limits_text(limits: Parameter) -> str:
 
 
 def _check_fault_place(name: str, values: Mapping[str, float]) -> None:
-    """Refuse a fault of transducers unless one of transducer, column and bank is given."""
+    """Refuse a fault of transducers unless exactly one of transducer, column, bank is given."""
     if not is_transducer_fault(name):
         return
     said = [f"{place}={fault_number_text(values[place])}" for place in PLACES if values[place] >= 0]

@@ -267,7 +267,10 @@ class NumbaEngine:
     def _one_drive(
         self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
     ) -> None:
-        """Write the pressure of one drive at *points* into *result*."""
+        """Write the pressure of one drive at *points* into *result* (M,).
+
+        *careful*: few elements are active, so their rounding errors do not average out.
+        """
         layout, points, polar = self._layout, _writeable_for_engine(points), self._polar(drive)
         if layout.lattice is None:
             self._kernels.free_pressure_kernel(

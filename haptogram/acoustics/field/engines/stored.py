@@ -162,7 +162,10 @@ def read_stored(path: Path) -> dict[str, Any] | None:
 
 
 def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]:
-    """Yield machine code, symbol, result and arguments of each compiled version of a loop."""
+    """Yield machine code, symbol, result and arguments of each compiled version of a loop.
+
+    A version that is not in numba's cache, or that others cannot call, is left out.
+    """
     cache = loop._cache  # noqa: SLF001  numba shows machine code nowhere else
     for given, made in loop.overloads.items():
         key = cache._index_key(given, loop.targetctx.codegen())  # noqa: SLF001  as above

@@ -287,7 +287,7 @@ def _ultraino_place(transform: _UltrainoObject) -> list[float]:
 
 
 def _ultraino_direction(transform: _UltrainoObject) -> list[float]:
-    """Return the direction of the transducer's own +y: q (0, 1, 0) q*."""
+    """Return the direction (x, y, z) of the transducer's own +y: q (0, 1, 0) q*."""
     rotation = _ultraino_part(transform, "rotation", "rot")
     x, y, z = (_ultraino_value(rotation, axis) for axis in "xyz")
     w = _ultraino_value(rotation, "w", 1.0)

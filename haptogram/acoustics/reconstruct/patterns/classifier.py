@@ -327,9 +327,10 @@ class PatternClassifier:
         return simplest if is_beyond_chance(simplest, self._step_rad) else None
 
     def _simplest(self, phases: PatternPhases, found: Explanation) -> Explanation:
-        """Return the vortex *found*, or a focus if the vortex explains no more than by chance.
+        """Return the vortex *found*, or a focus at its place if chance gives that more rarely.
 
         A vortex axis far from the array turns no phases, but can be fitted to a few outliers.
+        Patterns without a charge are returned as they are.
         """
         if not found.charge:
             return found

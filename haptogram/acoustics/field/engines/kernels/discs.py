@@ -69,9 +69,9 @@ def _stress_kernel(
 ) -> float:  # fmt: skip
     """Return |p|^2 - |rho c v|^2, in Pa^2, at the offset (a, b) on a disc with the centre (x, y).
 
-    *at* (2, N), *lengths* and *phases* (N,) are those at the centre, set by the kernels above; v is
-    the velocity along the disc, *front* the least cosine that has sound. Lengths are in
-    wavelengths.
+    v is the velocity along the disc. *at* (2, N): levels and heights, *lengths* and *phases* (N,)
+    of the elements for the centre; *front*: the least cosine that has sound. Lengths are in
+    wavelengths; the absorption over the mean length is left out.
     """
     px, py, nx, ny = elements[0], elements[1], elements[3], elements[4]
     levels, rises = at[0], at[1]

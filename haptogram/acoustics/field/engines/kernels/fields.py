@@ -107,7 +107,7 @@ def _lattice_block_kernel(
 
 @jit_inline
 def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
-    """Return the number of buffered waves, one more; 0 when *t* and *m* were full, and added."""
+    """Count one more wave in the buffer *t*, *m*; return 0 if that was full, and was added."""
     if held + 1 < WAVES:
         return held + 1
     add_waves_kernel(t, m, re, im)
@@ -290,7 +290,10 @@ def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) 
 
 @jit_inline
 def _offsets_kernel(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) -> Any:
-    """Set r^2 of points from an element, their offset along its normal and its square."""
+    """Set *square* (r^2), *ahead* (along the normal) and *height* (its square) of points.
+
+    *pairs* (6, B): the points; *s* (6,): position and normal of the element.
+    """
     x, y, z, x_low, y_low, z_low = pairs[0], pairs[1], pairs[2], pairs[3], pairs[4], pairs[5]
     sx, sy, sz = np.float32(s[0]), np.float32(s[1]), np.float32(s[2])
     nx, ny, nz = np.float32(s[3]), np.float32(s[4]), np.float32(s[5])
@@ -305,7 +308,11 @@ def _offsets_kernel(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) ->
 def _exact_offsets_kernel(
     places: Any, s: Any, square: Any, low: Any, height: Any, ahead: Any
 ) -> Any:  # fmt: skip
-    """Set the same in double precision from *places* (3, B); *low*: what rounding took from r^2."""
+    """Set *square* (r^2), *ahead* (along the normal) and *height*, its square, in double precision.
+
+    *places* (3, B): the points; *s* (6,): position and normal of the element. *low* gets what
+    rounding to single precision takes from r^2.
+    """
     x, y, z = places[0], places[1], places[2]
     for p in range(x.size):
         dx, dy, dz = x[p] - s[0], y[p] - s[1], z[p] - s[2]
