@@ -271,7 +271,7 @@ def plain_reason(error: BaseException) -> str:
 
 
 def _causes_of(error: BaseException | None) -> Iterator[BaseException]:
-    """Yield an error and its causes or contexts, one after the other."""
+    """Yield an error and its causes or contexts, one after the other; nothing for None."""
     while error is not None:
         yield error
         error = error.__cause__ if error.__suppress_context__ else error.__context__

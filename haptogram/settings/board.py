@@ -134,7 +134,7 @@ class PinCaptureConfig(Settings):
 
 
 def _element_setting(name: str, text: str, count: int) -> int:
-    """Return the element that *text* names, 0 to *count* - 1; raise if it is none."""
+    """Return the element that *text* names, 0 to *count* - 1; else raise, naming *name*."""
     if not text.isascii() or not text.isdigit() or len(text) > 4 or int(text) >= count:
         raise SettingError(name, f"names the element {text!r}, must be 0 to {count - 1}")
     return int(text)

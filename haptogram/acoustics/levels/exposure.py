@@ -171,7 +171,7 @@ def _exposure_directions(model: AcousticModel) -> int:
 
 
 def _exposed_directions_ahead(directions: FloatArray, facing: FloatArray) -> FloatArray:
-    """Return unit vectors; those that point away from *facing* are projected to its plane."""
+    """Return unit vectors (M, 3); those that point away from *facing* go to the plane across it."""
     back = np.minimum(directions @ facing, 0.0)
     level = directions - back[:, None] * facing
     unit: FloatArray = level / np.linalg.norm(level, axis=1)[:, None]

@@ -316,7 +316,7 @@ def _check_element_count(count: int) -> None:
 
 
 def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
-    """Return the normals scaled to length 1; refuse a zero normal."""
+    """Return the normals (count, 3) scaled to length 1; refuse one shorter than 1e-9."""
     if normals.shape != (count, 3):
         raise ConfigurationError(f"normals have shape {normals.shape}, must be ({count}, 3)")
     lengths = np.linalg.norm(normals, axis=1)

@@ -97,7 +97,7 @@ def _levels_along_axis(
 
 
 def _face_normal(offsets: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the normal of the plane that contains the elements; else their mean normal.
+    """Return the unit normal (3,) of the plane that contains the elements; else their mean normal.
 
     They are in a plane within 5 µm. The mean normal too where it is 60 degrees or more off the
     plane's; where all normals cancel, the axis about which they are arranged.
@@ -115,7 +115,7 @@ def _face_normal(offsets: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _fallback_axis(normals: FloatArray) -> FloatArray:
-    """Return an axis, pointing upwards, about which normals that sum to 0 lie; +z if none."""
+    """Return a unit axis (3,), pointing upwards, about which normals that sum to 0 lie; else +z."""
     squares, directions = np.linalg.eigh(normals.T @ normals)
     if squares[2] > _ONE_LINE * squares[1]:
         axis = directions[:, 2]
@@ -132,7 +132,7 @@ def _fallback_axis(normals: FloatArray) -> FloatArray:
 def _row_direction(
     positions: FloatArray, face: FloatArray, grid_shape: tuple[int, int]
 ) -> FloatArray:
-    """Return the vector from the first element to the next along x; of one column, across it.
+    """Return the vector (3,) from the first element to the next along x; of one column, across.
 
     *grid_shape*: columns and rows. Across is in the plane with the normal *face*.
     """
@@ -158,7 +158,7 @@ def first_neighbour_vectors(offsets: FloatArray) -> list[FloatArray]:
 
 
 def _quarter_turned_axes(axes: FloatArray, upright: FloatArray) -> FloatArray:
-    """Return *axes*, turned by quarters around the last: the first is nearest to *upright*'s."""
+    """Return *axes* (3, 3) after quarter turns around the last; the first nearest *upright*'s."""
     ways = np.array([axes[0], axes[1], -axes[0], -axes[1]])
     first = ways[int((ways @ upright[0]).argmax())]
     return np.stack([first, np.cross(axes[2], first), axes[2]]) + 0.0

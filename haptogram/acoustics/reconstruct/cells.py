@@ -173,7 +173,7 @@ def _coarse_search_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
 
 
 def _search_intervals(low: float, high: float) -> tuple[FloatArray, float]:
-    """Return the centres of equal cells, at most 40 mm long, of a span, and half their length."""
+    """Return centres (K,) of equal cells, at most 40 mm long, of a span, and half their length."""
     # A span of whole cells stays so, whatever the rounding of a turned array says.
     count = max(1, math.ceil((high - low) / _COARSE_CELL_M - 1e-6))
     half = (high - low) / count / 2.0
@@ -197,7 +197,7 @@ def _ray_spread(centres: FloatArray, positions: FloatArray) -> FloatArray:
 def _halve_search_cells(
     centres: FloatArray, halves: FloatArray, axes: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return centres and half-sizes of both halves of each cell, cut across its axis in *axes*."""
+    """Return centres and half-sizes (2 M, 3) of both halves of M cells, cut across *axes* (M,)."""
     rows = np.arange(len(centres))
     smaller, shift = halves.copy(), np.zeros_like(halves)
     smaller[rows, axes] /= 2.0

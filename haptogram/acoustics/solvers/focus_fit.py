@@ -282,7 +282,10 @@ def centred_phases(arrival: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _focus_fit_spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return eigenvalues, eigenvectors of J^T J, and a mask of those over 1e-8 of the largest."""
+    """Return eigenvalues (3,) and eigenvectors (3, 3) of J^T J, and a mask of those that count.
+
+    J are the *slopes* (N, 3). Eigenvalues above 1e-8 of the largest count.
+    """
     values, vectors = np.linalg.eigh(slopes.T @ slopes)
     kept: BoolArray = values > max(values[-1], 1e-12) * LEAST_SEEN_SHARE
     return values, vectors, kept
@@ -316,7 +319,7 @@ def _are_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool
 
 
 def _as_fit_mask(active: ArrayLike | None, count: int) -> BoolArray:
-    """Return a mask of active elements, all without *active*; refuse an empty one."""
+    """Return a mask (count,) of active elements, all without *active*; refuse an empty one."""
     mask = np.ones(count, dtype=np.bool_) if active is None else np.asarray(active, dtype=np.bool_)
     if mask.shape != (count,):
         raise ConfigurationError(f"active has shape {mask.shape}, must be ({count},)")

@@ -183,7 +183,7 @@ def _bench_stages(
     transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the host's stages of each frame in µs; NaN after the wake if it was not sent."""
+    """Return the host's stages (n,) of each frame in µs; NaN after the wake if it was not sent."""
     unsent = np.where(sent, 0.0, np.nan)
     return {
         "wake": lateness_us,

@@ -124,7 +124,8 @@ class SweepCampaign:
     ) -> None:
         """Run the points *left* on workers, write their rows; a suspect of killing runs alone.
 
-        A suspect is a point that was under way when a worker died.
+        A suspect is a point that was under way when a worker died. *file*: the journal, None for
+        none; *show* is called as points end.
         """
         while left or self._suspects or running:
             count = 1 if self._suspects else workers.count

@@ -132,5 +132,5 @@ def _checked_dask_workers(found: dict[str, Any]) -> int:
 
 
 def _version_text(package: str, version: str | None) -> str:
-    """Return package and version, or that the package is missing."""
+    """Return package and version or, if that is None, that the package is missing."""
     return f"no {package}" if version is None else f"{package} {version}"

@@ -144,7 +144,10 @@ class PatternClassifier:
         return bool(np.ptp(self._local[:, 2]) < _PLANE_M)
 
     def _radiated(self, weights: ArrayLike) -> ComplexArray:
-        """Return what *weights* radiate by the model's calibration; refuse a wrong number."""
+        """Return (N,) what *weights* radiate by the model's calibration; refuse a wrong number.
+
+        A weight that is not finite counts as 0.
+        """
         drive = np.asarray(weights, dtype=np.complex128)
         if drive.shape != (self._model.array.count,):
             raise ConfigurationError(

@@ -178,10 +178,11 @@ def _widened_pattern_fit(
     axis_m: FloatArray | None,
     side: BoolArray | None,
 ) -> FloatArray | None:
-    """Return the position fitted to the array's centre, then to more elements; None above 1.35 rad.
+    """Return the place (3,) fitted to the array's centre, then to more; None above 1.35 rad RMS.
 
-    Of two arrays that look at each other one *side* comes first. Between them minima of the fit
-    alternate every half of a wavelength, so several heights are tried for both.
+    In m, by more and more elements. Of two arrays that look at each other one *side* comes first.
+    Between them minima of the fit alternate every half of a wavelength, so several heights are
+    tried for both.
     """
     if side is None or side.all():
         return _pattern_by_more_elements(phases, start_m, charge, axis_m)
@@ -198,7 +199,10 @@ def _widened_pattern_fit(
 def _pattern_by_more_elements(
     phases: PatternPhases, start_m: FloatArray, charge: int, axis_m: FloatArray | None
 ) -> FloatArray | None:
-    """Return the position fitted to 40 central elements, then to more; None above 1.35 rad RMS."""
+    """Return the place (3,), in m, fitted to 40 central elements, then to more and more.
+
+    None once a fit is above 1.35 rad RMS.
+    """
     distance = np.linalg.norm(phases.positions_m - phases.positions_m.mean(axis=0), axis=1)
     order, count = np.argsort(distance, kind="stable"), _FIRST_COUNT
     position = start_m
@@ -215,7 +219,7 @@ def _pattern_by_more_elements(
 def _pattern_residuals(
     phases: PatternPhases, point: PatternPointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return each element's phase error, and the phase that the vortex adds to a focus, in rad.
+    """Return (N,) each element's phase error, and the phase that a vortex adds to a focus, in rad.
 
     The mean error of the elements *used* is 0.
     """

@@ -212,7 +212,7 @@ def _cells_of_bowl(model: AcousticModel) -> FloatArray:
 
 
 def _pattern_cells_between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolArray:
-    """Return a mask of the *cells* that are 10 mm in front of all elements of the other side.
+    """Return a mask (M,) of *cells* that are 10 mm in front of all elements of the other side.
 
     They are in front of this *side* as well. All are where this is every element.
     """

@@ -72,9 +72,9 @@ def find_foci_pattern(
 def _next_pattern_focus(
     model: AcousticModel, rest: ComplexArray, places: FloatArray, loudest: Loudest
 ) -> FloatArray | None:
-    """Return the loudest point of the phasors *rest* away from known *places*; None if none is.
+    """Return the loudest point (3,) of the phasors *rest* away from known *places*; else None.
 
-    Away is more than 0.7 wavelengths; 24 points of *loudest* are tried, from each a climb.
+    In m. Away is more than 0.7 wavelengths; 24 points of *loudest* are tried, from each a climb.
     """
     apart = _APART * model.wavelength_m
     for cell in loudest(rest, _LOOKED_AT):
@@ -87,7 +87,7 @@ def _next_pattern_focus(
 def _climb_to_pattern_focus(
     model: AcousticModel, drive: ComplexArray, start_m: FloatArray
 ) -> FloatArray:
-    """Return the pressure maximum reached from *start_m*, by steps of decreasing size."""
+    """Return the pressure maximum (3,), in m, reached from *start_m* by ever smaller steps."""
     ways = np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
     place, step_m = start_m, _CLIMB_M
     for _ in range(3 * _CLIMBS):
@@ -105,7 +105,10 @@ def _climb_to_pattern_focus(
 def _unexplained_by_pattern(
     model: AcousticModel, phasors: ComplexArray, active: BoolArray, places: FloatArray
 ) -> ComplexArray:
-    """Return what the best sum of waves from foci at *places* leaves of the phasors."""
+    """Return (N,) what the best sum of waves from foci at *places* leaves of the phasors.
+
+    The best sum has the least squares; inactive elements get 0.
+    """
     waves = np.exp(1j * focus_phases(model, places))[:, active].T
     weights = np.linalg.lstsq(waves, phasors[active], rcond=1e-6)[0]
     rest = np.zeros_like(phasors)
