@@ -459,7 +459,7 @@ class Driver(ClosedByWith):
         )
 
     def _make_ready(self, frames: list[Frame], first_us: int) -> None:
-        """Stop a running playback, set the sound speed of *frames*; rearm if a timer mutes.
+        """Stop a playback, set the sound speed of *frames*; rearm if a timer mutes the board.
 
         It mutes already, or will in *first_us*, the time until the first latch.
         """

@@ -252,7 +252,7 @@ class DriverPlayback:
     ) -> messages.PlaybackEnded | None:
         """Wait for the end of playback, keeping the lease; return its report, None if none came.
 
-        The wait ends the timeout after the last frame is due.
+        The wait ends with the timeout after the last frame is due.
         """
         total, end_us = score.total, score.due_us(score.total)
         last_ns = self._pinger.clock.to_host_ns(end_us) + self._link.timeout_ns

@@ -65,7 +65,10 @@ def _side_mm(model: AcousticModel, base_mm: float = 0.0) -> float:
 def _mean_over_paper_object(
     of_focus: Callable[[AcousticModel, Point], float], model: AcousticModel
 ) -> float:
-    """Return the mean of *of_focus* over foci 10 mm apart on the object of the paper."""
+    """Return the mean of *of_focus* over foci 10 mm apart on the paper's hemisphere.
+
+    Its radius is 50 mm, its centre 100 mm over the array.
+    """
     points = _PAPER_OBJECT.sample(0.010).tolist()
     return float(np.mean([of_focus(model, point) for point in points]))
 
@@ -93,7 +96,10 @@ def _weakest_share(model: AcousticModel, points_m: ArrayLike) -> float:
 
 
 def _paper_width_mm(_: AcousticModel) -> float:
-    """Return the focal width by equation (9) of the paper, as its authors corrected it."""
+    """Return the focal width by equation (9) of the paper, as its authors corrected it.
+
+    For its 16 x 16 elements of 10 mm, at 100 mm.
+    """
     return 1e3 * 2.0 * _PAPER_WAVELENGTH_M * 0.1 / (math.sqrt(256) * 0.010)
 
 

@@ -401,10 +401,11 @@ class Reconstructor:
         )
 
     def _fit_most(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> PhaseFit | None:
-        """Return a fit that tolerates some outlier elements, or None.
+        """Return a fit that tolerates some outlier elements; None if there is none.
 
-        Elements beyond both twice the limit and 3 times the median residual are left out, and the
-        fit is done again, up to 6 times; None as well if fewer than 8 elements would stay.
+        Elements beyond both twice the drive's RMS limit and 3 times the median residual are left
+        out, and the fit is done again, up to 6 times. None as well if fewer than 8 elements would
+        stay.
         """
         if fit.residual_rms_rad > HOPELESS_RAD:
             return None

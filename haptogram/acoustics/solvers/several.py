@@ -149,7 +149,7 @@ def frame_weights(model: AcousticModel, foci: Sequence[Focus], method: Method) -
 def _iterative_backpropagation(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return the drive (N,) after *rounds* of back-propagated *wanted* levels, clipped to 1."""
+    """Return *drive* (N,) after *rounds* of back-propagated *wanted* levels, clipped to 1."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     scale = _reachable_foci_levels(matrix, wanted)
     for _ in range(rounds):
@@ -160,7 +160,7 @@ def _iterative_backpropagation(
 def _gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return the drive (N,) after *rounds* between foci of *wanted* levels and full elements."""
+    """Return *drive* (N,) after *rounds* between foci of *wanted* levels and full elements."""
     for _ in range(rounds):
         drive = _solver_phasor(matrix.conj().T @ (wanted * _solver_phasor(matrix @ drive)))
     return drive
@@ -169,7 +169,7 @@ def _gerchberg_saxton(
 def _weighted_gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return the drive (N,) after *rounds* of Gerchberg and Saxton, weighted to even out foci."""
+    """Return *drive* (N,) after *rounds* of Gerchberg and Saxton, weighted to even out foci."""
     kernels = load_kernels()
     if kernels is None:
         return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
@@ -238,7 +238,7 @@ def weighted_gerchberg_saxton(
 def _gs_pat(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return the drive (N,) by GS-PAT: *rounds* on F foci alone, by their F x F couplings."""
+    """Return *drive* (N,) after *rounds* of GS-PAT on F foci alone, by their F x F couplings."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     between = matrix @ back
     scale = _reachable_foci_levels(matrix, wanted)
@@ -255,7 +255,10 @@ def _gs_pat(
 def _gradient_solver(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return the drive (N,) whose phases minimise the squared errors of |p|, by L-BFGS."""
+    """Return the drive (N,) whose phases, from *drive*'s on, minimise the squared errors of |p|.
+
+    By L-BFGS in at most *rounds* steps; all elements are full.
+    """
     from scipy.optimize import minimize  # slow to import, and only this solver needs it
 
     goal = _reachable_foci_levels(matrix, wanted) * wanted

@@ -144,7 +144,7 @@ class DialectLine:
                 raise DeviceError(f"{self.url}: the board refused: {why}", code=_REFUSED)
 
     def _check_time(self, deadline_ns: int, operation: Operation) -> None:
-        """Raise once the deadline for an answer has passed."""
+        """Raise NoAnswerError, naming *operation*, once the deadline for an answer has passed."""
         if self.now_ns() >= deadline_ns:
             raise NoAnswerError(
                 f"{self.url}: no answer to {type(operation).__name__} within "

@@ -311,7 +311,7 @@ class Link:
             self._awaited.pop(seq, None)
 
     def _check_time(self, deadline_ns: int, what: str) -> None:
-        """Raise once the deadline has passed while waiting for *what*."""
+        """Raise NoAnswerError once the deadline has passed while waiting for *what*."""
         if self.now_ns() >= deadline_ns:
             raise errors.NoAnswerError(
                 f"{self.url}: {what} was not answered within {self._timeout_ns / NS_PER_S:g} s"

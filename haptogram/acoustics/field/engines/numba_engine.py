@@ -176,7 +176,8 @@ class NumbaEngine:
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
         """Return the pressure (M,) or (F, M) of one or F drives at usable points, compiled.
 
-        *careful*: few elements are active, so their rounding errors do not average out.
+        *careful*: fewer than 64 elements are active, in effect, so that their rounding errors do
+        not average out.
         """
         result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
         if drives.ndim == 1:
@@ -269,7 +270,8 @@ class NumbaEngine:
     ) -> None:
         """Write the pressure of one drive at *points* into *result* (M,).
 
-        *careful*: few elements are active, so their rounding errors do not average out.
+        *careful*: fewer than 64 elements are active, in effect, so that their rounding errors do
+        not average out.
         """
         layout, points, polar = self._layout, _writeable_for_engine(points), self._polar(drive)
         if layout.lattice is None:

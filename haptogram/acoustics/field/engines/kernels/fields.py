@@ -85,8 +85,9 @@ def _lattice_block_kernel(
 ) -> Any:  # fmt: skip
     """Set *sums* (2, B), real and imaginary pressure of a lattice at *places* (3, B).
 
-    *nodes* (nx, ny): the element at *gx*, *gy*, -1 for none. *drive* (2, N): magnitudes, phases in
-    half turns. *depth* to *m* are scratch. *careful*: r^2 gets back what rounding took from it.
+    In wavelengths. *gain* (6,) and *loss* (4,): coefficients of directivity and absorption. *nodes*
+    (nx, ny): the element at *gx*, *gy*, -1 for none. *drive* (2, N): magnitudes, phases in half
+    turns. *depth* to *m* are scratch. *careful*: r^2 gets back what rounding took from it.
     """
     re, im = sums[0], sums[1]
     re[:], im[:] = ZERO, ZERO
@@ -223,9 +224,10 @@ def _free_block_kernel(
 ) -> Any:  # fmt: skip
     """Set *sums* (2, B): real and imaginary pressure of elements anywhere at *places* (3, B).
 
-    *pairs*: *places* split (6, B). *elements* (N, 6): position, normal. *drive* (2, N): magnitudes,
-    phases in half turns. *offset* to *m* are scratch. *careful*: double precision; *flat*: one
-    plane.
+    In wavelengths. *pairs*: *places* split (6, B). *constants*: aperture radius, absorption, least
+    cosine that has sound; *gain* (6,) and *loss* (4,): coefficients of directivity and absorption.
+    *elements* (N, 6): position, normal. *drive* (2, N): magnitudes, phases in half turns. *offset*
+    to *m* are scratch. *careful*: double precision; *flat*: all elements lie in one plane.
     """
     re, im = sums[0], sums[1]
     re[:], im[:] = ZERO, ZERO
