@@ -237,7 +237,10 @@ def refusing_other_content(refusal: str) -> contextlib.AbstractContextManager[No
 def _errors_as_refusals(
     refusal: Callable[[BaseException], ConfigurationError], kinds: _Kinds
 ) -> Iterator[None]:
-    """Convert errors of these kinds into the ConfigurationError that *refusal* makes."""
+    """Convert errors of these *kinds* into the ConfigurationError that *refusal* makes.
+
+    A ConfigurationError stays as it is.
+    """
     try:
         yield
     except ConfigurationError:  # a refusal already, though it may be one of the kinds
@@ -268,7 +271,7 @@ def plain_reason(error: BaseException) -> str:
 
 
 def _causes_of(error: BaseException | None) -> Iterator[BaseException]:
-    """Yield an error and its causes or contexts, one after the other."""
+    """Yield an error and its causes or contexts, one after the other; nothing for None."""
     while error is not None:
         yield error
         error = error.__cause__ if error.__suppress_context__ else error.__context__

@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_after_start(argv: Sequence[str] | None) -> int:
-    """Load the program and run it."""
+    """Load the program, run it and return its exit status; _NOTHING_JUDGED after an error."""
     from .cli import main as run
 
     try:

@@ -339,7 +339,10 @@ class DialectDriver(ClosedByWith):
         return dialect_frames.DialectFrameBuilder(self.model, self._display, self._channels)
 
     def _show(self, frame: dialect_frames.DialectFrame) -> Intended:
-        """Send a frame of foci and record the bytes as observed; return the intended frame."""
+        """Send a frame of foci and record it as intended, which is returned, and as observed.
+
+        Observed are the bytes on the wire, if they are a whole frame.
+        """
         intended = frame.intended(self.intended.total)
         self.intended.append(intended)
         seen = self._send(frame)
@@ -356,14 +359,17 @@ class DialectDriver(ClosedByWith):
         return intended
 
     def _send(self, frame: dialect_frames.DialectFrame) -> list[int | None] | None:
-        """Send a frame; return its phase codes as decoded from its bytes, None if not known."""
+        """Send a frame; return the phase codes that its bytes show, None for no whole frame.
+
+        The code of a silent channel is None.
+        """
         self._wake()
         seen = self._line.send(self._display.frame(frame.codes))
         self._shown_ns = self._line.now_ns()
         return seen
 
     def _wake(self) -> None:
-        """Send silence first if the boards were idle so long that they lose bytes that follow."""
+        """Send silence first after half the idle time in which boards lose bytes that follow."""
         silent_ns = self._line.now_ns() - self._shown_ns
         if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:
             self._line.send(self._display.off())

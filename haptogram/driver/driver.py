@@ -459,13 +459,16 @@ class Driver(ClosedByWith):
         )
 
     def _make_ready(self, frames: list[Frame], first_us: int) -> None:
-        """Stop a running playback, set the sound speed of *frames*, rearm if needed."""
+        """Stop a playback, set the sound speed of *frames*; rearm if a timer mutes the board.
+
+        It mutes already, or will in *first_us*, the time until the first latch.
+        """
         self._player.stop()
         self._session.control.agree_on_sound_speed(frames)
         self._session.control.rearm_if_timed_out(first_us)
 
     def _final_status(self) -> messages.StatusReply:
-        """Read the latches of the trace ring, then return the board's status."""
+        """Read the latches that the board's trace still holds, then return the board's status."""
         self._session.collect_ring()
         return self.status()
 

@@ -240,7 +240,7 @@ class DriverPlayback:
         return score.t0_us, end
 
     def _start(self, timing: PlaybackTiming) -> int:
-        """Send PLAY, due a lead from now; return its start in unwrapped device time."""
+        """Send PLAY, due a lead from now; return its start in unwrapped device time (µs)."""
         now_us = self._pinger.clock.to_device_us(self._link.now_ns())
         t0_us = next_boundary_on_device_clock_us(now_us + timing.lead_us, self._identity.carrier_hz)
         play = messages.Play(_SEQUENCE_ID, timing.period_us, timing.loops, timing.unattended_ms)
@@ -250,7 +250,10 @@ class DriverPlayback:
     def _follow(
         self, score: _PlaybackScore, progress: Progress | None
     ) -> messages.PlaybackEnded | None:
-        """Wait for the end of playback, keeping the lease; return its report, None if none came."""
+        """Wait for the end of playback, keeping the lease; return its report, None if none came.
+
+        The wait ends with the timeout after the last frame is due.
+        """
         total, end_us = score.total, score.due_us(score.total)
         last_ns = self._pinger.clock.to_host_ns(end_us) + self._link.timeout_ns
         while (end := self._ended()) is None and (now_ns := self._link.now_ns()) < last_ns:
@@ -270,6 +273,6 @@ class DriverPlayback:
         return next((m for m in news if isinstance(m, messages.PlaybackEnded)), None)
 
     def _due(self, score: _PlaybackScore) -> int:
-        """Return the number of frames that are due by now."""
+        """Return the number of frames of the playback that are due by now, 0 before its start."""
         since_us = self._pinger.clock.to_device_us(self._link.now_ns()) - score.t0_us
         return min(max(0, since_us // score.timing.period_us + 1), score.total)

@@ -121,7 +121,11 @@ class DriverTraceReader:
     def _latch(
         self, key: messages.LatchKey, wire_us: int, near_ns: int, shown: bytes | int, flags: int = 0
     ) -> Observation:
-        """Return the observation of a latch, with the drive or the CRC-32 that was traced."""
+        """Return the observation of a latch, with the drive or the CRC-32 that was traced.
+
+        *shown*: the drive's codes as bytes, or its CRC-32. *wire_us* has 32 bits of the device
+        time; *near_ns*, a host time within half a period of those, gives the others.
+        """
         drive = self._drive(shown) if isinstance(shown, bytes) else None
         crc = shown if isinstance(shown, int) else None
         return Observation(
@@ -134,7 +138,10 @@ class DriverTraceReader:
         )
 
     def _drive(self, data: bytes) -> Drive:
-        """Return the drive of N phase codes and N amplitude codes, or raise."""
+        """Return the drive of N phase codes and N amplitude codes; raise unless it is whole.
+
+        N must be the number of the board's transducers.
+        """
         codes = np.frombuffer(data, dtype=np.uint8)
         count = len(codes) // 2
         if count != self._transducers:
@@ -234,7 +241,7 @@ class SessionControl:
         return min(self.known.hold_ms, self.known.host_timeout_ms) * 1_000_000 // _REFRESHES
 
     def _fresh_status(self) -> messages.StatusReply:
-        """Return the status; ask again, some times, if the answer was read too late to be true."""
+        """Return the status; ask again, up to 3 times, if the answer took `refresh_ns` or more."""
         for _ in range(_REFRESHES):
             asked_ns = self._link.now_ns()
             status = self._link.request(messages.GetStatus(), messages.StatusReply)
@@ -245,7 +252,7 @@ class SessionControl:
     def _hold_ends_before(self, first_us: int, status: messages.StatusReply) -> bool:
         """Return True if the current hold may expire before the first frame latches.
 
-        The first frame may come later than planned: by half of *first_us*, or by some
+        The first frame is due *first_us* from now. It may come later: by half of that, or by some
         milliseconds if it is sent at once.
         """
         if status.state is not OutputState.ARMED or not status.counters.latched:
@@ -444,7 +451,10 @@ class DriverSession:
             self._take_event(event)
 
     def _take_event(self, event: EventReceived) -> None:
-        """Keep an event: STATUS as the newest one, a trace as observation, others in a list."""
+        """Keep an event: STATUS as the newest one, a trace as observation, others in a list.
+
+        A trace that breaks the protocol gives a warning.
+        """
         if isinstance(event.message, Status):
             self.last_status = event.message
             return

@@ -219,7 +219,7 @@ class Streamer:
         )
 
     def _start_us(self, schedule: Schedule, count: int) -> int:
-        """Return when the first frame is due: after preparation and lead, on a carrier boundary.
+        """Return the device time of the first frame: after preparation and lead, on the carrier.
 
         Not before frames that an earlier stream has queued, unless the clock has jumped since.
         """
@@ -231,7 +231,7 @@ class Streamer:
         return next_boundary_on_device_clock_us(first_us, self._identity.carrier_hz)
 
     def _encoded(self, frames: list[Frame], schedule: Schedule, t0_us: int) -> Iterator[_Encoded]:
-        """Yield each frame with its number, due time and wire bytes."""
+        """Yield each frame with its number, due time (device time) and wire bytes."""
         for number, frame in enumerate(frames):
             due_us = t0_us + schedule.offset_us(number)
             index, wire = self.link.connection.stream_frame(frame.message, t_apply_us=due_us)
@@ -245,7 +245,11 @@ class Streamer:
         latest_us: int | None = None,
         sent_us: int | None = None,
     ) -> Intended:
-        """Keep a sent frame as intended, with its times, and return it."""
+        """Keep a sent frame as intended, with its times in device time, and return it.
+
+        *due_us*: its t_apply. *latest_us*: when its last byte had to be at the board; *sent_us*:
+        when that left the host. None: at no certain time, or not known.
+        """
         key, number = FrameKey.of_stream(self._identity.nonce, index), self._intended.total
         intended = frame.intended(number, key, due_us, t_latest_us=latest_us, t_sent_us=sent_us)
         self._intended.append(intended)
@@ -258,7 +262,7 @@ def stream_preparation_ns(count: int) -> int:
 
 
 class _StreamRun:
-    """The ticks of one stream."""
+    """One stream: when each frame is sent, with the lead and what the clock and STATUS say."""
 
     def __init__(
         self, streamer: Streamer, schedule: Schedule, pacing: StreamPacing, ticks: int
@@ -292,7 +296,10 @@ class _StreamRun:
         self._deadline_ns, self._wake_ns = deadline_ns, self._loop.wait(deadline_ns)
 
     def _send_ns(self, due_us: int) -> int:
-        """Return the host time, a lead ahead, to send a frame; raise if the clock jumped."""
+        """Return the host time, a lead ahead, to send a frame; raise if the clock jumped.
+
+        A jump of 1 ms or less is tolerated: every lead covers it.
+        """
         clock = self._pinger.clock
         if clock.jumps != self._jumps and abs(clock.jump_us) > _TOLERATED_JUMP_US:
             raise LinkError(

@@ -156,13 +156,13 @@ def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
 
 
 def _may_send_chunk(link: Link, size: int) -> bool:
-    """Return True if window and line have room for a chunk: more would delay a MUTE."""
+    """Return True if a chunk has room: a free place of the window, at most *size* unsent bytes."""
     unsent = link.line.unsent_bytes(link.now_ns())
     return link.connection.chunks_free > 0 and unsent <= size
 
 
 def _next_chunk_turn_ns(link: Link, size: int, *, all_sent: bool) -> int:
-    """Return when to look again for answers or, with chunks left, for room on the line."""
+    """Return the host time to look for answers again or, with chunks left, for room."""
     now_ns = link.now_ns()
     if all_sent or link.connection.chunks_free == 0:
         return now_ns + _TURN_NS

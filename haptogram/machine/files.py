@@ -67,7 +67,7 @@ def is_standard_output(path: Path) -> bool:
 
 
 def _is_file_open_as(descriptor: int, path: Path) -> bool:
-    """Return True if the descriptor is open on the file *path*; the null device does not count."""
+    """Return True if the descriptor is open on the file *path*; never for the null device."""
     with contextlib.suppress(OSError):
         found = path.stat()
         nothing = os.stat(os.devnull)  # takes everything, from everybody
@@ -180,7 +180,7 @@ def check_files_writable(outputs: Mapping[str, Path], *, in_place: bool = False)
 
 
 def _check_folder_takes_files(path: Path, target: Path) -> None:
-    """Raise unless a file can be made in the nearest folder above *target* that exists."""
+    """Raise, naming *path*, unless the nearest folder above *target* that exists takes a file."""
     folder = next(parent for parent in target.parents if parent.exists())
     _refuse_folder_in_root(path, folder)
     if not folder.is_dir():

@@ -177,7 +177,7 @@ def _lock_process_memory(stack: contextlib.ExitStack) -> Iterator[str]:
 
 
 def _prctl(option: int, value: int) -> int:
-    """Call prctl(2), of this thread; elsewhere than on Linux do nothing and return 0."""
+    """Call prctl(2), of this thread; return its result, 0 elsewhere than on Linux."""
     if not sys.platform.startswith("linux"):
         return 0
     prctl: Callable[..., int] = ctypes.CDLL(None).prctl

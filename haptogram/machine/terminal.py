@@ -70,5 +70,5 @@ def paint_verdicts_on_terminal(text: str, stream: TextIO) -> str:
 
 
 def _painted_on_terminal(text: str, colour: str) -> str:
-    """Return *text* bold in a colour, between escape sequences."""
+    """Return *text* bold in a colour, a code of SGR such as 31, between escape sequences."""
     return f"\x1b[1;{colour}m{text}\x1b[0m"

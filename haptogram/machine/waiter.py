@@ -49,7 +49,10 @@ class DescriptorWaiter:
 
 
 def _polled_descriptors(selector: selectors.BaseSelector, timeout_s: float | None) -> _Ready:
-    """Return descriptors ready within *timeout_s*: poll in whole ms, sleep for the rest."""
+    """Return descriptors ready within *timeout_s*: poll in whole ms, sleep for the rest.
+
+    None waits until one is ready.
+    """
     if timeout_s is None:
         return selector.select()
     left_s, end_s = timeout_s, time.monotonic() + timeout_s

@@ -110,7 +110,10 @@ def round_trip_over_mesh(points: FloatArray) -> Indices:
 
 
 def _prepostorder(neighbours: list[list[int]], root: int) -> Iterator[int]:
-    """Yield the nodes of a tree, in pre-order at even and in post-order at odd depth."""
+    """Yield the nodes of a tree, in pre-order at even and in post-order at odd depth.
+
+    *neighbours* holds those of each node; the *root* has depth 0.
+    """
     # Node, where it hangs, whether its depth is odd, whether all that hangs on it has been visited.
     to_do = [(root, root, False, False)]
     while to_do:
@@ -126,7 +129,10 @@ def _prepostorder(neighbours: list[list[int]], root: int) -> Iterator[int]:
 
 
 def _mesh_spanning_tree(points: FloatArray) -> list[tuple[int, int]]:
-    """Return the edges of the shortest tree over *points*; bodies apart are joined afterwards."""
+    """Return the edges, as pairs of indices, of the shortest tree over *points* (K, 3).
+
+    Bodies apart are joined afterwards.
+    """
     from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
     graph = _mesh_neighbour_graph(points)
@@ -139,7 +145,7 @@ def _mesh_spanning_tree(points: FloatArray) -> list[tuple[int, int]]:
 
 
 def _mesh_neighbour_graph(points: FloatArray) -> csr_array:
-    """Return the sparse distances from each point to its nearest neighbours."""
+    """Return the sparse distances from each point to itself and its 8 nearest neighbours."""
     from scipy.sparse import csr_array
     from scipy.spatial import cKDTree
 

@@ -134,7 +134,10 @@ class Modulation:
         return modulate_place(frames, frequency_hz=frequency_hz, shift_m=self.shift_m)
 
     def _along(self, path_m: ArrayLike, rate_hz: float) -> FocusFrames:
-        """Return frames that move the focus along a path (spatio-temporal modulation)."""
+        """Return frames that move the focus along a path (spatio-temporal modulation).
+
+        Raises if a dwell is given: every frame moves on.
+        """
         if self.dwell_s is not None:
             raise ConfigurationError(
                 f"a dwell of {self.dwell_s * 1e3:g} ms: stm moves on with every frame"
@@ -147,7 +150,8 @@ class Modulation:
     def _seamless(self, count: int, rate_hz: float) -> tuple[int, float]:
         """Return how often *count* frames repeat until the modulation closes, and its frequency.
 
-        The frequency is the one asked for, rounded so that whole periods fit.
+        The frequency (Hz) is the one asked for, rounded so that whole periods fit. Raises if that
+        takes more than MAX_FRAMES frames.
         """
         frequency_hz = _check_modulation_frequency(self.frequency_hz, rate_hz)
         most = MAX_FRAMES // count
@@ -296,7 +300,7 @@ def _check_modulation_frequency(frequency_hz: float, rate_hz: float) -> float:
 
 
 def _whole_modulated_frames(frames: float) -> int:
-    """Return a number of frames, rounded, or raise if it is out of range or overflowed."""
+    """Return a number of frames, rounded; raise unless it is 1 to MAX_FRAMES."""
     count = round(min(frames, MAX_FRAMES + 1))
     if not 1 <= count <= MAX_FRAMES:
         raise ConfigurationError(f"{frames:.6g} frames, must be 1 to {MAX_FRAMES}")
@@ -373,7 +377,7 @@ class FeltSignal:
 
     @property
     def _varying_pa(self) -> FloatArray:
-        """Return the amplitudes (Pa) of the spectral lines, 0 for the mean and rounding noise."""
+        """Return the amplitudes (Pa) of spectral lines, 0 for the mean and what is 1e-12 of it."""
         heard = self.amplitude_pa > _ROUNDING * self.amplitude_pa[0]
         heard[0] = False
         return np.where(heard, self.amplitude_pa, 0.0)
@@ -420,7 +424,7 @@ def felt_signal_at(
 def _settled_felt_signal(
     engine: FieldEngine, frames: FocusFrames, point_m: FloatArray
 ) -> ComplexArray:
-    """Return the pressure (F,) at a point in each frame's steady state."""
+    """Return the complex pressure (F,), in Pa, at a point in each frame's steady state."""
     foci, which = np.unique(frames.points_m, axis=0, return_inverse=True)
     parts = [
         engine.pressure(

@@ -73,7 +73,7 @@ def sample_object_of_run(config: ShapeConfig, repeat: int = 1) -> NDArray[np.flo
 
 
 def _check_frame_count(repeat: int, count: int, of_what: str) -> None:
-    """Refuse more frames than a run can keep."""
+    """Refuse more than MOST_FRAMES frames: *count* of *of_what*, *repeat* times."""
     if count * repeat > MOST_FRAMES:
         raise ConfigurationError(
             f"{repeat} times {count} {of_what} are {count * repeat} frames; "
@@ -104,7 +104,7 @@ def _shape_of_run(config: ShapeConfig) -> tactile.TactileObject:
 
 
 def _check_mesh_size(mesh: tactile.MeshSurface, config: ShapeConfig) -> None:
-    """Refuse a mesh too small or large to be in the unit *config* names; suggest another."""
+    """Refuse a mesh not 1 mm to 2 m long in the unit *config* names; suggest another unit."""
     size_m = float(np.ptp(mesh.mesh.bounds, axis=0).max())
     size = size_m / UNITS_M[config.unit]
     if LEAST_MESH_M <= size_m <= MOST_MESH_M:
@@ -135,12 +135,9 @@ def targets_of_run(
 
 
 def _run_foci_at_once(foci: list[Focus], count: int) -> list[list[Focus]]:
-    """Return for every frame *count* of the foci, evenly apart along the pass.
+    """Return for every frame *count* of the foci, evenly apart in the order of *foci*.
 
-    Raises
-    ------
-    ConfigurationError
-        If the object has fewer points.
+    Raises a ConfigurationError if the object has fewer points.
     """
     total = len(foci)
     if count > total:

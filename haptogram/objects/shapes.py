@@ -94,7 +94,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class _Round:
-    """Something around a centre."""
+    """An object around a centre, with a radius, in metres."""
 
     radius_m: float
     center_m: Point3
@@ -246,7 +246,10 @@ def _shape_there_and_back(count: int) -> list[int]:
 def _ring_points(
     radius_m: float, z_m: float, resolution_m: float, start_rad: float = 0.0
 ) -> FloatArray:
-    """Return points once round a circle about the z axis, beginning near *start_rad*."""
+    """Return points (K, 3), in m, once round a circle about the z axis, from *start_rad* on.
+
+    They are *resolution_m* apart along it, rounded so that they are evenly spaced.
+    """
     count = _checked_point_count(2.0 * math.pi * radius_m / resolution_m)
     angles = start_rad + 2.0 * math.pi * np.arange(count) / count
     return np.stack(
@@ -255,7 +258,7 @@ def _ring_points(
 
 
 def _spherical_cap(radius_m: float, opening_rad: float, resolution_m: float) -> FloatArray:
-    """Return the points of a sphere from its lowest point to the polar angle *opening_rad*.
+    """Return the points (K, 3), in m, of a sphere from its lowest point to a polar angle.
 
     Rings a resolution apart along the meridian; each begins where the one before ended.
     """
@@ -291,7 +294,7 @@ def _checked_point_count(wanted: float) -> int:
 
 
 def _check_shape_resolution(resolution_m: float, extent_m: float) -> None:
-    """Refuse a resolution out of bounds or coarser than the object."""
+    """Refuse a resolution below 10 µm, or coarser than the object's *extent_m*."""
     check_number("resolution_m", resolution_m, _LOWEST_RESOLUTION_M, MAX_COORDINATE_M)
     if resolution_m > extent_m * (1.0 + 1e-9):  # a share of 1 may come out a hair above
         raise ConfigurationError(
@@ -301,7 +304,7 @@ def _check_shape_resolution(resolution_m: float, extent_m: float) -> None:
 
 
 def _check_shape_point(name: str, point: Point3) -> None:
-    """Refuse a point that is not three numbers in metres, or is too far away."""
+    """Refuse a point that is not three numbers in metres, or is beyond MAX_COORDINATE_M."""
     try:
         values = np.asarray(point)
     except ValueError:  # rows of different lengths

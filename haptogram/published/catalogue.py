@@ -29,13 +29,13 @@ _PAPER_WAVELENGTH_M: Final = 2.0 * math.pi / 730.603  # wavelength by the wave n
 
 
 def _weights(model: AcousticModel, focus_m: Point) -> NDArray[np.complex128]:
-    """Return full amplitude on every element, in phase at the focus."""
+    """Return (N,) weights: full amplitude on every element, in phase at the focus."""
     weights: NDArray[np.complex128] = np.exp(1j * acoustics.focus_phases(model, focus_m))
     return weights
 
 
 def _force_mn(model: AcousticModel, focus_m: Point) -> float:
-    """Return the force on a reflecting disc of 20 mm diameter at the focus."""
+    """Return the force on a reflecting disc of 20 mm diameter at the focus, at full amplitude."""
     return 1e3 * acoustics.force_on_disc_n(model, _weights(model, focus_m), focus_m)
 
 
@@ -46,7 +46,7 @@ def _pressure_rms_pa(model: AcousticModel, focus_m: Point) -> float:
 
 
 def _source_strength_pa_m(model: AcousticModel, focus_m: Point, force_n: float) -> float:
-    """Return the RMS source strength with which our model gives a force."""
+    """Return the RMS source strength with which our model gives *force_n* at the focus."""
     share = 1e3 * force_n / _force_mn(model, focus_m)
     return model.transducer.source_strength_pa_m * math.sqrt(share)
 
@@ -57,7 +57,7 @@ def _spot(model: AcousticModel, focus_m: Point) -> FocalSpot:
 
 
 def _side_mm(model: AcousticModel, base_mm: float = 0.0) -> float:
-    """Return the side of the array: the span of the centres along x, plus one pitch if known."""
+    """Return the side of the array: span of the centres along x, one pitch if known, *base_mm*."""
     extent_m = 2.0 * float(model.array.half_extent_m[0])
     return base_mm + 1e3 * (extent_m + (model.array.pitch_m or 0.0))
 
@@ -65,7 +65,10 @@ def _side_mm(model: AcousticModel, base_mm: float = 0.0) -> float:
 def _mean_over_paper_object(
     of_focus: Callable[[AcousticModel, Point], float], model: AcousticModel
 ) -> float:
-    """Return the mean of a quantity over foci on the object of the paper."""
+    """Return the mean of *of_focus* over foci 10 mm apart on the paper's hemisphere.
+
+    Its radius is 50 mm, its centre 100 mm over the array.
+    """
     points = _PAPER_OBJECT.sample(0.010).tolist()
     return float(np.mean([of_focus(model, point) for point in points]))
 
@@ -93,7 +96,10 @@ def _weakest_share(model: AcousticModel, points_m: ArrayLike) -> float:
 
 
 def _paper_width_mm(_: AcousticModel) -> float:
-    """Return the focal width by equation (9) of the paper, as its authors corrected it."""
+    """Return the focal width by equation (9) of the paper, as its authors corrected it.
+
+    For its 16 x 16 elements of 10 mm, at 100 mm.
+    """
     return 1e3 * 2.0 * _PAPER_WAVELENGTH_M * 0.1 / (math.sqrt(256) * 0.010)
 
 

@@ -134,14 +134,17 @@ class PinCaptureConfig(Settings):
 
 
 def _element_setting(name: str, text: str, count: int) -> int:
-    """Return the element that *text* names, 0 to *count* - 1; raise if it is none."""
+    """Return the element that *text* names, 0 to *count* - 1; else raise, naming *name*."""
     if not text.isascii() or not text.isdigit() or len(text) > 4 or int(text) >= count:
         raise SettingError(name, f"names the element {text!r}, must be 0 to {count - 1}")
     return int(text)
 
 
 def _settings_by_element(name: str, texts: tuple[str, ...], count: int) -> list[float]:
-    """Return a time in microseconds for each of *count* elements, 0 where none is given."""
+    """Return a time in µs for each of *count* elements, 0 where none is given.
+
+    *texts* are ELEMENT=US or all=US; others are refused.
+    """
     found = [0.0] * count
     for text in texts:
         element, _, time_us = text.partition("=")

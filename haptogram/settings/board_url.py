@@ -110,6 +110,6 @@ def write_board_url(port: PortConfig) -> str:
 
 
 def _board_url_texts(name: str, value: Any) -> list[str]:
-    """Return the texts of an option in a URL, one for each item of a list."""
+    """Return the texts of an option in a URL, one for each item if it is a list."""
     row = URL_OPTIONS[name]
     return [row.write(item) for item in (value if row.count is not None else [value])]

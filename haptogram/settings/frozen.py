@@ -30,7 +30,7 @@ else:
 
 
 class _FrozenMethods:
-    """The methods that these classes share; `__compared__` gets the values to compare."""
+    """The methods that frozen classes share; `__compared__` gets the values to compare."""
 
     __compared__: Callable[[Any], tuple[Any, ...]]
 

@@ -263,7 +263,7 @@ def _in_short(action: argparse.Action) -> argparse.Action:
 
 
 def _options_among_command_words(words: Sequence[str]) -> Iterator[str]:
-    """Yield the option names among command-line words."""
+    """Yield the option names among command-line words, without their values, up to "--"."""
     for word in words:
         if word == "--":
             return
@@ -289,7 +289,7 @@ def attach_negative_option_values(words: Sequence[str]) -> list[str]:
 
 
 def _shown_option_value(value: object) -> str:
-    """Return *value* as a message shows it: on one line, not too long, nothing unprintable."""
+    """Return *value* as a message shows it: on one line, 40 characters, nothing unprintable."""
     text = str(value)
     if not text or not text.isprintable() or " " in text:
         text = repr(text)

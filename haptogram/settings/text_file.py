@@ -95,7 +95,7 @@ def flat_document(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _check_depth(document: dict[str, Any] | list[Any], left: int = _DEEPEST) -> None:
-    """Raise RecursionError for a document nested too deeply."""
+    """Raise RecursionError for a document nested more than *left* levels deep."""
     if not left:
         raise RecursionError
     for item in document.values() if isinstance(document, dict) else document:

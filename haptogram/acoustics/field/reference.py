@@ -100,7 +100,7 @@ def propagators(model: AcousticModel, points_m: ArrayLike) -> ComplexArray:
 
 
 def _field_propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
-    """Return (M, N) the pressure at each point by each element at full amplitude."""
+    """Return (M, N) the complex pressure (Pa) at each point by each element at full amplitude."""
     x, y, z = (points[:, None, i] - model.array.positions_m[:, i] for i in range(3))
     distance = np.sqrt(x * x + y * y + z * z)
     gain = field_gain(model, (x, y, z), distance)
@@ -183,7 +183,7 @@ def field_gain(
 
 
 def _point_batch_size(model: AcousticModel) -> int:
-    """Return how many points are computed at once, so that memory stays bounded."""
+    """Return how many points are computed at once: 8192 over the elements, but 1 at least."""
     return max(1, _PAIRS_PER_CHUNK // model.array.count)
 
 

@@ -85,7 +85,10 @@ def mean_square_pressure(
 def _settled_mean_square(
     settled: ComplexArray, frame_s: float, resonator: Resonator | None
 ) -> FloatArray:
-    """Return the time average (M,) of |p|^2 while a resonator follows the fields (F, M)."""
+    """Return the time average (M,) of |p|^2 over the fields *settled* (F, M), *frame_s* each.
+
+    The fields repeat without end. A *resonator* follows them; without one they change at once.
+    """
     if resonator is None or resonator.time_constant_s == 0.0:
         plain: FloatArray = 0.5 * np.mean(np.abs(settled) ** 2, axis=0)
         return plain

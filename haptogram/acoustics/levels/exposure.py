@@ -162,13 +162,16 @@ def worst_exposure(
 
 
 def _exposure_directions(model: AcousticModel) -> int:
-    """Return how many directions cover a half-sphere at half the width of the narrowest lobe."""
+    """Return how many directions cover a half-sphere at half the narrowest lobe's width.
+
+    They are at most 100 000.
+    """
     lobe_rad = model.wavelength_m / max(2.0 * model.array.aperture_radius_m, model.wavelength_m)
     return min(math.ceil(2.0 * math.pi * (2.0 / lobe_rad) ** 2), _MOST_DIRECTIONS)
 
 
 def _exposed_directions_ahead(directions: FloatArray, facing: FloatArray) -> FloatArray:
-    """Return unit vectors; those that point behind the array are projected into its plane."""
+    """Return unit vectors (M, 3); those that point away from *facing* go to the plane across it."""
     back = np.minimum(directions @ facing, 0.0)
     level = directions - back[:, None] * facing
     unit: FloatArray = level / np.linalg.norm(level, axis=1)[:, None]

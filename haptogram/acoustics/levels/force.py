@@ -178,7 +178,11 @@ class ReflectingDisc:
         return self.force_per_stress * stress
 
     def _stress(self, pressure: ComplexArray) -> float:
-        """Return the integral of |p|^2 less |rho c v|^2 along the disc, in Pa^2 m^2."""
+        """Return the integral of |p|^2 less |rho c v|^2 along the disc, in Pa^2 m^2.
+
+        *pressure* (5 K,): at the K points of the disc, then at their neighbours on four sides.
+        Several drives are refused.
+        """
         if pressure.ndim != 1:
             raise ConfigurationError(f"{len(pressure)} drives, the force is that of one")
         here, *around = pressure.reshape(5, -1)

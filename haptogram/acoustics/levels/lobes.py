@@ -102,9 +102,10 @@ def largest_secondary_lobe(
 
 
 def _lobe_maxima(level: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Return a mask of the values above all eight neighbours; never on the border.
+    """Return a mask, shaped as *level*, of the values above all eight neighbours.
 
-    Of equal neighbours, as a symmetric field has them, the last is above the others.
+    Never on the border. Of equal neighbours, as a symmetric field has them, the last is above the
+    others.
     """
     result = np.zeros(level.shape, dtype=np.bool_)
     core = level[1:-1, 1:-1]

@@ -79,7 +79,10 @@ def measure_spot(engine: FieldEngine, weights: ArrayLike, target_m: ArrayLike) -
 def _lateral_spot(
     engine: FieldEngine, drive: ArrayLike, target: FloatArray, axis: FloatArray
 ) -> tuple[float, float, float]:
-    """Return the -3 dB, -6 dB and null-to-null widths along one axis through the target."""
+    """Return the -3 dB, -6 dB and null-to-null widths (m) along one axis through the target.
+
+    A width is NaN unless the level falls that far on both sides, within 8 wavelengths.
+    """
     steps, level = _spot_line(engine, drive, target, axis, _LATERAL_REACH)
     middle = len(steps) // 2
     halves = [(steps[middle:], level[middle:]), (-steps[middle::-1], level[middle::-1])]
@@ -119,7 +122,10 @@ def _spot_line(
     reach: float,
     nearest: float = -math.inf,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the offsets along a line through the target, and |p| there."""
+    """Return the offsets (m) along a line through the target, and |p| there.
+
+    The line has *reach* wavelengths each way, but no offset below *nearest* (m).
+    """
     step = engine.model.wavelength_m / _STEPS_PER_WAVELENGTH
     count = int(reach * _STEPS_PER_WAVELENGTH)
     offsets = step * np.arange(-count, count + 1, dtype=np.float64)
@@ -128,7 +134,7 @@ def _spot_line(
 
 
 def _spot_crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:
-    """Return the first step at which the level falls to the limit, NaN if it never does."""
+    """Return the step, interpolated, at which *level* first falls to *limit*; NaN if never."""
     low = np.flatnonzero(level < limit)
     if not len(low):
         return math.nan
@@ -138,7 +144,10 @@ def _spot_crossing(steps: FloatArray, level: FloatArray, limit: float) -> float:
 
 
 def _first_spot_minimum(steps: FloatArray, level: FloatArray) -> float:
-    """Return the position of the first minimum of |p|^2 behind its peak, by a parabola."""
+    """Return where |p|^2 has its first minimum behind its peak, by a parabola; NaN if nowhere.
+
+    *level* is |p|; the result has the unit of *steps*.
+    """
     rises = np.diff(level) > 0.0
     top = int(rises.argmin())  # a focus off the axis has its peak beside the target
     rising = top + np.flatnonzero(rises[top:])

@@ -191,7 +191,7 @@ class Calibration:
             return array.measured(self.positions_m)
 
     def _check(self, array: TransducerArray) -> None:
-        """Raise unless the calibration has all of the array's elements, each near its place."""
+        """Raise unless the calibration has all elements of the array, each within 10 mm."""
         elements = f"the array has the elements 0 to {array.count - 1}"
         if self.count < array.count:
             raise ConfigurationError(f"{self.name}: element {self.count} is missing; {elements}")

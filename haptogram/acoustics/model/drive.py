@@ -242,7 +242,7 @@ def check_phase_bits(bits: int) -> int:
 
 
 def _phase_code_type(bits: int) -> type[np.uint8] | type[np.uint16]:
-    """Return the integer type that holds codes of so many bits."""
+    """Return the integer type that holds codes of so many bits: uint8 up to 8, else uint16."""
     return np.uint8 if bits <= REGISTER_BITS else np.uint16
 
 
@@ -299,7 +299,7 @@ _CODES_IN_BYTES: Final[Mapping[type[Any], np.dtype[Any]]] = {
 
 @functools.lru_cache(maxsize=16)
 def _codes_of_bytes(codes: bytes) -> NDArray[np.uint8]:
-    """Return codes of 8 bits; drives of the same amplitudes share them."""
+    """Return read-only codes of 8 bits; drives of the same amplitudes share one array."""
     return np.frombuffer(codes, np.uint8)
 
 

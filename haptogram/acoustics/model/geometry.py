@@ -327,13 +327,13 @@ def _normals_facing_up(count: int) -> FloatArray:
 
 
 def _check_element_count(count: int) -> None:
-    """Refuse a number of elements below 1 or above the largest array."""
+    """Refuse a number of elements below 1 or above 1024."""
     if not 1 <= count <= MAX_TRANSDUCERS:
         raise ConfigurationError(f"array of {count} transducers, must be 1 to {MAX_TRANSDUCERS}")
 
 
 def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
-    """Return the normals scaled to length 1; refuse a zero normal."""
+    """Return the normals (count, 3) scaled to length 1; refuse one shorter than 1e-9."""
     if normals.shape != (count, 3):
         raise ConfigurationError(f"normals have shape {normals.shape}, must be ({count}, 3)")
     lengths = np.linalg.norm(normals, axis=1)
@@ -344,7 +344,11 @@ def _unit_element_normals(normals: FloatArray, count: int) -> FloatArray:
 
 
 def _element_fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return (K, 4) for each direction that elements face the plane in front of them."""
+    """Return the planes (K, 4), one for each direction that elements face, through the rearmost.
+
+    A plane a, b, c, d has the points with a x + b y + c z + d > 0 in front. The direction nearest
+    to the mean comes first.
+    """
     planes = np.column_stack([normals, _ROUNDING_M - (normals * positions).sum(axis=1)])
     rear_first = planes[np.argsort(-planes[:, 3], kind="stable")]
     _, first = np.unique(np.round(rear_first[:, :3], 9) + 0.0, axis=0, return_index=True)
@@ -354,7 +358,7 @@ def _element_fronts(positions: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _closest_elements(positions: FloatArray) -> tuple[float, int, int]:
-    """Return the distance (infinite for one element) and the indices of the closest pair."""
+    """Return the distance (m; infinite for one element) and the indices of the closest pair."""
     best = (np.inf, 0, 0)
     for n in range(1, len(positions)):  # one row at a time: 1024 x 1024 x 3 would take 25 MB
         squares = ((positions[:n] - positions[n]) ** 2).sum(axis=1)
@@ -365,7 +369,7 @@ def _closest_elements(positions: FloatArray) -> tuple[float, int, int]:
 
 
 def _check_element_spacing(positions: FloatArray) -> None:
-    """Refuse elements that are too close to each other."""
+    """Refuse elements that are 0.1 mm or less apart."""
     distance, first, second = _closest_elements(positions)
     if distance <= MIN_SPACING_M:
         raise ConfigurationError(

@@ -235,7 +235,7 @@ def _air_saturation_pressure(kelvin: float) -> float:
 def _air_attenuation_db_m(
     kelvin: float, pressure: float, water: float, frequency_hz: float
 ) -> float:
-    """Return equation (5), in dB/m; *pressure* is relative, *water* a molar percentage."""
+    """Return the attenuation of ISO 9613-1, (5); *pressure* is relative, *water* in percent."""
     warmth = kelvin / _T_REFERENCE_K
     oxygen_hz = pressure * (24.0 + 4.04e4 * water * (0.02 + water) / (0.391 + water))
     nitrogen_hz = (

@@ -84,7 +84,10 @@ def grid_rows_and_columns(
 def _levels_along_axis(
     values: FloatArray, tolerance_m: float
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the increasing distinct values, *tolerance_m* apart, and the index of each value's."""
+    """Return the mean of each group of *values*, *tolerance_m* apart, and each value's group.
+
+    The means increase; groups are numbered from 0 in their order.
+    """
     order = np.argsort(values)
     steps = np.diff(values[order]) > tolerance_m
     rank = np.zeros(len(values), dtype=np.intp)
@@ -94,7 +97,11 @@ def _levels_along_axis(
 
 
 def _face_normal(offsets: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the normal of the plane that contains the elements; else their mean normal."""
+    """Return the unit normal (3,) of the plane that contains the elements; else their mean normal.
+
+    They are in a plane within 5 µm. The mean normal too where it is 60 degrees or more off the
+    plane's; where all normals cancel, the axis about which they are arranged.
+    """
     facing = mean_array_normal(normals)
     if facing is None:
         facing = _fallback_axis(normals)
@@ -108,7 +115,7 @@ def _face_normal(offsets: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _fallback_axis(normals: FloatArray) -> FloatArray:
-    """Return an axis, pointing upwards, about which normals that sum to zero are arranged."""
+    """Return a unit axis (3,), pointing upwards, about which normals that sum to 0 lie; else +z."""
     squares, directions = np.linalg.eigh(normals.T @ normals)
     if squares[2] > _ONE_LINE * squares[1]:
         axis = directions[:, 2]
@@ -125,7 +132,10 @@ def _fallback_axis(normals: FloatArray) -> FloatArray:
 def _row_direction(
     positions: FloatArray, face: FloatArray, grid_shape: tuple[int, int]
 ) -> FloatArray:
-    """Return the vector from the first element to the next along x; of one column, across it."""
+    """Return the vector (3,) from the first element to the next along x; of one column, across.
+
+    *grid_shape*: columns and rows. Across is in the plane with the normal *face*.
+    """
     nx, ny = grid_shape
     if nx > 1:
         along: FloatArray = positions[ny] - positions[0]
@@ -134,7 +144,7 @@ def _row_direction(
 
 
 def _axes_turned_least(face: FloatArray) -> FloatArray:
-    """Return the axes of the world, turned by the least angle that brings z to *face*."""
+    """Return the axes (3, 3) of the world, turned by the least angle that brings z to *face*."""
     x, y, z = face.tolist()
     share = 1.0 / (1.0 + z) if z > -1.0 + _UPRIGHT else 0.0
     axes = plane_axes(face, np.array([1.0 - x * x * share, -x * y * share, -x]))
@@ -148,7 +158,7 @@ def first_neighbour_vectors(offsets: FloatArray) -> list[FloatArray]:
 
 
 def _quarter_turned_axes(axes: FloatArray, upright: FloatArray) -> FloatArray:
-    """Return *axes*, turned by quarters around the last one so that the first is near *upright*."""
+    """Return *axes* (3, 3) after quarter turns around the last; the first nearest *upright*'s."""
     ways = np.array([axes[0], axes[1], -axes[0], -axes[1]])
     first = ways[int((ways @ upright[0]).argmax())]
     return np.stack([first, np.cross(axes[2], first), axes[2]]) + 0.0

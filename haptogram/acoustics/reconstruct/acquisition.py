@@ -49,7 +49,10 @@ class FocusAcquisition:
             self._phasors = self._phasors * np.exp(1j * lags_rad).astype(np.complex64)
 
     def _subarray_radius(self, active: BoolArray) -> float:
-        """Return the radius about the centre that holds enough active elements for a first fit."""
+        """Return the radius (m) about the centre that holds the active elements of a first fit.
+
+        It holds 100 of them or all within 75 mm, whichever is less; four at least, if there are.
+        """
         nearest = np.sort(self._distance[active])
         radius = min(_SUBARRAY_RADIUS_M, float(nearest[:_SUBARRAY_COUNT][-1]))
         # A sparse array still needs four elements for four unknowns; of one that sounds alone the

@@ -78,7 +78,7 @@ class _VolumeOf:
 
 @functools.lru_cache(_VOLUMES_KEPT)
 def _kept_search_volume(of: _VolumeOf) -> SearchVolume:
-    """Compute the search cells and their phasors; they are cached, and read-only."""
+    """Return the search cells and their phasors; they are cached, and read-only."""
     cells = search_cells(of.model, of.positions)
     phasors = cell_phasors(of.model, cells, of.positions)
     read_only_array(cells)
@@ -156,9 +156,9 @@ def cell_phasors(
 
 
 def _coarse_search_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
-    """Return centres and half-sizes of cells that divide the steering volume, in own axes.
+    """Return centres and half-sizes (M, 3), in m, of cells that divide the steering volume.
 
-    Their origin is that of the world.
+    They are along the array's own axes; their origin is that of the world.
     """
     reach = focus_steering_reach_m(model)
     thin = model.array.half_extent_m < 1e-6
@@ -173,7 +173,7 @@ def _coarse_search_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
 
 
 def _search_intervals(low: float, high: float) -> tuple[FloatArray, float]:
-    """Return the centres of equal cells that divide a span, and half their length."""
+    """Return centres (K,) of equal cells, at most 40 mm long, of a span, and half their length."""
     # A span of whole cells stays so, whatever the rounding of a turned array says.
     count = max(1, math.ceil((high - low) / _COARSE_CELL_M - 1e-6))
     half = (high - low) / count / 2.0
@@ -182,7 +182,7 @@ def _search_intervals(low: float, high: float) -> tuple[FloatArray, float]:
 
 
 def _ray_spread(centres: FloatArray, positions: FloatArray) -> FloatArray:
-    """Return the standard deviation over the elements of the unit vectors to each cell."""
+    """Return (M, 3) the standard deviation over the elements of the unit vectors to each cell."""
     spread = np.empty_like(centres)
     for first in range(0, len(centres), _CELLS_PER_CHUNK):
         part = slice(first, first + _CELLS_PER_CHUNK)
@@ -197,7 +197,7 @@ def _ray_spread(centres: FloatArray, positions: FloatArray) -> FloatArray:
 def _halve_search_cells(
     centres: FloatArray, halves: FloatArray, axes: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return both halves of each cell, cut across its given axis."""
+    """Return centres and half-sizes (2 M, 3) of both halves of M cells, cut across *axes* (M,)."""
     rows = np.arange(len(centres))
     smaller, shift = halves.copy(), np.zeros_like(halves)
     smaller[rows, axes] /= 2.0
@@ -214,7 +214,7 @@ def _search_cell_clearance_m(cells: FloatArray, positions: FloatArray) -> FloatA
 
 
 def _distances_m(across: FloatArray, position: FloatArray) -> FloatArray:
-    """Return the distances of points, given as (3, M) coordinates, from a position."""
+    """Return (M,) distances of points, given as (3, M) coordinates, from a position."""
     x, y, z = (coordinate - at for coordinate, at in zip(across, position, strict=True))
     distances: FloatArray = np.sqrt(x * x + y * y + z * z)
     return distances

@@ -177,7 +177,10 @@ class Reconstructor:
     def _all_of(
         self, asked: Sequence[DriveToFind], reconstruct: Callable[..., _Found]
     ) -> list[Reconstruction | _Found]:
-        """Return the field of each drive: foci near the last one at once, others one by one."""
+        """Return the field of each drive: foci near the last one at once, others one by one.
+
+        *reconstruct* finds the others; a muted drive is NoFocus.
+        """
         found: list[Reconstruction | _Found] = []
         while len(found) < len(asked):
             beside = self._foci_beside_last(asked[len(found) : len(found) + self._at_once])
@@ -191,7 +194,10 @@ class Reconstructor:
         return found
 
     def _foci_beside_last(self, asked: Sequence[DriveToFind]) -> list[SingleFocus]:
-        """Return foci of the first drives, each found from the one before, until that fails."""
+        """Return foci of the first drives, each found from the one before, until that fails.
+
+        An empty list if the first fails, or there is no focus before.
+        """
         warm = self._warm
         if warm is None or self._last_focus is None:
             return []
@@ -285,7 +291,7 @@ class Reconstructor:
     def _as_radiated_drive(
         self, given: ArrayLike, step_rad: float, slack_rad: float
     ) -> _ReconstructedDrive | NoFocus:
-        """Return phases and active elements of the weights; NoFocus if none is active."""
+        """Return phases and active elements of the weights; NoFocus if none exceeds 1e-6."""
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
         weights = as_weights(given)
         if weights.shape != (self._model.array.count,):
@@ -349,7 +355,10 @@ class Reconstructor:
         return (np.array(fix.position_m) if found else None), "global"
 
     def _search(self, tried: list[PhaseFit], radiated: _ReconstructedDrive) -> Reconstruction:
-        """Return a focus of all elements, found in the whole volume; else of most; else none."""
+        """Return a focus of all elements, found in the whole volume; else of most; else none.
+
+        The last two are a NotSingle, of most elements with the others as outliers.
+        """
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
             radiated.phases_rad, radiated.active, radiated.step_rad, _MAX_STARTS
@@ -374,7 +383,10 @@ class Reconstructor:
         return self._mostly_single(partial, radiated)
 
     def _acquisition_for(self, active: BoolArray) -> FocusAcquisition:
-        """Return the search volume; a new one if the drive leaves the array's middle silent."""
+        """Return the search volume; a new one if the drive leaves the array's middle silent.
+
+        Silent means over half of the elements of its first fit.
+        """
         if self._acquisition is None:
             everything = np.ones(self._model.array.count, dtype=np.bool_)
             self._acquisition = FocusAcquisition(self._model, everything)
@@ -389,11 +401,11 @@ class Reconstructor:
         )
 
     def _fit_most(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> PhaseFit | None:
-        """Return a fit that tolerates some outlier elements, or None.
+        """Return a fit that tolerates some outlier elements; None if there is none.
 
-        The elements that stick out by far are left out, and the fit is done again, until the
-        others are within half a step. At least half of them always stay: the limit is above their
-        median.
+        Elements beyond both twice the drive's RMS limit and 3 times the median residual are left
+        out, and the fit is done again, up to 6 times. None as well if fewer than 8 elements would
+        stay.
         """
         if fit.residual_rms_rad > HOPELESS_RAD:
             return None
@@ -409,11 +421,14 @@ class Reconstructor:
         return None
 
     def _explains(self, fit: PhaseFit, radiated: _ReconstructedDrive) -> bool:
-        """Return True if a fit has a small residual and its focus can be there."""
+        """Return True if the RMS residual is within the drive's limit and a focus can be there."""
         return fit.residual_rms_rad <= radiated.limit_rad and self._is_reachable(fit.position_m)
 
     def _is_reachable(self, position: FloatArray) -> bool:
-        """Return True if a focus can be at *position*: in front, not too near, not too far."""
+        """Return True if a focus can be at *position*: in front, and in reach of the array.
+
+        It is 15 mm to 1.25 m from the nearest element.
+        """
         array = self._model.array
         offsets = array.positions_m - position
         nearest = math.sqrt(np.einsum("ni,ni->n", offsets, offsets).min())
@@ -469,7 +484,7 @@ class Reconstructor:
     def _not_single(
         self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _ReconstructedDrive
     ) -> NotSingle:
-        """Return the loudest of the points tried, with the least residual of the fits."""
+        """Return the loudest of *starts* and the points tried, and the fits' least residual."""
         points = [fit.position_m for fit in tried if self._is_reachable(fit.position_m)] + starts
         loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
         loudest = points[int(loudness.argmax())]

@@ -188,7 +188,7 @@ class FocusTracker:
         self._cells = np.ascontiguousarray(cells.T)
 
     def _widening_fit(self, codes: NDArray[np.uint8], start: Point) -> Fix:
-        """Fit a focus to successively more elements; stop where the residual is hopeless."""
+        """Fit a focus to successively more elements; return the last fit, or one over 1.2 rad."""
         for count in self._counts:
             fix = self._fit(codes, start, count)
             if fix.residual_rms_rad > HOPELESS_RAD:
@@ -247,7 +247,7 @@ def _tracked_elements(
 
 
 def _widening_counts(count: int) -> list[int]:
-    """Return the increasing numbers of elements used by successive fits."""
+    """Return the numbers of elements of successive fits: 40, then 2.5 times, to *count*."""
     counts = [min(_FIRST_COUNT, count)]
     while counts[-1] < count:
         counts.append(min(count, round(_WIDENING * counts[-1])))

@@ -108,7 +108,7 @@ def quick_limits_rad(limits_rad: ArrayLike) -> FloatArray:
 
 
 def _warm_focus(row: list[float]) -> SingleFocus:
-    """Convert a kernel's result row to a SingleFocus."""
+    """Convert a kernel's result row of 13 numbers to a SingleFocus."""
     px, py, pz, sx, sy, sz, bx, by, bz, residual_rad, coherence, pressure, force_n = row
     return SingleFocus(
         (px, py, pz), (sx, sy, sz), (bx, by, bz), _ALL, residual_rad, coherence, pressure,

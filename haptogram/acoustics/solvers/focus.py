@@ -133,7 +133,10 @@ def focus_steering_reach_m(model: AcousticModel) -> tuple[float, float]:
 
 @lru_cache(maxsize=8)
 def _steering_reach_m(array: TransducerArray) -> tuple[float, float]:
-    """Return how far from the centre a target may be along the own x and y axes."""
+    """Return how far from the centre a target may be along the own x and y axes.
+
+    That is half the array, half a pitch if known, and 150 mm.
+    """
     half = array.half_extent_m + (array.pitch_m or 0.0) / 2
     return float(half[0]) + _TARGET_MARGIN_M, float(half[1]) + _TARGET_MARGIN_M
 
@@ -201,7 +204,7 @@ def superpose_foci(
 def _check_focus_limit(
     name: str, value_m: float, *, low_m: float = -math.inf, high_m: float = math.inf
 ) -> None:
-    """Refuse a coordinate of a target outside its limits."""
+    """Refuse a target's coordinate below *low_m* or above *high_m*; the error calls it *name*."""
     if value_m < low_m - _ROUNDING_M:
         raise ConfigurationError(
             f"target: {name} is {value_m * 1e3:.6g} mm, must be at least {low_m * 1e3:.6g} mm"

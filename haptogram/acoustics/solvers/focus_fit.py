@@ -243,7 +243,11 @@ class PhaseProblem:
         return -inverse @ slopes.T, observable
 
     def _inverse(self, slopes: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return (J^T J)^-1 on the observable subspace, and a mask of observable coordinates."""
+        """Return (J^T J)^-1 on the observable subspace, and a mask (3,) of observable coordinates.
+
+        J are the *slopes* (N, 3); a coordinate counts unless 1e-6 of it lies in directions left
+        out.
+        """
         values, vectors, kept = _focus_fit_spectrum(slopes)
         # A coordinate is lost if the directions that were dropped contain any of it.
         observable = ((vectors[:, ~kept] ** 2).sum(axis=1) < 1e-6) & _separable_coordinates(
@@ -278,16 +282,20 @@ def centred_phases(arrival: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _focus_fit_spectrum(slopes: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return eigenvalues and eigenvectors of J^T J, and which of them the phases can see."""
+    """Return eigenvalues (3,) and eigenvectors (3, 3) of J^T J, and a mask of those that count.
+
+    J are the *slopes* (N, 3). Eigenvalues above 1e-8 of the largest count.
+    """
     values, vectors = np.linalg.eigh(slopes.T @ slopes)
     kept: BoolArray = values > max(values[-1], 1e-12) * LEAST_SEEN_SHARE
     return values, vectors, kept
 
 
 def _separable_coordinates(positions: FloatArray) -> BoolArray:
-    """Return a mask of the coordinates that a linear array can separate.
+    """Return a mask (3,) of coordinates that elements separate: all, unless on one line.
 
-    Elements on one line see a whole circle around it alike, even where the slope along z is not 0.
+    Elements on one line see a whole circle around it alike, even where the slope along z is not 0:
+    only a coordinate along the line is left. Elements in one point separate none.
     """
     if _are_points_off_line(
         *positions[[0, len(positions) // 2, -1]].tolist()
@@ -304,14 +312,14 @@ def _separable_coordinates(positions: FloatArray) -> BoolArray:
 
 
 def _are_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool:
-    """Return True if three points, (3,) each, lie well off a common line."""
+    """Return True if a, b, c, (3,) each, are off a line: 0.01 rad seen from a, over 0.1 mm away."""
     u, v = [q - p for p, q in zip(a, b, strict=True)], [q - p for p, q in zip(a, c, strict=True)]
     uu, vv, uv = math.hypot(*u) ** 2, math.hypot(*v) ** 2, sum(map(operator.mul, u, v))
     return uu * vv - uv * uv > 1e-4 * uu * vv and min(uu, vv) > (100.0 * _POINT_M) ** 2
 
 
 def _as_fit_mask(active: ArrayLike | None, count: int) -> BoolArray:
-    """Return a mask of active elements, all without *active*; refuse an empty one."""
+    """Return a mask (count,) of active elements, all without *active*; refuse an empty one."""
     mask = np.ones(count, dtype=np.bool_) if active is None else np.asarray(active, dtype=np.bool_)
     if mask.shape != (count,):
         raise ConfigurationError(f"active has shape {mask.shape}, must be ({count},)")

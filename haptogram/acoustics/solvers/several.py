@@ -149,7 +149,7 @@ def frame_weights(model: AcousticModel, foci: Sequence[Focus], method: Method) -
 def _iterative_backpropagation(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Repeatedly back-propagate the wanted pressures, clipped to full amplitude."""
+    """Return *drive* (N,) after *rounds* of back-propagated *wanted* levels, clipped to 1."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     scale = _reachable_foci_levels(matrix, wanted)
     for _ in range(rounds):
@@ -160,7 +160,7 @@ def _iterative_backpropagation(
 def _gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Iterate between foci of the wanted levels and elements of full amplitude."""
+    """Return *drive* (N,) after *rounds* between foci of *wanted* levels and full elements."""
     for _ in range(rounds):
         drive = _solver_phasor(matrix.conj().T @ (wanted * _solver_phasor(matrix @ drive)))
     return drive
@@ -169,7 +169,7 @@ def _gerchberg_saxton(
 def _weighted_gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Iterate as Gerchberg and Saxton, with weights that even out the foci."""
+    """Return *drive* (N,) after *rounds* of Gerchberg and Saxton, weighted to even out foci."""
     kernels = load_kernels()
     if kernels is None:
         return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
@@ -185,7 +185,7 @@ def _weighted_gerchberg_saxton(
 def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
-    """Return the drive from compiled code; None if elements are no parallel pistons."""
+    """Return the drive (N,) from compiled code; None unless parallel pistons reach all *points*."""
     pistons = _pistons_to_solve(model)
     if pistons is None:
         return None
@@ -202,7 +202,7 @@ def _solved_for_pistons(
 
 @lru_cache(maxsize=8)
 def _pistons_to_solve(model: AcousticModel) -> ParallelPistons | None:
-    """Return the kernels' data of the array; None if elements are no parallel pistons."""
+    """Return the kernels' data of the array; None if calibrated, or not of parallel pistons."""
     is_served = model.calibration is None and ParallelPistons.why_not(model) is None
     return ParallelPistons.of(model) if is_served else None
 
@@ -238,7 +238,7 @@ def weighted_gerchberg_saxton(
 def _gs_pat(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Iterate (GS-PAT) on the F foci alone: elements appear only in the F x F matrix G B."""
+    """Return *drive* (N,) after *rounds* of GS-PAT on F foci alone, by their F x F couplings."""
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     between = matrix @ back
     scale = _reachable_foci_levels(matrix, wanted)
@@ -255,7 +255,10 @@ def _gs_pat(
 def _gradient_solver(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Minimise the squared errors of |p| by L-BFGS on the phases."""
+    """Return the drive (N,) whose phases, from *drive*'s on, minimise the squared errors of |p|.
+
+    By L-BFGS in at most *rounds* steps; all elements are full.
+    """
     from scipy.optimize import minimize  # slow to import, and only this solver needs it
 
     goal = _reachable_foci_levels(matrix, wanted) * wanted
@@ -288,7 +291,7 @@ _SOLVERS: Final[dict[str, _Solver]] = {
 
 
 def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
-    """Return the matrix of foci that each get sound from some element, or raise."""
+    """Return the matrix (F, N) of propagators; raise if a focus gets no sound from any element."""
     matrix = propagators(model, points)
     silent = np.flatnonzero(~matrix.any(axis=1))
     if silent.size:
@@ -299,7 +302,10 @@ def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArra
 
 
 def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
-    """Return the wanted amplitudes of all foci, within limits, or raise."""
+    """Return the wanted amplitudes of *count* foci; raise unless within 1e-6 to 1e6.
+
+    Their ratio is at most 1e6 as well.
+    """
     levels = as_float_vector("amplitudes", amplitudes, count)
     low, high = float(levels.min()), float(levels.max())
     for level in (low, high):

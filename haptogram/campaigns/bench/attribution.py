@@ -141,7 +141,10 @@ def bench_lateness_shares(parts: BenchLatenessParts) -> Times:
 
 
 def _lateness_proportions(before: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return the share of each cause in *before*, the lateness carried over; all WORK if none."""
+    """Return the share of each of CAUSES in *before*, lateness carried over, in their order.
+
+    All is WORK if *before* is None or holds no lateness.
+    """
     total = 0.0 if before is None else float(before.sum())
     if before is None or total <= 0.0:
         # Work that ran into the tick without being a tick is host work: the loop served the port.

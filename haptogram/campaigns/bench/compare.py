@@ -106,7 +106,10 @@ def _bench_percentiles(result: Mapping[str, Any]) -> dict[str, TimingPercentiles
 def _bench_change(
     stage: str, level: str, before: TimingPercentiles, after: TimingPercentiles | None
 ) -> BenchChange | None:
-    """Return the change of a percentile between two benches, with its noise; None if unmeasured."""
+    """Return the change of a percentile between two benches, with its noise; None if unmeasured.
+
+    The noise is 4 standard errors of the difference, plus 1 µs.
+    """
     if after is None or not before.blocks or not after.blocks:
         return None
     one, other = before.blocks[level], after.blocks[level]
@@ -121,7 +124,11 @@ def _bench_error_us(values: list[float]) -> float:
 
 
 def _blamed_bench_change(change: BenchChange, control: BenchChange | None) -> BenchChange:
-    """Attribute a slowdown to the machine if the control measurement changed as well."""
+    """Return *change* as the machine's if the control measurement changed likewise.
+
+    That is beyond its noise, the same way, and at least half as much. Without a *control* it is
+    returned as it is.
+    """
     if control is None or change.stage == _CONTROL or not control.beyond_noise:
         return change
     own, machine = change.after_us - change.before_us, control.after_us - control.before_us

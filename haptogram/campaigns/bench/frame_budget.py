@@ -126,14 +126,14 @@ def measure_budget_wake_ns(rate_hz: float) -> int:
 
 
 def _sleep_until_budget_deadline(deadline_ns: int) -> None:
-    """Sleep until *deadline_ns* of the monotonic clock, on a loop that serves nothing."""
+    """Sleep until *deadline_ns* of the monotonic clock; return at once if it has passed."""
     wait_ns = deadline_ns - time.monotonic_ns()
     if wait_ns > 0:
         time.sleep(wait_ns / 1e9)
 
 
 def _encode_budget_frame(message: messages.Message, stuff: Stuffing) -> bytes:
-    """Encode a frame, as the timed work."""
+    """Return the bytes of a frame, encoded as the timed work."""
     body = messages.build_body(message, flags=0, seq=4711, time_us=123_456_789, session=77)
     return encode_frame(body, stuff)
 
@@ -146,7 +146,10 @@ def _decode_budget_frame(decoder: FrameDecoder, wire: bytes) -> None:
 
 
 def _median_time_ns(work: Callable[[], object], between: Callable[[], object] | None = None) -> int:
-    """Return the median time of *work*; *between* runs after each call, untimed."""
+    """Return the median time of 400 calls of *work*; *between*, if given, runs untimed.
+
+    It runs after each call.
+    """
     clock, taken = time.perf_counter_ns, []
     for _ in range(_SETTLE + _TIMES):
         begin_ns = clock()
@@ -159,7 +162,7 @@ def _median_time_ns(work: Callable[[], object], between: Callable[[], object] | 
 
 @contextlib.contextmanager
 def _drained_budget_pty() -> Iterator[tuple[int, Callable[[int], None]]]:
-    """Yield a pseudo-terminal to write to, and a function that reads from its other end."""
+    """Yield a pseudo-terminal to write to, and a function that reads a number of bytes back."""
     tty = posix_module("tty", "the stage of a pty", "bench of a port")
     master, slave = os.openpty()
     try:

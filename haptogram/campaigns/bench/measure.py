@@ -121,7 +121,7 @@ def run_bench(config: BenchConfig, writer: RecordingWriter | None = None) -> Ben
 
 
 def _bench_board(config: BenchConfig, parts: contextlib.ExitStack) -> BoardUnderTest:
-    """Return the board at the port, else a virtual one, which *parts* end."""
+    """Return the board at the port, else a virtual one, which ends with *parts*."""
     if config.port is not None:
         return PortBoardUnderTest(
             config.port, baudrate=config.baud, rate_hz=config.rate_hz, board_computes=False
@@ -141,7 +141,11 @@ def _bench_run_of(
     seen: Mapping[int, Observation],
     processors: dict[str, float],
 ) -> BenchRun:
-    """Return the stages of every frame of a stream, from host stamps and observed latches."""
+    """Return the stages (µs) of every frame of a stream, from host stamps and latches.
+
+    *seen*: the observed latch of each frame index. *control*: a loop beside the stream that only
+    wakes, at the same rate.
+    """
     ticks, paced = report.ticks, config.port is not None
     due_us = np.array([i.t_apply_us for i in driver.intended], dtype=np.int64)
     received_us, latched_us = _bench_device_times(driver.intended, seen)
@@ -182,7 +186,7 @@ def _bench_stages(
     transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the host's stages of each frame in µs; NaN after the wake if it was not sent."""
+    """Return the host's stages (n,) of each frame in µs; NaN after the wake if it was not sent."""
     unsent = np.where(sent, 0.0, np.nan)
     return {
         "wake": lateness_us,
@@ -196,7 +200,10 @@ def _bench_stages(
 def _bench_misses(
     parts: attribution.BenchLatenessParts, stalled: NDArray[np.bool_]
 ) -> dict[str, list[attribution.LatenessMisses]]:
-    """Return the late frames at port and board, by cause, for each limit of lateness."""
+    """Return the late frames at port and board, by cause, for each of MISS_LIMITS_US.
+
+    *stalled* (n,): frames in whose time the control loop stalled too.
+    """
     return {
         place: [
             attribution.count_late_bench_frames(
@@ -214,7 +221,7 @@ def _bench_misses(
 def _bench_device_times(
     intended: Sequence[Intended], seen: Mapping[int, Observation]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (n,) device times of arrival and latch; NaN if not observed."""
+    """Return (n,) unwrapped device times (µs) of arrival and latch; NaN if not observed."""
     received, latched = np.full((2, len(intended)), np.nan)
     for place, wanted in enumerate(intended):
         latch = seen.get(wanted.key.index)
@@ -227,7 +234,7 @@ def _bench_device_times(
 
 
 def _bench_host_times(driver: Driver, device_us: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert device times to host times in ns; NaN stays NaN."""
+    """Return the host times (n,), in ns, of device times; NaN stays NaN."""
     return np.array(
         [np.nan if np.isnan(us) else driver.clock.to_host_ns(int(us)) for us in device_us]
     )

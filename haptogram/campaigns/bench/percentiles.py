@@ -71,6 +71,6 @@ def percentiles_with_missed_ticks(
 
 
 def _percentile_levels(values: NDArray[np.float64]) -> dict[str, float]:
-    """Return the percentiles by name, such as p99; each is one of the values."""
+    """Return the percentiles LEVELS by name, such as p99; each is one of the values."""
     found = np.percentile(values, LEVELS, method="inverted_cdf")
     return {f"p{level:g}": float(value) for level, value in zip(LEVELS, found, strict=True)}

@@ -211,6 +211,6 @@ class SoakCampaign:
 def _run_soak_worker(
     make_board: MakeBoard, setup: SoakSetup, progress: Progress | None, recorded: bool, number: int
 ) -> _Done:
-    """Run one segment; return its tally with process id and memory of the worker."""
+    """Run segment *number*; return its tally with process id and memory of the worker."""
     tally = run_soak_segment(make_board, setup, number, progress, recorded=recorded)
     return tally, os.getpid(), resident_bytes()

@@ -122,9 +122,11 @@ class SoakComparison:
         return frames
 
     def _judge(self, verdict: int | str, t_ns: int, up_free_ns: int) -> bool:
-        """Report if the board took or dropped a frame unlike the model.
+        """Report if the board took or dropped a frame unlike the model, at *t_ns*.
 
-        Returns True if the frame, a HELLO or MUTE, ends the output.
+        *verdict*: the number of the frame that it took, or what else it made of a frame.
+        *up_free_ns*: when the line to the host is free. Returns True if the frame, a HELLO or MUTE,
+        ends the output.
         """
         sent = self._line.next_sent(verdict)
         if sent is None:
@@ -143,7 +145,10 @@ class SoakComparison:
         return sent.type in (m.Hello.TYPE, m.Mute.TYPE) and due == "request"
 
     def _judge_lateness(self, sent: Sent, index: int, t_ns: int) -> None:
-        """Attribute a late frame to its fault; report a violation if it has none."""
+        """Attribute the lateness of frame *index* to its fault; report a violation if it has none.
+
+        Nothing is done for a frame that came before its due time.
+        """
         late_us = m.signed_difference(self._board.device_us(t_ns), sent.due_us, 32)
         if late_us <= 0:
             return
@@ -172,7 +177,7 @@ class SoakComparison:
         self._compare_silence(t_ns, requested=requested)
 
     def _compare_latches(self, t_ns: int) -> None:
-        """Compare latches of board and model, up to the shorter list."""
+        """Compare latches of board and model, as many as both have; a difference is a violation."""
         latches = self._board.take_latches()
         if self._excerpts.kept:
             for latch in latches:
@@ -203,7 +208,10 @@ class SoakComparison:
             self._tally.violate("torn latch", f"frame {index} is not the drive that was sent")
 
     def _compare_silence(self, t_ns: int, *, requested: bool) -> None:
-        """Report a violation if only one of board and model is silent; once per change."""
+        """Report a violation if only one of board and model is silent; once per change.
+
+        *requested*: a frame has just ended the output.
+        """
         before, self._silent = self._silent, (self._board.is_silent, self._model.is_silent)
         silent, due = self._silent
         if silent == due or before == self._silent:

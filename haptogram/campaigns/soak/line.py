@@ -38,7 +38,7 @@ Pieces: TypeAlias = list[tuple[int, bytes]]
 
 
 def _flip_damage(wire: bytes, source: random.Random) -> Pieces:
-    """Flip a few random bits of a frame."""
+    """Flip 1 to 3 random bits of a frame."""
     flipped = bytearray(wire)
     for place in source.sample(range(8 * len(wire)), source.randint(1, _MOST_FLIPS)):
         flipped[place // 8] ^= 1 << place % 8
@@ -46,18 +46,21 @@ def _flip_damage(wire: bytes, source: random.Random) -> Pieces:
 
 
 def _replaced(wire: bytes, source: random.Random, gone: int, new: int) -> Pieces:
-    """Return *wire* with *gone* bytes at a random place replaced by *new* random ones."""
+    """Return *wire* with *gone* bytes at a random place replaced by *new* random ones.
+
+    It is one piece, without a delay.
+    """
     place = source.randrange(len(wire) - gone + 1)
     return [(0, wire[:place] + source.randbytes(new) + wire[place + gone :])]
 
 
 def _delay_damage(wire: bytes, source: random.Random) -> Pieces:
-    """Delay a whole frame, short delays as likely as long ones."""
+    """Delay a whole frame by 0.1 to 60 ms, short delays as likely as long ones."""
     return [(round(_LEAST_DELAY_NS * (_MOST_DELAY_NS / _LEAST_DELAY_NS) ** source.random()), wire)]
 
 
 def _slice_damage(wire: bytes, source: random.Random) -> Pieces:
-    """Cut a frame in two, with a delay between the parts."""
+    """Cut a frame in two at a random place, with up to 0.1 ms between the parts."""
     place = source.randrange(1, len(wire))
     return [(0, wire[:place]), (source.randrange(_LEAST_DELAY_NS), wire[place:])]
 
@@ -183,7 +186,10 @@ class SoakLine:
             self._tally.request_hits.append(hit)
 
     def _harm(self, sent: Sent) -> Pieces:
-        """Return a frame's pieces, with delays, after a random fault, an outage or none."""
+        """Return a frame's pieces, each with its delay in ns, after a random fault or none.
+
+        An outage leaves no piece.
+        """
         if self.cut:
             kind, pieces = "outage", []
         elif self.calm or self._source.random() >= self._share:
@@ -195,7 +201,10 @@ class SoakLine:
         return pieces
 
     def _carry(self, data: bytes, t_ns: int, wait_ns: int) -> None:
-        """Schedule the arrival of bytes behind earlier ones, at the rate of the line."""
+        """Schedule the arrival of bytes behind earlier ones, at the rate of the line.
+
+        They start *wait_ns* later than they could, but at most 60 ms after *t_ns* for that.
+        """
         if not data:
             return
         start_ns = max(self.free_ns, t_ns)
@@ -205,7 +214,10 @@ class SoakLine:
         self.arriving.append((-(-self.free_ns // 1000) * 1000, data))
 
     def _expect(self, data: bytes, sent: Sent) -> None:
-        """Note which frame, and which fault, each delimited run that *data* completes is of."""
+        """Note for each run between delimiters that *data* completes its frame and its fault.
+
+        Either may be None: bytes of no whole frame, or no fault.
+        """
         if data is sent.wire and not self._partial:  # as nearly all of them
             self._runs.append((sent, sent.hit))
             return
@@ -239,7 +251,10 @@ class SoakLine:
         return sent
 
     def _explain_damage(self, hit: SoakHit | None, verdict: int | str) -> None:
-        """Count damage to the fault *hit*; report a violation if none did, or it was taken."""
+        """Count damage to the fault *hit*; report a violation if that is None, or it was taken.
+
+        *verdict*: why the end of the line dropped the bytes.
+        """
         if hit is None:
             self._tally.violate(UNEXPLAINED, f"damage at {self._end} without a fault: {verdict}")
         elif verdict not in DAMAGE:

@@ -58,7 +58,10 @@ class SoakHost(HostConnection):
         return event
 
     def _explain_drop(self, sent: Sent, reason: str) -> None:
-        """Attribute a copy that the host drops to a fault or a retry; else report (HG-3.7/3)."""
+        """Attribute a copy that the host drops to a fault or a retry; else report a violation.
+
+        It is one of HG-3.7/3. A copy of the session before is ignored.
+        """
         self._tally.totals[f"the host: {reason}"] += 1
         if reason == "duplicate" and sent.hit is not None:
             self._tally.find(sent.hit, reason)
@@ -69,7 +72,10 @@ class SoakHost(HostConnection):
             self._tally.violate("undamaged frame dropped", text)
 
     def _compare_event(self, event: events.EventReceived, sent: Sent) -> None:
-        """Report a violation if events are missing that the line did not lose, or memory is."""
+        """Report a violation if the host misses other events than the line lost, or memory leaks.
+
+        Memory leaks if the board has fewer free bytes than at the last STATUS.
+        """
         lost = self._line.explain_gap(sent)
         if event.gap != lost:
             text = f"the host misses {event.gap} events, and {lost} were lost"
@@ -251,7 +257,7 @@ class SoakRig:
 
 
 def _soak_drives(count: int) -> list[m.Phases | m.Drives]:
-    """Return frames of random codes, some with amplitudes; no two share a half."""
+    """Return 61 frames of random codes for *count* transducers, every eighth with amplitudes."""
     source = random.Random(_DRIVES)
     return [
         m.Phases(source.randbytes(count))

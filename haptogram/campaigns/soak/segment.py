@@ -81,7 +81,10 @@ def run_soak_segment(
 
 
 def _soak_clock_faults(seconds: float, source: random.Random) -> tuple[Fault, ...]:
-    """Return a clock drift within the declared limit and, for half of the long segments, a step."""
+    """Return a clock drift of up to 50 ppm and, for half of the long segments, a step.
+
+    Long are those of 20 s or more.
+    """
     drift = Fault("clock.ppm", {"ppm": float(source.randint(-_PPM, _PPM))})
     step_us, at_s = source.randint(*_STEP_US), seconds * source.uniform(0.3, 0.6)
     if seconds < _LEAST_FOR_STEP_S or source.random() < 0.5:
@@ -141,14 +144,14 @@ class _SoakSegment:
         rig.arm()
 
     def _burst(self) -> None:
-        """Stream frames with line faults for a random time."""
+        """Stream frames with line faults for a random 0.3 to 6 s, or to the segment's end."""
         self._rig.down.calm = self._rig.up.calm = False
         self._due_us = 0
         left_ns = max(self._length_ns - self._rig.now_ns(), 100 * NS_PER_MS)
         self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * NS_PER_S)) // NS_PER_MS)
 
     def _wait_idle(self) -> None:
-        """Stream without faults until both ends are idle; raise if they never are."""
+        """Stream without faults until both ends are idle; raise if that takes 3 s."""
         rig = self._rig
         rig.down.calm = rig.up.calm = True
         self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
@@ -179,13 +182,13 @@ class _SoakSegment:
     # --- interruptions -------------------------------------------------------------------------
 
     def _pause(self) -> None:
-        """Send nothing for a time shorter or longer than the timers."""
+        """Send nothing for a time shorter or longer than hold and lease, then arm again."""
         since_ns = self._rig.now_ns()
         self._rig.idle_until(since_ns + self._some_time_ns())
         self._resume(since_ns)
 
     def _outage(self) -> None:
-        """Stream for a while with both directions cut, then go on.
+        """Stream with both directions cut, for less or more than hold and lease, then go on.
 
         A request that fails five times meanwhile is given up: only another session helps.
         """
@@ -208,7 +211,7 @@ class _SoakSegment:
             self._connect()
 
     def _some_time_ns(self) -> int:
-        """Return a random duration, shorter or longer than the timers."""
+        """Return a random duration, 0.1 to 2.5 times the shorter timer and the ramp."""
         return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * NS_PER_MS
 
     def _resume(self, since_ns: int) -> None:
@@ -223,7 +226,7 @@ class _SoakSegment:
         self._rig.arm()
 
     def _mute(self) -> None:
-        """Send MUTE in the middle of the stream."""
+        """Send MUTE in the middle of the stream; arm again after 1 to 50 ms."""
         self._rig.silence()
         self._rig.idle_until(self._rig.now_ns() + self._source.randint(1, 50) * NS_PER_MS)
         self._rig.arm()
@@ -231,7 +234,7 @@ class _SoakSegment:
     # --- the end -------------------------------------------------------------------------------
 
     def _watch_memory(self) -> None:
-        """Report a violation if Python holds many more memory blocks than after the first burst."""
+        """Report a violation if Python holds 5000 memory blocks more than after the first burst."""
         blocks = sys.getallocatedblocks()
         self._blocks = self._blocks or blocks
         if (grown := blocks - self._blocks) > _BLOCKS:
@@ -239,7 +242,7 @@ class _SoakSegment:
             self._blocks = blocks
 
     def _finish(self) -> None:
-        """Wait for the last latch, then compare the counters."""
+        """Wait for the last latch, then compare counters and clock steps; report differences."""
         rig = self._rig
         rig.idle_until(rig.now_ns() + 2 * _LEAD_US * 1000)
         self._tally.totals["virtual ms"] += self._length_ns // NS_PER_MS

@@ -132,7 +132,11 @@ class SweepCampaign:
         file: TextIO | None,
         show: Callable[[], None],
     ) -> None:
-        """Run all points on workers; while one is suspected to kill its worker, that one alone."""
+        """Run the points *left* on workers, write their rows; a suspect of killing runs alone.
+
+        A suspect is a point that was under way when a worker died. *file*: the journal, None for
+        none; *show* is called as points end.
+        """
         while left or self._suspects or running:
             count = 1 if self._suspects else workers.count
             while (self._suspects or left) and len(running) < count:
@@ -161,7 +165,10 @@ class SweepCampaign:
             raise error
 
     def _mark_suspects(self, numbers: list[int], file: TextIO | None) -> None:
-        """Mark the points under way when a worker died: each of them runs again, alone."""
+        """Mark the points under way when a worker died: each of them runs again, alone.
+
+        One whose worker died three times alone gets a row of a crash.
+        """
         if len(numbers) == 1:
             self._deaths[numbers[0]] += 1
         for number in numbers:
@@ -172,7 +179,7 @@ class SweepCampaign:
                 self._write(row_of_crash(self.plan[number], text), file)
 
     def _write(self, row: dict[str, Any], file: TextIO | None) -> None:
-        """Keep a row, and append it to the journal at once."""
+        """Keep a row, and append it to the journal *file* at once, if there is one."""
         self.rows[row["point"]] = row
         if file is not None:
             print(json.dumps(row), file=file, flush=True)

@@ -158,7 +158,7 @@ class SweepPlan:
         return SweepPoint(number, shown, [*self.fixed, *words])
 
     def _at_place(self, number: int) -> list[Any]:
-        """Return the value of each axis at point *number* of the grid."""
+        """Return the value of each axis at point *number* of the grid; the last axis is fastest."""
         values: list[Any] = []
         for axis in reversed(self.axes):
             number, place = divmod(number, len(axis.values))

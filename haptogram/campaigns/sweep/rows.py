@@ -101,7 +101,11 @@ def _first_row_columns(point: SweepPoint) -> Row:
 
 
 def _row_figures(command: str, columns: Row) -> tuple[float | None, ...]:
-    """Return the figures of :data:`MEASURES`; None where a command has none."""
+    """Return the figures of :data:`MEASURES` that a command has; None where it was not measured.
+
+    For verify the largest miss (mm) and the frames off target, for conform the failed cases, else
+    the violations.
+    """
     if command == "verify":
         miss_mm = max((columns[name] for name in _MISSES if name in columns), default=None)
         return miss_mm, columns["frames.sent"] - columns["frames.on_target"]

@@ -114,7 +114,7 @@ def dask_workers(address: str, jobs: int) -> Iterator[Workers]:
 
 
 def _checked_dask_workers(found: dict[str, Any]) -> int:
-    """Return the number of workers; refuse workers with other versions than this machine."""
+    """Return the number of workers; refuse none, or other versions than on this machine."""
     own = found["client"]["packages"]
     parts = [("the scheduler", found["scheduler"], _WIRE)]
     parts += [(f"worker {name}", one, _WIRE + _ROWS) for name, one in found["workers"].items()]
@@ -132,5 +132,5 @@ def _checked_dask_workers(found: dict[str, Any]) -> int:
 
 
 def _version_text(package: str, version: str | None) -> str:
-    """Return package and version, or that the package is missing."""
+    """Return package and version or, if that is None, that the package is missing."""
     return f"no {package}" if version is None else f"{package} {version}"

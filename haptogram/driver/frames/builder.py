@@ -122,7 +122,10 @@ class FrameBuilder:
         return [f for batch, phases in batches for f in self._phases(batch, phases, solver)]
 
     def _check_mode(self, mode: Mode) -> None:
-        """Refuse a mode the board lacks; points also with a calibration or odd speed of sound."""
+        """Refuse a mode the board lacks; points also with a calibration.
+
+        Points also with a speed of sound outside LEAST_SPEED_MM_S to MOST_SPEED_MM_S.
+        """
         check_choice("mode", mode, tuple(MODE_OF.values()))
         if mode in NEEDED_FEATURE and not self._identity.features & NEEDED_FEATURE[mode]:
             raise ConfigurationError(f"mode {mode}: the board takes no such frames")
@@ -139,7 +142,7 @@ class FrameBuilder:
             )
 
     def _check(self, number: int, foci: tuple[Focus, ...], mode: Mode) -> None:
-        """Refuse a frame whose foci or amplitudes the mode or the board cannot carry."""
+        """Refuse frame *number* if the mode or the board cannot carry its foci or amplitudes."""
         if mode == "points" and len(foci) > self._identity.max_points:
             raise ConfigurationError(
                 f"frame {number}: {len(foci)} foci; the board takes {self._identity.max_points}"
@@ -210,7 +213,7 @@ def distinct_frames(
 
 
 def _are_frames_in_reach(model: AcousticModel, foci: Sequence[tuple[Focus, ...]]) -> bool:
-    """Return True if no focus of any frame is out of reach."""
+    """Return True if all foci of all frames are targets in reach of the model's array."""
     places = np.array([focus.position_m for group in foci for focus in group])
     try:
         check_focus_targets(model, places)
@@ -278,7 +281,7 @@ def _check_frame_solver(solver: Method, mode: Mode) -> None:
 
 
 def _frame_focus_on_wire(focus: Focus) -> messages.FocalPoint:
-    """Return a focus rounded to the units of the wire."""
+    """Return a focus rounded to the units of the wire: whole µm, 16 bits of level and phase."""
     x_um, y_um, z_um = (round(value * 1e6) for value in focus.position_m)
     turns = math.floor(focus.phase_rad / math.tau * _TURN + 0.5)
     return messages.FocalPoint(

@@ -161,7 +161,7 @@ def check_frames_to_send(
 
 
 def _is_supported(frame: Frame, identity: HelloReply) -> bool:
-    """Return True if the board supports this mode, number of foci and amplitudes."""
+    """Return True if the board supports the frame's mode, number of foci and amplitudes."""
     if frame.mode in NEEDED_FEATURE and not identity.features & NEEDED_FEATURE[frame.mode]:
         return False
     if not isinstance(frame.message, Points):

@@ -66,7 +66,7 @@ def _is_one_target_point(targets: Any) -> bool:
 
 
 def _frame_foci_of(entry: Any) -> tuple[Focus, ...]:
-    """Return the foci of one frame: of a point, or of a row of points."""
+    """Return the foci of one frame: of a point, a Focus, or a sequence of Focus."""
     if isinstance(entry, Focus):
         return (entry,)
     if isinstance(entry, Sequence) and entry and all(isinstance(f, Focus) for f in entry):

@@ -106,19 +106,19 @@ class DialectLine:
         return seen
 
     def _wait_for_answer(self, operation: Operation) -> None:
-        """Read until every due reply has arrived; raise after the timeout."""
+        """Read until every due reply has arrived; raise NoAnswerError after the timeout."""
         deadline_ns = self.now_ns() + self._timeout_ns
         while self._host.due:
             self._check_time(deadline_ns, operation)
             self._take(deadline_ns)
 
     def _wait_for_room(self, size: int) -> None:
-        """Wait until at most *size* unsent bytes are queued on the line."""
+        """Wait until at most *size* unsent bytes are queued on the line; not without a line."""
         if self._line is not None and self._line.unsent_bytes(self.now_ns()) > size:
             self.run_until(self._line.room_at_ns(size))
 
     def _write(self, data: bytes) -> None:
-        """Write all bytes at the pace of the line; raise if the port takes none in time."""
+        """Write all bytes at the pace of the line; raise if the port takes none for the timeout."""
         self._wait_for_room(len(data))
         if self._line is not None:
             self._line.add(len(data), self.now_ns())
@@ -144,7 +144,7 @@ class DialectLine:
                 raise DeviceError(f"{self.url}: the board refused: {why}", code=_REFUSED)
 
     def _check_time(self, deadline_ns: int, operation: Operation) -> None:
-        """Raise once the deadline for an answer has passed."""
+        """Raise NoAnswerError, naming *operation*, once the deadline for an answer has passed."""
         if self.now_ns() >= deadline_ns:
             raise NoAnswerError(
                 f"{self.url}: no answer to {type(operation).__name__} within "

@@ -147,7 +147,7 @@ class Link:
         self._push()
 
     def _wake_ns(self, deadline_ns: int) -> int:
-        """Return when to wake: at the deadline, or earlier for a retry or unwritten bytes."""
+        """Return the host time to wake: at the deadline, or before it to retry or to write."""
         due_us = self.connection.next_deadline_us()
         if due_us is not None:
             deadline_ns = min(deadline_ns, due_us * 1000)
@@ -162,7 +162,10 @@ class Link:
             self._write_some(data, self.now_ns())
 
     def _write_some(self, data: bytes, now_ns: int) -> None:
-        """Write as many bytes as the transport takes; keep the rest."""
+        """Write as many bytes as the transport takes, keep the rest; raise if it takes none.
+
+        It raises LinkLostError after the timeout. Silences of 20 ms or more before are noted.
+        """
         written = self._transport.write_some(data)
         self._unwritten = data[written:]
         self.line.add(written, now_ns)
@@ -294,7 +297,10 @@ class Link:
         return self._message(self._wait_for_outcome(seq, deadline_ns), reply)
 
     def _wait_for_outcome(self, seq: int, deadline_ns: int) -> _Outcome | None:
-        """Return reply, refusal or timeout of request *seq*; None if a MUTE made it void."""
+        """Return reply, refusal or timeout of request *seq*; None if a MUTE made it void.
+
+        Raises NoAnswerError if none comes before the deadline.
+        """
         self._awaited[seq] = None
         try:
             while not self.answered(seq):
@@ -305,7 +311,7 @@ class Link:
             self._awaited.pop(seq, None)
 
     def _check_time(self, deadline_ns: int, what: str) -> None:
-        """Raise once the deadline has passed while waiting for *what*."""
+        """Raise NoAnswerError once the deadline has passed while waiting for *what*."""
         if self.now_ns() >= deadline_ns:
             raise errors.NoAnswerError(
                 f"{self.url}: {what} was not answered within {self._timeout_ns / NS_PER_S:g} s"
@@ -411,7 +417,7 @@ def open_line_session(link: Link) -> HelloReply:
 
 
 def _explain_line_silence(link: Link, error: errors.NoAnswerError) -> NoReturn:
-    """Raise the likely cause of silence: no bytes, no frames, or another board."""
+    """Raise the likely cause of silence: no bytes, no frames, an echo, or no answer."""
     connection = link.connection
     seconds = f"{link.timeout_ns / 1e9:g} s"
     if not connection.bytes_received:

@@ -264,7 +264,7 @@ def _writes_by_itself(port: Any) -> bool:
 
 
 def _send_at_once(port: Any) -> None:
-    """Disable Nagle's algorithm on a TCP port.
+    """Disable Nagle's algorithm on a TCP port; do nothing for another port.
 
     Nagle's algorithm keeps a small write back until the last one is acknowledged, which takes a
     Linux host up to 40 ms.
@@ -327,7 +327,7 @@ def _transport_opening_error(url: str, error: OSError) -> errors.LinkError:
 
 
 def _transport_error_chain(error: BaseException | None) -> Iterator[BaseException]:
-    """Yield *error* and its causes: some handlers hide the cause in the context."""
+    """Yield *error* and its causes, outermost first; without a cause, its context."""
     while error is not None:
         yield error
         error = error.__context__ if error.__cause__ is None else error.__cause__

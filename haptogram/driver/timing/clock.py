@@ -149,7 +149,7 @@ class ClockEstimate:
         self._take(ClockSample(host_ns, device_ns - host_ns, trip_ns // 2 + _ROUNDING_NS))
 
     def _take(self, sample: ClockSample) -> None:
-        """Use a clock sample; ignore one that contradicts, restart after several of these."""
+        """Use a clock sample; ignore one that contradicts the best; restart after 3 in a row."""
         if self._contradicts(sample):
             self.rejected += 1
             self._contradictions += 1
@@ -162,7 +162,10 @@ class ClockEstimate:
         self._best = min(self._samples, key=lambda s: self._margin_at(s, sample.host_ns))
 
     def _contradicts(self, sample: ClockSample) -> bool:
-        """Return True if *sample* is further from the best one than drift limits allow."""
+        """Return True if *sample* is further from the best one than drift limits allow.
+
+        Never without a best one.
+        """
         best = self._best
         if best is None:
             return False

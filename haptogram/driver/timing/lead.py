@@ -114,7 +114,7 @@ class LeadTrim:
         self.lead_us = lead_us
 
     def _begin_epoch(self) -> None:
-        """Forget the measured delays; the next epoch is twice as long."""
+        """Forget the measured delays; the next epoch has twice as many STATUS reports."""
         self._delays_us.clear()
         self._frames = 0
         self._epoch *= 2

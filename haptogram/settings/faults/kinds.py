@@ -44,17 +44,17 @@ Parameters: TypeAlias = Mapping[str, Parameter]
 
 
 def _fault_chance(default: float) -> Parameter:
-    """Return a parameter that is a probability."""
+    """Return a parameter that is a probability, from 0 to 1."""
     return Parameter(default, 0.0, 1.0)
 
 
 def _fault_count(default: int, least: int, most: int) -> Parameter:
-    """Return a parameter that is a whole number within limits."""
+    """Return a parameter that is a whole number from *least* to *most*."""
     return Parameter(default, least, most, whole=True)
 
 
 def _signed_fault_value(default: float, most: float = 1e9) -> Parameter:
-    """Return a parameter that may be negative, up to a magnitude."""
+    """Return a parameter that may be negative, from -*most* to *most*."""
     return Parameter(default, -most, most)
 
 
@@ -176,7 +176,7 @@ def check_fault_values(name: str, values: Mapping[str, float]) -> None:
 
 
 def _check_fault_value(name: str, key: str, value: float) -> None:
-    """Refuse a value that is beyond its limits."""
+    """Refuse a *value* beyond the limits of the parameter *key* of the fault *name*."""
     limits = FAULT_KINDS[name][key]
     if not isinstance(value, int | float):
         raise _not_a_number_error(name, key, repr(value))
@@ -200,7 +200,7 @@ def _limits_text(limits: Parameter) -> str:
 
 
 def _check_fault_place(name: str, values: Mapping[str, float]) -> None:
-    """Refuse a fault of transducers unless one of transducer, column and bank is given."""
+    """Refuse a fault of transducers unless exactly one of transducer, column, bank is given."""
     if not is_transducer_fault(name):
         return
     said = [f"{place}={fault_number_text(values[place])}" for place in PLACES if values[place] >= 0]
@@ -260,7 +260,7 @@ def fault_time_ns(name: str, key: str, text: str) -> int:
 
 
 def _time_limit_error(name: str, key: str, text: str) -> ConfigurationError:
-    """Return the error for a time outside its limits."""
+    """Return the error for a time before power-up or after the last one that a fault can have."""
     last = fault_time_text(FOR_EVER_NS // _UNITS_NS["s"] * _UNITS_NS["s"])
     return ConfigurationError(
         f"{name} {key}={text}: must not be before power-up (0s), nor after {last}"

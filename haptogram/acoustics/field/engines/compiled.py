@@ -120,7 +120,10 @@ def _are_cached() -> bool:
 
 
 def _cache_folders() -> list[Path]:
-    """Return the folders in which numba may keep code; a temporary one only if it is safe."""
+    """Return the folders in which numba may keep code; a temporary one only if private.
+
+    Private is a folder that this user owns and nobody else can write to.
+    """
     if own := os.environ.get("NUMBA_CACHE_DIR"):
         return [Path(own)]
     user = os.path.join(os.environ.get("XDG_CACHE_HOME", "~/.cache"), "numba")
@@ -142,7 +145,7 @@ def _temporary_folder() -> Path:
 
 
 def _temporary_kernel_cache() -> Path:
-    """Return a cache folder that only this user can write to; the usual one if that is safe."""
+    """Return this user's temporary cache folder; a new one if others can write to that."""
     folder = _temporary_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
     if _is_own_folder(folder):

@@ -98,7 +98,10 @@ class NumbaEngine:
         self._fronts = sounding_half_spaces(model).copy()  # writeable, as all that the loops take
 
     def _exact_reach_m(self) -> float:
-        """Return how far from the array's centre single precision keeps to the error bound."""
+        """Return the distance (m) from the array's centre to which single precision suffices.
+
+        So far every element is within 1000 wavelengths and 0.3 nepers of absorption.
+        """
         absorption = self._model.medium.absorption_np_m
         lossy_m = 2.0 * _MAX_LOSS / absorption if absorption > 0.0 else math.inf
         return min(_REACH * self._model.wavelength_m, lossy_m) - self._layout.radius_m
@@ -171,9 +174,10 @@ class NumbaEngine:
         return result
 
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
-        """Return the pressure of one or many drives at usable points, by compiled loops.
+        """Return the pressure (M,) or (F, M) of one or F drives at usable points, compiled.
 
-        *careful*: few elements are active, so their rounding errors do not average out.
+        *careful*: fewer than 64 elements are active, in effect, so that their rounding errors do
+        not average out.
         """
         result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
         if drives.ndim == 1:
@@ -247,7 +251,7 @@ class NumbaEngine:
         return float(self._kernels.disc_stress_kernel(self._polar(drive), centre_m, *disc))
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
-        """Return a mask of points in reach, in front and not too near; None if all are."""
+        """Return a mask (M,) of points in reach, in front, clear of elements; None if all are."""
         usable, refused = np.empty(len(points), dtype=np.bool_), 0
         for part in memory_chunks(len(points), _CALL_POINTS):
             refused += self._kernels.usable_points_kernel(
@@ -264,7 +268,11 @@ class NumbaEngine:
     def _one_drive(
         self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
     ) -> None:
-        """Write the pressure of one drive at *points* into *result*."""
+        """Write the pressure of one drive at *points* into *result* (M,).
+
+        *careful*: fewer than 64 elements are active, in effect, so that their rounding errors do
+        not average out.
+        """
         layout, points, polar = self._layout, _writeable_for_engine(points), self._polar(drive)
         if layout.lattice is None:
             self._kernels.free_pressure_kernel(
@@ -284,7 +292,7 @@ class NumbaEngine:
         return polar
 
     def _waves(self, points: FloatArray) -> SingleArray:
-        """Return real and imaginary part (2, N, M) of each element's wave at each point."""
+        """Return (2, N, M): real and imaginary part of each of N elements' wave at M points."""
         layout, points = self._layout, _writeable_for_engine(points)
         size = (len(points) + 15) // 16 * 16
         waves = np.empty((2, self._model.array.count, size), dtype=np.float32)
@@ -301,7 +309,7 @@ class NumbaEngine:
 
 
 def _effective_drive_count(drives: ComplexArray) -> float:
-    """Return the effective number of elements, (sum a)^2 / sum a^2; the least of all drives."""
+    """Return the effective number of elements, (sum a)^2 / sum a^2; of several drives the least."""
     square = drives.real**2 + drives.imag**2  # half the time of abs()
     level = np.sqrt(square)
     if drives.ndim == 1:  # one call for a few points must not cost more than the points

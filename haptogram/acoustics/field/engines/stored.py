@@ -99,7 +99,7 @@ class StoredKernels:
     def _loop(
         self, name: str, function: Callable[..., int], result: Described, kinds: list[Described]
     ) -> Callable[..., Any]:
-        """Return a function that calls a loop; arguments of other types go to numba."""
+        """Return a function that calls the loop *name*; arguments of other types go to numba."""
         form = struct.Struct(_result_format(result))
 
         def call(*values: Any) -> Any:
@@ -162,7 +162,10 @@ def read_stored(path: Path) -> dict[str, Any] | None:
 
 
 def _codes(loop: Any) -> Iterator[tuple[bytes, str, Described, list[Described]]]:
-    """Yield machine code, symbol, result and arguments of each compiled version of a loop."""
+    """Yield machine code, symbol, result and arguments of each compiled version of a loop.
+
+    A version that is not in numba's cache, or that others cannot call, is left out.
+    """
     cache = loop._cache  # noqa: SLF001  numba shows machine code nowhere else
     for given, made in loop.overloads.items():
         key = cache._index_key(given, loop.targetctx.codegen())  # noqa: SLF001  as above
@@ -205,7 +208,7 @@ def _linked(codes: list[bytes]) -> Any:
 
 
 def _flat_types(kind: Described) -> list[Any]:
-    """Return the types of the numbers that represent an argument."""
+    """Return the ctypes types of the numbers that represent an argument."""
     if isinstance(kind, list):
         return [one for part in kind for one in _flat_types(part)]
     if isinstance(kind, tuple):
@@ -214,7 +217,10 @@ def _flat_types(kind: Described) -> list[Any]:
 
 
 def _flatten(kinds: list[Described], values: Iterable[Any], flat: list[Any]) -> None:
-    """Append the numbers that represent arguments: scalars, and the fields of arrays."""
+    """Append to *flat* the numbers that represent arguments: scalars, and the fields of arrays.
+
+    An array of another type or order raises _OtherTypesError.
+    """
     for kind, value in zip(kinds, values, strict=True):
         if isinstance(kind, str):
             flat.append(_SCALARS[kind][2](value))
@@ -233,7 +239,7 @@ def _result_format(kind: Described) -> str:
 
 
 def _value(kind: Described, numbers: Iterator[Any]) -> Any:
-    """Return a result as Python objects, from its unpacked *numbers*."""
+    """Return a result as Python objects, from its unpacked *numbers*; None where it has none."""
     if isinstance(kind, list):
         return tuple([_value(part, numbers) for part in kind])
     return next(numbers, None)

@@ -26,7 +26,7 @@ def tinylev() -> TransducerArray:
 
 
 def _bowl_place(count: int, n: int) -> tuple[float, float, float]:
-    """Return the position of element *n* of *count* that touch in a ring of the bowl."""
+    """Return x, y, z (m) of element *n* of *count* that touch in one ring of a bowl array."""
     ring_m = count * _ELEMENT_M / (2.0 * math.pi)
     turn = 2.0 * math.pi * n / count
     depth_m = math.sqrt(_RADIUS_M**2 - ring_m**2)

@@ -117,7 +117,7 @@ def _sonicsurface_from(top_m: float) -> TransducerArray:
 
 
 def _autd_positions() -> FloatArray:
-    """Return (249, 3) the positions of an AUTD3 device: a grid with holes."""
+    """Return (249, 3) the positions, in m, of an AUTD3 device: a grid with holes."""
     columns, rows = _AUTD_GRID
     return np.array(
         [

@@ -140,7 +140,10 @@ class _UltrainoReader:
         return self._first
 
     def _begin_element(self, tag: str, attributes: dict[str, str]) -> None:
-        """Open an XML element within the last one; refuse too many or too deep ones."""
+        """Open an XML element within the last one; refuse one too many or too deep.
+
+        The limits are MAX_ELEMENTS in a file, MAX_DEPTH within each other.
+        """
         if len(self._open) >= MAX_DEPTH:
             raise ConfigurationError(f"elements are nested more than {MAX_DEPTH} deep")
         self._elements += 1
@@ -152,7 +155,7 @@ class _UltrainoReader:
             self._named[name] = element  # what is inside it may name it already
 
     def _characters(self, text: str) -> None:
-        """Add text to the open element."""
+        """Add text to the open element, if there is one."""
         if self._open:
             self._open[-1].text.append(text)
 
@@ -172,7 +175,7 @@ class _UltrainoReader:
         return element.value
 
     def _call(self, element: _Element) -> Any:
-        """Return the number, text or object that an element of Java's XML stands for."""
+        """Return the number, text or object that an XML element of Java stands for; else None."""
         attributes, arguments = element.attributes, element.arguments
         if element.tag in _NUMBERS:
             return _as_ultraino_number("".join(element.text))
@@ -216,7 +219,7 @@ def _refuse_ultraino_doctype(*_: object) -> None:
 
 
 def _ultraino_bytes_of(path: Path) -> bytes:
-    """Return the bytes of a file, unpacked if it is gzip; refuse too many."""
+    """Return the bytes of a file, unpacked if it is gzip; refuse more than 16 MiB."""
     with reading_file(path, "array", (OSError, EOFError, zlib.error)), path.open("rb") as file:
         is_packed = file.read(len(_GZIP)) == _GZIP
         file.seek(0)
@@ -228,7 +231,7 @@ def _ultraino_bytes_of(path: Path) -> bytes:
 
 
 def _ultraino_transducers(root: Any) -> list[_UltrainoObject]:
-    """Return the transducers of an array file; refuse none, and too many."""
+    """Return the transducers of an array file; refuse none, and more than 1024."""
     listed = root.part(_TRANSDUCERS).items if isinstance(root, _UltrainoObject) else []
     found = [item for item in listed if isinstance(item, _UltrainoObject)]
     if not 1 <= len(found) <= MAX_TRANSDUCERS:
@@ -239,7 +242,7 @@ def _ultraino_transducers(root: Any) -> list[_UltrainoObject]:
 
 
 def _ultraino_part(built: _UltrainoObject, *names: str) -> _UltrainoObject:
-    """Return the named component of an Ultraino object; an empty one with defaults if absent."""
+    """Return the first component of *names* that an Ultraino object has; if none, an empty one."""
     parts = (built.values.get(name) for name in names)
     return next((part for part in parts if isinstance(part, _UltrainoObject)), _UltrainoObject())
 
@@ -253,7 +256,7 @@ def _ultraino_value(built: _UltrainoObject, name: str, default: float = 0.0) -> 
 
 
 def _ultraino_number(transducer: _UltrainoObject, name: str) -> int:
-    """Return a field as a whole number from 0 on, or raise."""
+    """Return a field as a whole number from 0 on, 0 if it is absent; raise for any other value."""
     value = _ultraino_value(transducer, name)
     if value != round(value) or value < 0:
         raise ConfigurationError(f"{name} is {value:g}, must be a whole number from 0 on")
@@ -286,7 +289,7 @@ def _ultraino_place(transform: _UltrainoObject) -> list[float]:
 
 
 def _ultraino_direction(transform: _UltrainoObject) -> list[float]:
-    """Return the direction of the transducer's own +y: q (0, 1, 0) q*."""
+    """Return the direction (x, y, z) of the transducer's own +y: q (0, 1, 0) q*."""
     rotation = _ultraino_part(transform, "rotation", "rot")
     x, y, z = (_ultraino_value(rotation, axis) for axis in "xyz")
     w = _ultraino_value(rotation, "w", 1.0)

@@ -135,16 +135,19 @@ class PatternClassifier:
 
     @property
     def _limit_rad(self) -> float:
-        """The largest RMS residual of a pattern whose phases are quantised."""
+        """The largest RMS residual of a pattern whose phases are quantised: half a step."""
         return self._step_rad / 2.0 + 1e-6
 
     @cached_property
     def _is_plane(self) -> bool:
-        """Return True if all elements lie in one plane."""
+        """Return True if all elements lie in one plane, within 0.1 mm."""
         return bool(np.ptp(self._local[:, 2]) < _PLANE_M)
 
     def _radiated(self, weights: ArrayLike) -> ComplexArray:
-        """Return what *weights* radiate by the model's calibration; refuse a wrong number."""
+        """Return (N,) what *weights* radiate by the model's calibration; refuse a wrong number.
+
+        A weight that is not finite counts as 0.
+        """
         drive = np.asarray(weights, dtype=np.complex128)
         if drive.shape != (self._model.array.count,):
             raise ConfigurationError(
@@ -159,7 +162,10 @@ class PatternClassifier:
         phases: PatternPhases,
         places: list[FloatArray],
     ) -> Pattern | None:
-        """Return a pattern with one or several foci that the phases match; None if none."""
+        """Return a pattern with one or several foci that the phases match; None if none.
+
+        The last pattern's place and *places* are tried first. Fewer than 8 elements match nothing.
+        """
         if len(phases.phases_rad) < MIN_ACTIVE:
             return None
         explained = self._fit_from_last(phases)
@@ -178,9 +184,9 @@ class PatternClassifier:
         drive: ComplexArray,
         places: list[FloatArray],
     ) -> Explanation | None:
-        """Return a focus, vortex or trap that explains most elements; None if there is none.
+        """Return a focus, vortex or trap that explains phases beyond chance; None if there is none.
 
-        The sides of the array may be half a turn apart.
+        *places* are tried first. The sides of the array may be half a turn apart.
         """
         search, halves = self._search_for(active), self._half_turn(active)
         arrivals = np.where(np.abs(drive) > _SILENT, np.exp(1j * np.angle(drive)), 0.0)
@@ -196,7 +202,10 @@ class PatternClassifier:
         return None
 
     def _half_turn(self, active: BoolArray) -> FloatArray | None:
-        """Return phase pi for active elements of the far side, 0 else; None if one side sounds."""
+        """Return phase pi for active elements of the far side, 0 else; None for one side.
+
+        It is one side if the array has no other, or 30 % of the active elements or less are on one.
+        """
         if len(self._sides) == 1:
             return None
         far = self._sides[1][active]
@@ -208,7 +217,8 @@ class PatternClassifier:
         """Return the best fit among neighbouring foci and traps of a standing wave.
 
         Between two sides a focus has neighbours: foci half a wavelength away, and traps, which have
-        half a turn between the sides, a quarter away.
+        half a turn between the sides, a quarter away. A trap wins if its RMS is below 0.85 of a
+        focus's.
         """
         halves = self._half_turn(active)
         if halves is None or found.charge or found.normal is not None:
@@ -229,7 +239,10 @@ class PatternClassifier:
         return best[False]
 
     def _fit_from_last(self, phases: PatternPhases) -> Explanation | None:
-        """Return a fit that starts at the last pattern; None unless it explains all elements."""
+        """Return a fit that starts at the last pattern; None unless it explains all elements.
+
+        None as well if there is no last pattern.
+        """
         last = self._last
         if last is None:
             return None
@@ -263,7 +276,10 @@ class PatternClassifier:
         search: PatternSearch,
         arrivals: ComplexArray,
     ) -> Explanation | None:
-        """Return a focus of nearly all elements at a given place or a bowl's middle; else None."""
+        """Return a focus at one of *places* or at the point that a bowl array faces; else None.
+
+        It explains 95 % of the elements or more; the first that does is taken.
+        """
         for place in [*places, *search.foci_of_bowl(arrivals)]:
             local = self._model.array.local_m(place[None])[0]
             found = explain_turning_pattern(phases, local, self._limit_rad, near=True)
@@ -276,7 +292,11 @@ class PatternClassifier:
     def _searched_among(
         self, phases: PatternPhases, _: list[FloatArray], search: PatternSearch, heard: ComplexArray
     ) -> Explanation | None:
-        """Return the fit with the fewest outliers among the likeliest starts; None if none fits."""
+        """Return the fit with the fewest outliers among the likeliest starts; None if none fits.
+
+        Up to 14 starts with an axis in the array's middle, then 14 with one at the start; a fit to
+        95 % of the elements ends the search.
+        """
         best: Explanation | None = None
         for below in (False, True):
             for start in search.starts(heard, below=below)[:_MOST_FITS]:
@@ -290,7 +310,7 @@ class PatternClassifier:
     def _from_start(
         self, phases: PatternPhases, start: Start, search: PatternSearch, active: BoolArray
     ) -> Explanation | None:
-        """Fit a twin trap, focus or vortex from a start; None unless it is beyond chance."""
+        """Fit a twin trap, focus or vortex from a start; None unless chance is below 1e-4."""
         place = self._model.array.local_m(start.position_m)
         axis = place[:2] if start.below else search.middle_m
         side, limit_rad = search.side[active], self._limit_rad
@@ -303,16 +323,17 @@ class PatternClassifier:
         return None if found is None else self._proven(phases, found)
 
     def _proven(self, phases: PatternPhases, found: Explanation) -> Explanation | None:
-        """Return the simplest pattern that fits significantly better than chance; else None."""
+        """Return the simplest pattern that fits where chance would below 1e-4; else None."""
         if not self._is_usable(found):
             return None
         simplest = self._simplest(phases, found)
         return simplest if is_beyond_chance(simplest, self._step_rad) else None
 
     def _simplest(self, phases: PatternPhases, found: Explanation) -> Explanation:
-        """Return the vortex *found*, or a focus if the vortex explains no more than by chance.
+        """Return the vortex *found*, or a focus at its place if chance gives that more rarely.
 
         A vortex axis far from the array turns no phases, but can be fitted to a few outliers.
+        Patterns without a charge are returned as they are.
         """
         if not found.charge:
             return found

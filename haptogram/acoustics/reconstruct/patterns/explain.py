@@ -178,10 +178,11 @@ def _widened_pattern_fit(
     axis_m: FloatArray | None,
     side: BoolArray | None,
 ) -> FloatArray | None:
-    """Return the position fitted to the array's centre, then to more elements; None if hopeless.
+    """Return the place (3,) fitted to the array's centre, then to more; None above 1.35 rad RMS.
 
-    Of two arrays that look at each other one side comes first. Between them minima of the fit
-    alternate every half of a wavelength, so several heights are tried for both.
+    In m, by more and more elements. Of two arrays that look at each other one *side* comes first.
+    Between them minima of the fit alternate every half of a wavelength, so several heights are
+    tried for both.
     """
     if side is None or side.all():
         return _pattern_by_more_elements(phases, start_m, charge, axis_m)
@@ -198,7 +199,10 @@ def _widened_pattern_fit(
 def _pattern_by_more_elements(
     phases: PatternPhases, start_m: FloatArray, charge: int, axis_m: FloatArray | None
 ) -> FloatArray | None:
-    """Return the position fitted to more and more elements; None once a fit is hopeless."""
+    """Return the place (3,), in m, fitted to 40 central elements, then to more and more.
+
+    None once a fit is above 1.35 rad RMS.
+    """
     distance = np.linalg.norm(phases.positions_m - phases.positions_m.mean(axis=0), axis=1)
     order, count = np.argsort(distance, kind="stable"), _FIRST_COUNT
     position = start_m
@@ -215,7 +219,10 @@ def _pattern_by_more_elements(
 def _pattern_residuals(
     phases: PatternPhases, point: PatternPointFit, used: BoolArray, charge: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return each element's phase error, and the phase that the vortex adds to a focus."""
+    """Return (N,) each element's phase error, and the phase that a vortex adds to a focus, in rad.
+
+    The mean error of the elements *used* is 0.
+    """
     distance = np.linalg.norm(point.position_m - phases.positions_m, axis=1)
     added = (
         charge * pattern_azimuths(phases.positions_m, point.axis_m)
@@ -234,7 +241,7 @@ def _pattern_with_residual(point: PatternPointFit, residual: FloatArray) -> Patt
 
 
 def _twin_trap_halves(phases: PatternPhases, position_m: FloatArray) -> BoolArray:
-    """Return a mask of the elements that arrive at *position_m* half a turn off the others."""
+    """Return a mask (N,) of the elements that arrive at *position_m* half a turn off the others."""
     distance = np.linalg.norm(position_m - phases.positions_m, axis=1)
     arrival = np.exp(1j * (phases.phases_rad + phases.wavenumber * distance))
     common = np.angle((arrival**2).sum()) / 2.0
@@ -265,7 +272,10 @@ def _turned_pattern_axis(vector: FloatArray, turn_rad: float) -> FloatArray:
 
 
 def _twin_trap_separated(along: FloatArray, flipped: BoolArray) -> float:
-    """Return the share of elements on the right side of the line that best parts *flipped*."""
+    """Return the share of elements on the right side of the limit of *along* that best parts them.
+
+    The right side is one for *flipped* elements, the other for the rest.
+    """
     order = np.argsort(along)
     below = np.cumsum(flipped[order])
     count, total = np.arange(1, len(order) + 1), int(flipped.sum())

@@ -141,13 +141,16 @@ class _PatternProblem(PhaseProblem):
         )
 
     def _axis_at(self, unknown: FloatArray) -> FloatArray:
-        """Return x and y of the pattern's axis for a vector of unknowns."""
+        """Return x and y (m) of the pattern's axis for a vector of unknowns.
+
+        The axis if it is free or given; else that through the place.
+        """
         if self._free_axis:
             return unknown[3:5]
         return unknown[:2] if self._axis is None else self._axis
 
     def _speed_at(self, unknown: FloatArray) -> float:
-        """Return the relative change of the sound speed for a vector of unknowns."""
+        """Return the relative change of the sound speed for a vector of unknowns; 0 if fixed."""
         return float(unknown[-1]) if self._free_speed else 0.0
 
     def step(self, slopes: FloatArray, residual: FloatArray, damping: float) -> FloatArray:

@@ -115,7 +115,10 @@ def fit_foci(
 
 
 def _initial_foci_weights(waves: Complexes, drive: Complexes) -> Complexes:
-    """Return (F,) weights of the foci whose summed waves have nearly the phases of *drive*."""
+    """Return (F,) complex weights of foci whose summed waves have nearly the phases of *drive*.
+
+    *waves* (F, N): the wave that each focus asks of each element.
+    """
     inverse = np.linalg.pinv(waves.T, rcond=1e-9)
     phasors, level = np.exp(1j * np.angle(drive)), np.abs(drive)
     for _ in range(_PROJECTIONS):

@@ -146,7 +146,7 @@ class PatternSearch:
         return [self._cells[cell] for cell in self._leaders(np.abs(sums), count)]
 
     def _sums_around_the_middle(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return (cells, charges) sums of arrivals, for vortices on the axis of the array."""
+        """Return (cells, charges) sums of arrivals, for vortices around the array's axis."""
         powers = np.stack([heard * self._turns.conj() ** charge for charge in CHARGES], axis=1)
         return self._phasors @ powers
 
@@ -166,7 +166,7 @@ class PatternSearch:
 
     @cached_property
     def _turns_below(self) -> NDArray[np.complex64]:
-        """(M, S) e^{j theta} of the elements around an axis through each point."""
+        """Return e^{j theta} (M, S) of S elements around an axis through each of M points."""
         turns = np.empty(self._phasors.shape, dtype=np.complex64)
         for first in range(0, len(turns), _AT_A_TIME):
             part = slice(first, first + _AT_A_TIME)
@@ -174,7 +174,10 @@ class PatternSearch:
         return turns
 
     def _leaders(self, score: FloatArray, count: int = _STARTS) -> list[int]:
-        """Return the indices of the *count* best cells by score that are not beside each other."""
+        """Return the indices of up to *count* cells, best *score* first, not beside each other.
+
+        They are apart by more than a quarter of their distance from the array.
+        """
         looked_at = min(_LOOKED_AT * count // _STARTS, len(score))
         best = np.argpartition(-score, looked_at - 1)[:looked_at]
         best = best[np.argsort(-score[best])]
@@ -189,7 +192,10 @@ def array_sides_of_pattern(array: TransducerArray) -> list[BoolArray]:
 
 
 def _cells_of_bowl(model: AcousticModel) -> FloatArray:
-    """Return search points around the point that all elements face; none for a flat array."""
+    """Return search points (K, 3), in m, around the point that all elements face; none if flat.
+
+    None as well (0, 3) if all normals lie in one plane.
+    """
     positions, normals = model.array.positions_m, model.array.normals
     if np.linalg.matrix_rank(normals, tol=_LEAST_BEND) < len(_AXES):
         return np.zeros((0, 3))  # all look along one line, or lie in one plane
@@ -206,7 +212,10 @@ def _cells_of_bowl(model: AcousticModel) -> FloatArray:
 
 
 def _pattern_cells_between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolArray:
-    """Return a mask of the cells in front of the elements of the other side as well."""
+    """Return a mask (M,) of *cells* that are 10 mm in front of all elements of the other side.
+
+    They are in front of this *side* as well. All are where this is every element.
+    """
     if side.all():
         return np.ones(len(cells), dtype=np.bool_)
     normals = model.array.normals[~side]

@@ -72,7 +72,10 @@ def find_foci_pattern(
 def _next_pattern_focus(
     model: AcousticModel, rest: ComplexArray, places: FloatArray, loudest: Loudest
 ) -> FloatArray | None:
-    """Return the loudest point of the phasors *rest* away from known *places*; None if none is."""
+    """Return the loudest point (3,) of the phasors *rest* away from known *places*; else None.
+
+    In m. Away is more than 0.7 wavelengths; 24 points of *loudest* are tried, from each a climb.
+    """
     apart = _APART * model.wavelength_m
     for cell in loudest(rest, _LOOKED_AT):
         place = _climb_to_pattern_focus(model, rest, cell)
@@ -84,7 +87,7 @@ def _next_pattern_focus(
 def _climb_to_pattern_focus(
     model: AcousticModel, drive: ComplexArray, start_m: FloatArray
 ) -> FloatArray:
-    """Return the pressure maximum reached from *start_m*, by steps of decreasing size."""
+    """Return the pressure maximum (3,), in m, reached from *start_m* by ever smaller steps."""
     ways = np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
     place, step_m = start_m, _CLIMB_M
     for _ in range(3 * _CLIMBS):
@@ -102,7 +105,10 @@ def _climb_to_pattern_focus(
 def _unexplained_by_pattern(
     model: AcousticModel, phasors: ComplexArray, active: BoolArray, places: FloatArray
 ) -> ComplexArray:
-    """Return what the best sum of waves from foci at *places* leaves of the phasors."""
+    """Return (N,) what the best sum of waves from foci at *places* leaves of the phasors.
+
+    The best sum has the least squares; inactive elements get 0.
+    """
     waves = np.exp(1j * focus_phases(model, places))[:, active].T
     weights = np.linalg.lstsq(waves, phasors[active], rcond=1e-6)[0]
     rest = np.zeros_like(phasors)
@@ -117,7 +123,10 @@ def _fitted_foci_pattern(
     places: FloatArray,
     step_rad: float,
 ) -> SeveralFoci | None:
-    """Return the foci next to *places* if they explain the phases within a step; else None."""
+    """Return the foci next to *places* that explain the phases beyond chance; else None.
+
+    Their RMS residual is at most 0.36 of *step_rad* plus 0.06 rad.
+    """
     if not points_with_field(model, places).all():
         return None
     limit_rad = _ROUNDING * step_rad + _SLACK_RAD
@@ -149,7 +158,10 @@ def _foci_fit_or_none(
 def _foci_as_pattern(
     model: AcousticModel, drive: ComplexArray, places: FloatArray, fit: FociFit
 ) -> SeveralFoci | None:
-    """Return a multi-focus pattern, strongest focus first; None if the foci are not distinct."""
+    """Return a multi-focus pattern, strongest focus first; None if the foci are not distinct.
+
+    They are if 0.7 wavelengths apart, in the field, and each at least 0.2 of the strongest.
+    """
     apart = np.linalg.norm(places[:, None] - places, axis=2) + 1e3 * np.eye(len(places))
     if apart.min() < _APART * model.wavelength_m or not points_with_field(model, places).all():
         return None

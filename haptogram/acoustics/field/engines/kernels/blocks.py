@@ -53,7 +53,10 @@ def usable_points_kernel(
 
 @jit_checked
 def _in_front_kernel(point: F8, fronts: F8) -> bool:
-    """Return True if a point lies in front of any of the planes."""
+    """Return True if a point is in front of any of the planes *fronts* (K, 4).
+
+    A plane a, b, c, d has the point in front if a x + b y + c z + d is 0 or more.
+    """
     for front in fronts:
         if point[0] * front[0] + point[1] * front[1] + point[2] * front[2] + front[3] >= 0.0:
             return True
@@ -62,7 +65,11 @@ def _in_front_kernel(point: F8, fronts: F8) -> bool:
 
 @jit_checked
 def _is_clear_kernel(point: F8, positions: F8, bounds: F8, limit: float) -> bool:
-    """Return True if a point keeps the minimum distance from all elements."""
+    """Return True if the square of a point's distance from every element is at least *limit*.
+
+    True without a look at *positions* (N, 3) outside the box *bounds*: its middle, then its
+    half-lengths.
+    """
     for i in range(3):
         if abs(point[i] - bounds[i]) >= bounds[3 + i]:
             return True
@@ -71,7 +78,7 @@ def _is_clear_kernel(point: F8, positions: F8, bounds: F8, limit: float) -> bool
 
 @jit_checked
 def _nearest_square_kernel(point: F8, positions: F8) -> float:
-    """Return the square of the distance from a point to the nearest element."""
+    """Return the square of the distance from a point to the nearest of *positions* (N, 3)."""
     nearest = np.inf
     for n in range(len(positions)):
         square = 0.0
@@ -118,9 +125,10 @@ def block_kernel(
 
 @jit_inline
 def _loss_kernel(absorption: float, near: float, far: float, careful: bool, loss: F4) -> None:
-    """Fit a cubic in r to exp(-absorption r) at the Chebyshev nodes of [near, far].
+    """Set *loss* (4,): a cubic in r, lowest order first, that fits exp(-*absorption* r).
 
-    Not *careful*: the quadratic at three nodes.
+    It fits at the Chebyshev nodes of [near, far], which is widened by 1 each way. Not *careful*:
+    the quadratic at three nodes. Distances are in wavelengths.
     """
     middle, half = 0.5 * (near + far), 0.5 * (far - near) + 1.0
     top = math.exp(-absorption * middle)

@@ -25,14 +25,14 @@ _HALF, _SIXTH, _TWENTY_FOURTH = np.float32(0.5), np.float32(1.0 / 6.0), np.float
 
 @jit_inline
 def _distance_kernel(places: Any, n: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return the distance from element *n* to a point."""
+    """Return the distance, in wavelengths, from element *n* to a point; *places*: rows x, y, z."""
     dx, dy, dz = x - places[0, n], y - places[1, n], z - places[2, n]
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @jit_sums
 def _lengths_to_centre_kernel(places: F8, x: float, y: float, z: float, lengths: F4) -> None:
-    """Set the distances (N,) from the elements to the centre."""
+    """Set *lengths* (N,): distances in wavelengths from the elements to the centre of the disc."""
     for n in range(lengths.size):
         lengths[n] = _distance_kernel(places, n, x, y, z)
 
@@ -41,7 +41,7 @@ def _lengths_to_centre_kernel(places: F8, x: float, y: float, z: float, lengths:
 def _phases_at_centre_kernel(
     places: F8, x: float, y: float, z: float, lags: F4, phases: F4
 ) -> None:
-    """Set the phases (N,), in half turns, in which the waves arrive at the disc's centre."""
+    """Set *phases* (N,) of waves at the disc's centre, in half turns; *lags*: the drive's."""
     for n in range(phases.size):
         turns = _distance_kernel(places, n, x, y, z) + 0.5 * lags[n]
         phases[n] = 2.0 * (turns - np.rint(turns))
@@ -49,9 +49,10 @@ def _phases_at_centre_kernel(
 
 @jit_sums
 def _levels_kernel(elements: F4, drive: F4, z: Float, lengths: F4, loss: Float, at: F4) -> Float:
-    """Set each element's level at the disc's centre, relative to the mean distance; return that.
+    """Set *at* (2, N): magnitudes after absorption, and heights of the centre over the elements.
 
-    *at* also gets the part of its distance along its normal, which is the same all over the disc.
+    The absorption is relative to that over the mean of *lengths*, which is returned. A height is
+    the part that z has in the distance along the normal: it is the same all over the disc.
     """
     pz, nz, middle = elements[2], elements[5], lengths.mean()
     for n in range(lengths.size):
@@ -66,7 +67,12 @@ def _stress_kernel(
     x: Float, y: Float, a: Float, b: Float, elements: F4, at: F4, lengths: F4, phases: F4, gain: F4,
     absorption: Float, front: Float,
 ) -> float:  # fmt: skip
-    """Return |p|^2 - |rho c v|^2 at the offset (a, b) on a disc with the centre (x, y)."""
+    """Return |p|^2 - |rho c v|^2, in Pa^2, at the offset (a, b) on a disc with the centre (x, y).
+
+    v is the velocity along the disc. *at* (2, N): levels and heights, *lengths* and *phases* (N,)
+    of the elements for the centre; *front*: the least cosine that has sound. Lengths are in
+    wavelengths; the absorption over the mean length is left out.
+    """
     px, py, nx, ny = elements[0], elements[1], elements[3], elements[4]
     levels, rises = at[0], at[1]
     g0, g1, g2, g3, g4, g5 = gain[0], gain[1], gain[2], gain[3], gain[4], gain[5]

@@ -83,7 +83,12 @@ def _lattice_block_kernel(
     places: Any, careful: Any, gain: Any, loss: Any, gx: Any, gy: Any, nodes: Any, drive: Any,
     depth: Any, height: Any, rows: Any, a: Any, scratch: Any, t: Any, m: Any, sums: Any,
 ) -> Any:  # fmt: skip
-    """Sum the waves of a lattice at a block of points; arguments after *drive* are scratch."""
+    """Set *sums* (2, B), real and imaginary pressure of a lattice at *places* (3, B).
+
+    In wavelengths. *gain* (6,) and *loss* (4,): coefficients of directivity and absorption. *nodes*
+    (nx, ny): the element at *gx*, *gy*, -1 for none. *drive* (2, N): magnitudes, phases in half
+    turns. *depth* to *m* are scratch. *careful*: r^2 gets back what rounding took from it.
+    """
     re, im = sums[0], sums[1]
     re[:], im[:] = ZERO, ZERO
     _lattice_rows_kernel(places, gy, careful, rows, depth, height)
@@ -103,7 +108,7 @@ def _lattice_block_kernel(
 
 @jit_inline
 def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
-    """Count one more buffered wave; add the buffer to the sums when it is full (then 0)."""
+    """Count one more wave in the buffer *t*, *m*; return 0 if that was full, and was added."""
     if held + 1 < WAVES:
         return held + 1
     add_waves_kernel(t, m, re, im)
@@ -112,7 +117,7 @@ def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 
 @jit_inline
 def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
-    """Add the buffered waves to the sums."""
+    """Add the *held* waves of the buffer *t* (phases), *m* (magnitudes) to *re*, *im*; 0: none."""
     if held:
         m[held:] = ZERO
         add_waves_kernel(t, m, re, im)
@@ -122,7 +127,10 @@ def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 def _lattice_rows_kernel(
     places: F8, gy: F8, careful: bool, rows: F4, depth: F8, height: F4
 ) -> None:  # fmt: skip
-    """Set (y - gy)^2 of points for each row of the lattice, and their z^2."""
+    """Set *rows* (2, ny, B), (y - gy)^2 of points for each row; *depth* and *height* to z^2.
+
+    Where *careful*, the second part of *rows* is the rounding error of the first.
+    """
     depth[:] = 0.0
     for j in range(gy.size):
         _squares_kernel(places[1], gy[j], depth, careful, rows[0, j], rows[1, j])
@@ -133,7 +141,7 @@ def _lattice_rows_kernel(
 
 @jit_inline
 def _squares_kernel(x: Any, s: Any, rest: Any, careful: Any, high: Any, low: Any) -> Any:
-    """Compute (x - s)^2 + *rest*; if *careful*, also its rounding error."""
+    """Set *high* to (x - s)^2 + *rest*; if *careful*, set *low* to what its rounding took."""
     for p in range(x.size):
         high[p] = (x[p] - s) * (x[p] - s) + rest[p]
     if careful:
@@ -214,7 +222,13 @@ def _free_block_kernel(
     places: Any, pairs: Any, careful: Any, flat: Any, constants: Any, gain: Any, loss: Any,
     elements: Any, drive: Any, offset: Any, scratch: Any, t: Any, m: Any, sums: Any,
 ) -> Any:  # fmt: skip
-    """Sum the waves of free elements at a block of points; last arguments are scratch."""
+    """Set *sums* (2, B): real and imaginary pressure of elements anywhere at *places* (3, B).
+
+    In wavelengths. *pairs*: *places* split (6, B). *constants*: aperture radius, absorption, least
+    cosine that has sound; *gain* (6,) and *loss* (4,): coefficients of directivity and absorption.
+    *elements* (N, 6): position, normal. *drive* (2, N): magnitudes, phases in half turns. *offset*
+    to *m* are scratch. *careful*: double precision; *flat*: all elements lie in one plane.
+    """
     re, im = sums[0], sums[1]
     re[:], im[:] = ZERO, ZERO
     held = 0
@@ -230,7 +244,7 @@ def _free_block_kernel(
 
 @jit_inline
 def _split_kernel(places: F8, pairs: F4) -> None:
-    """Split *places* into (6, B) float32 pairs: high parts, then low parts."""
+    """Split *places* (3, B) into float32 *pairs* (6, B): three high parts, then three low parts."""
     for i in range(3):
         for p in range(places.shape[1]):
             pairs[i, p] = places[i, p]
@@ -242,10 +256,10 @@ def _free_wave_kernel(
     places: Any, pairs: Any, s: Any, amplitude: Any, phase: Any, careful: Any, flat: Any,
     constants: Any, gain: Any, loss: Any, offset: Any, scratch: Any, t: Any, m: Any,
 ) -> Any:  # fmt: skip
-    """Set phase *t* and magnitude *m*, at each point, of the wave of an element at *s*.
+    """Set phase *t* (half turns) and magnitude *m*, (B,) each, of the wave of an element at *s*.
 
-    *s* is position and normal. *careful* and *flat* are constants where it is inlined; *flat* finds
-    the heights in *offset*.
+    *s* (6,): position and normal. *careful* (double precision) and *flat* (one plane for all
+    elements) are constants where it is inlined; where *flat*, z^2 of the points is in *offset*.
     """
     square, low, height, ahead, none = offset[0], offset[1], offset[2], offset[3], offset[4]
     if flat:
@@ -266,7 +280,7 @@ def _free_wave_kernel(
 
 @jit_inline
 def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) -> Any:
-    """Set distances r and 1/r of points from an element of a flat array; *height* is z^2."""
+    """Set distances *r* and 1/r of points from an element *s* of a flat array; *height* is z^2."""
     x, y, x_low, y_low = pairs[0], pairs[1], pairs[3], pairs[4]
     sx, sy = np.float32(s[0]), np.float32(s[1])
     for p in range(r.size):
@@ -278,7 +292,10 @@ def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) 
 
 @jit_inline
 def _offsets_kernel(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) -> Any:
-    """Set r^2 of points from an element, their offset along its normal and its square."""
+    """Set *square* (r^2), *ahead* (along the normal) and *height* (its square) of points.
+
+    *pairs* (6, B): the points; *s* (6,): position and normal of the element.
+    """
     x, y, z, x_low, y_low, z_low = pairs[0], pairs[1], pairs[2], pairs[3], pairs[4], pairs[5]
     sx, sy, sz = np.float32(s[0]), np.float32(s[1]), np.float32(s[2])
     nx, ny, nz = np.float32(s[3]), np.float32(s[4]), np.float32(s[5])
@@ -293,7 +310,11 @@ def _offsets_kernel(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) ->
 def _exact_offsets_kernel(
     places: Any, s: Any, square: Any, low: Any, height: Any, ahead: Any
 ) -> Any:  # fmt: skip
-    """Compute the offsets in double precision, and the rounding error of r^2."""
+    """Set *square* (r^2), *ahead* (along the normal) and *height*, its square, in double precision.
+
+    *places* (3, B): the points; *s* (6,): position and normal of the element. *low* gets what
+    rounding to single precision takes from r^2.
+    """
     x, y, z = places[0], places[1], places[2]
     for p in range(x.size):
         dx, dy, dz = x[p] - s[0], y[p] - s[1], z[p] - s[2]

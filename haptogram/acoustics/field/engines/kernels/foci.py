@@ -24,7 +24,7 @@ Fitted: TypeAlias = tuple[tuple[float, float, float], float, float, int, bool, f
 
 @jit_inline
 def _place_kernel(target: Any, frame: Any) -> Any:
-    """Return *target* in the coordinates of *frame*, whose axes are in wavelengths."""
+    """Return x, y, z of *target* (m) in wavelengths; *frame* (4, 3): axes, then origin (m)."""
     u, v, w = target[0] - frame[3, 0], target[1] - frame[3, 1], target[2] - frame[3, 2]
     return (
         np.float32(frame[0, 0] * u + frame[0, 1] * v + frame[0, 2] * w),
@@ -84,7 +84,7 @@ def fit_phases_kernel(
 
 @jit_sums
 def _coherent_phase_kernel(phases: Any, places: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return the phase, in turns, of the sum of all arrivals, magnitudes aside."""
+    """Return the phase, in turns, of the sum of all arrivals at a point, each of magnitude 1."""
     re, im = ZERO, ZERO
     px, py, pz = places[0], places[1], places[2]
     for n in range(phases.size):
@@ -103,7 +103,11 @@ def _coherent_phase_kernel(phases: Any, places: Any, x: Any, y: Any, z: Any) -> 
 def _normal_equations_kernel(
     phases: Any, places: Any, x: Any, y: Any, z: Any, common: Any, sums: Any
 ) -> Any:
-    """Set the sums of the fit: products of slopes (relative to the origin) and phase errors."""
+    """Set *sums* (14,) over the elements, from which a step of the fit at x, y, z follows.
+
+    Slopes are less that at the origin, errors in turns: six products of slopes, three slopes, the
+    error, three products of slope and error, the squared error. *common*: the phase they have all.
+    """
     r0 = np.sqrt(x * x + y * y + z * z)
     cx, cy, cz = x / r0, y / r0, z / r0
     xx, xy, xz, yy, yz, zz = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
@@ -137,7 +141,7 @@ def _normal_equations_kernel(
 
 @jit_inline
 def _gauss_newton_kernel(sums: F8, count: int, step: F8) -> None:
-    """Solve the normal equations, the common phase eliminated, for the step in wavelengths.
+    """Set *step* (3,), in wavelengths, that solves the normal equations *sums* of *count* elements.
 
     A direction that the phases do not show has no slope: the small damping leaves it where it is.
     """
@@ -158,7 +162,7 @@ def _gauss_newton_kernel(sums: F8, count: int, step: F8) -> None:
 
 @jit_sums
 def _least_square_kernel(places: Any, x: Any, y: Any, z: Any, count: Any) -> Any:
-    """Return the square of the distance from a point to the nearest element."""
+    """Return the square of the distance from a point to the nearest of *count* elements."""
     least = np.float32(1e30)
     px, py, pz = places[0], places[1], places[2]
     for n in range(count):

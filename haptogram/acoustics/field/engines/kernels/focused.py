@@ -45,9 +45,10 @@ _disc_stress_kernel = inlined(disc_stress_kernel)
 def _residuals_kernel(
     places: F8, point: F8, per_wavelength: float, common: float, mean: F8, products: F8
 ) -> None:
-    """Set *products*, the sums over elements of phase errors (in turns) that a fit's step needs.
+    """Set *products* (5,): sums of phase errors at *point*, in turns, that a step of a fit needs.
 
-    Errors times unit vectors less their *mean*, errors, and squared errors.
+    Errors times x, y, z of unit vectors less their *mean*, errors, squared errors. *common*: the
+    phase, in turns, that is taken off them all.
     """
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     x, y, z, total, square = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -69,10 +70,10 @@ def _residuals_kernel(
 def _fit_kernel(
     places: F8, point: F8, medium: F8, common: float, matrix: F8, inverse: F8, least: float
 ) -> float:
-    """Move *point* to the best fit; return its RMS residual in turns, -1 if it diverged.
+    """Move *point* (m) to the best fit; return its RMS residual in turns, -1 if it diverged.
 
-    *common*: the phase of the arrivals there, in turns. Afterwards *matrix* and *inverse* are those
-    of the slopes.
+    That is: no end after 8 steps, or a matrix whose share is not above *least*. *common*: the phase
+    of the arrivals there, in turns. Afterwards *matrix* and *inverse* are those of the slopes.
     """
     count, products = places.shape[1], np.empty(5)
     for _ in range(_FIT_STEPS):

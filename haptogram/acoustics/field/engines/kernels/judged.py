@@ -34,9 +34,10 @@ HOLD, UNOBSERVED, PEAKLESS, FAILED = 0, 1, 2, 3
 def _turns_to_target_kernel(
     places: F8, target: F8, per_wavelength: float, common: float, turns: F8
 ) -> float:
-    """Set ideal phases, in *turns*; return half the peak-to-peak error of those in *places*.
+    """Set ideal *turns* (N,) at *target*; return half the peak-to-peak error, in rad, of *places*.
 
-    *common*: the phase, in turns, in which the waves of *places* arrive.
+    The fourth row of *places* has the phases, in turns; *common* is that in which their waves
+    arrive.
     """
     px, py, pz, codes = places[0], places[1], places[2], places[3]
     for n in range(px.size):
@@ -52,7 +53,10 @@ def _turns_to_target_kernel(
 
 @jit_checked
 def _metric_kernel(covariance: F8, wavenumber: float, first: F8, second: F8, metric: F8) -> None:
-    """Set k^2 A C A^T (00, 01, 11), C the covariance, A the rows *first* and *second*."""
+    """Set *metric* (00, 01, 11): k^2 A C A^T, C the covariance, A the rows *first* and *second*.
+
+    *covariance* (6,): xx, xy, xz, yy, yz, zz.
+    """
     a, b, c = covariance[0], covariance[1], covariance[2]
     d, e, f = covariance[3], covariance[4], covariance[5]
     for i in range(3):
@@ -70,8 +74,9 @@ def _bound_kernel(
 ) -> bool:  # fmt: skip
     """Set the uncertainty of the focus; return False if a coordinate cannot be observed.
 
-    *observed*: the least share of the eigenvalues, the share of the distance from which on the
-    second order counts, how much that is, and the share at which a focus is lost.
+    *found* gets bounds (m) for phase errors up to *limit* (rad), scatter and drift. *observed*: the
+    least share of the eigenvalues, the share of the distance from which on the second order counts,
+    how much that is, and the share at which a focus is lost.
     """
     inverse, sums = np.empty(6), np.empty(7)
     if not inverse_symmetric_kernel(matrix, inverse) > observed[0]:
@@ -91,7 +96,10 @@ def _bound_kernel(
 
 @jit_checked
 def _is_in_place_kernel(offset: F8, axis: F8, found: F8) -> bool:
-    """Compute the miss across and along the beam; return whether rounding explains it."""
+    """Set the miss (m) across and along *axis*, the beam; return True if within its bounds.
+
+    *found* (m) holds the bounds, and gets the miss; *offset* (3,) is x, y, z of it.
+    """
     along = offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2]
     square, inside = 0.0, True
     for i in range(3):

@@ -62,7 +62,7 @@ def foci_waves_kernel(
 
 @jit_sums
 def _arrivals_kernel(places: F8, x: float, y: float, z: float, medium: F8, waves: F8) -> None:
-    """Set real and imaginary part and magnitude of the *waves* (3, N) at a point."""
+    """Set *waves* (3, N), those of each element at a point: real and imaginary part, magnitude."""
     for n in range(waves.shape[1]):
         dx, dy, dz = x - places[0, n], y - places[1, n], z - places[2, n]
         distance, _, size = wave_kernel(dx, dy, dz, medium)
@@ -107,7 +107,7 @@ def gerchberg_saxton_kernel(
 
 @jit_sums
 def _received_kernel(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
-    """Return real and imaginary pressure at one focus."""
+    """Return real and imaginary pressure at a focus: its propagators *re*, *im* times the drive."""
     p, q = ZERO, ZERO
     for n in range(re.size):
         p += re[n] * drive_re[n] - im[n] * drive_im[n]
@@ -117,7 +117,7 @@ def _received_kernel(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
 
 @jit_inline
 def _send_back_kernel(re: Any, im: Any, p: Any, q: Any, drive_re: Any, drive_im: Any) -> Any:
-    """Add the drive that a focus's pressure p + j q sends back to each element."""
+    """Add the drive that a focus's pressure p + j q sends back by its propagators *re*, *im*."""
     for n in range(re.size):
         drive_re[n] = drive_re[n] + re[n] * p + im[n] * q
         drive_im[n] = drive_im[n] + re[n] * q - im[n] * p
@@ -125,7 +125,7 @@ def _send_back_kernel(re: Any, im: Any, p: Any, q: Any, drive_re: Any, drive_im:
 
 @jit_inline
 def _normalise_kernel(drive_re: Any, drive_im: Any) -> Any:
-    """Scale all drives to magnitude 1."""
+    """Scale all drives to magnitude 1; those of 0 stay 0."""
     for n in range(drive_re.size):
         square = drive_re[n] * drive_re[n] + drive_im[n] * drive_im[n] + np.float32(1e-30)
         scale = ONE / np.sqrt(square)

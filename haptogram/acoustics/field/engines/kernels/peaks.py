@@ -69,7 +69,10 @@ def _with_heights_kernel(axes: Any, medium: Any) -> Any:
 def _peak_sums_kernel(
     places: F8, x: float, y: float, z: float, axes: F8, medium: F8, sums: F8
 ) -> None:
-    """Set *sums* (SUMS,): pressure at a place, its first and second derivatives on two axes."""
+    """Set *sums* (12,): pressure at a place, its first and second derivatives on two axes.
+
+    Real and imaginary part of each: p, then 0, 1, then 00, 01, 11.
+    """
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     both, k = _with_heights_kernel(axes, medium), 2.0 * math.pi * medium[0]
     s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -101,9 +104,9 @@ def _peak_sums_kernel(
 
 @jit_checked
 def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, float, float, bool]:
-    """Return gradient and Hessian (00, 01, 11) of ln |p|^2, and True if it is at a peak.
+    """Return gradient and Hessian (00, 01, 11) of ln |p|^2, and True if that curves down all ways.
 
-    Without *both* those of the first axis alone.
+    Without *both* those of the first axis alone, and 0 for the second.
     """
     p = complex(sums[0], sums[1])
     first, second = complex(sums[2], sums[3]) / p, complex(sums[4], sums[5]) / p
@@ -121,7 +124,10 @@ def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, floa
 def _level_kernel(
     places: F8, start: F8, axes: F8, a: float, b: float, medium: F8, sums: F8
 ) -> bool:
-    """Set *sums* at an offset (a, b) along *axes* from *start*; return False if silent there."""
+    """Set *sums* at an offset (a, b), in m, on *axes* from *start*; return False if silent there.
+
+    That is where |p| is 0, or less than 2 mm above an element's face: *sums* may be unset.
+    """
     x = start[0] + a * axes[0, 0] + b * axes[1, 0]
     y = start[1] + a * axes[0, 1] + b * axes[1, 1]
     z = start[2] + a * axes[0, 2] + b * axes[1, 2]
@@ -189,7 +195,10 @@ def climb_kernel(
 def _response_kernel(
     places: F8, place: F8, axes: F8, medium: F8, sums: F8, h00: float, h01: float, h11: float
 ) -> tuple[float, float]:
-    """Return how far phase errors of one radian can move the peak along two axes, at most."""
+    """Return how far, in m, phase errors of one radian can move the peak along two axes, at most.
+
+    Errors of every element, with the worst signs. *sums* and the Hessian are those at *place*.
+    """
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     x, y, z = place[0], place[1], place[2]
     both, k = _with_heights_kernel(axes, medium), 2.0 * math.pi * medium[0]

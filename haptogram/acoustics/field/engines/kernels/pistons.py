@@ -26,7 +26,7 @@ MOST_LOSS: Final = 0.25  # nepers
 
 
 def _power_series(terms: list[float], degree: int, high: float) -> tuple[float, ...]:
-    """Return the coefficients of the economised power series on [0, high]."""
+    """Return the *degree* + 1 coefficients, rising, that fit a power series on [0, *high*]."""
     angles = math.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)
     nodes = (1.0 - np.cos(angles)) * high / 2.0
     fit = Chebyshev.fit(nodes, Polynomial(terms)(nodes), degree, domain=[0.0, high])
@@ -34,7 +34,7 @@ def _power_series(terms: list[float], degree: int, high: float) -> tuple[float, 
 
 
 def _terms(count: int, base: float, first: int, step: int) -> list[float]:
-    """Return base^n / n! with alternating signs, n = first, first + step, ..."""
+    """Return *count* terms base^n / n! with alternating signs, n = first, first + step, ..."""
     powers = range(first, first + step * count, step)
     return [(-1) ** k * base**n / math.factorial(n) for k, n in enumerate(powers)]
 
