@@ -72,7 +72,7 @@ def read_board_url(url: str, default: BoardConfig | None = None) -> PortConfig:
 
 
 def _port_config_of_url(url: str, default: BoardConfig | None) -> PortConfig:
-    """Return port and board of a haptogram:// URL; what it leaves out is as in *default*."""
+    """Return port and board of a haptogram:// URL; the rest is as in *default*, if given."""
     try:
         parts = urlsplit(url)
     except ValueError as error:  # a bracket that opens no IPv6 address
