@@ -151,7 +151,7 @@ class SceneInputs:
         }
 
     def _steps_of_playbacks(self) -> _Makers:
-        """Return the actions that start a playback, by name; none if the board has no playback."""
+        """Return the makers of actions that start a playback, by name; {} without playback."""
         makers = self.makers
         if not makers.plays:
             return {}
@@ -187,7 +187,7 @@ class SceneInputs:
         }
 
     def _configured(self, config: m.Config) -> list[DialogueAction]:
-        """Return DISARM, SET_CONFIG and ARM as actions."""
+        """Return DISARM, SET_CONFIG with *config* and ARM as actions."""
         return [
             self.makers.frame(message) for message in (m.Disarm(), m.SetConfig(config), m.Arm())
         ]
@@ -216,7 +216,7 @@ class SceneInputs:
         return {name: partial(self._plain, make) for name, make in messages}
 
     def _playbacks(self) -> _Makers:
-        """Return the builders of playback requests, by name."""
+        """Return the builders of playback requests, by name; {} without playback."""
         makers = self.makers
         found: _Makers = {
             "PLAY": makers.any_play,
@@ -226,7 +226,7 @@ class SceneInputs:
         return found if makers.plays else {}
 
     def _plain(self, make: Callable[[], m.Message]) -> DialogueAction:
-        """Return the action that sends a request."""
+        """Return the action that sends the request from *make*."""
         return self.makers.frame(make())
 
     def _configs(self) -> _Makers:
@@ -240,7 +240,7 @@ class SceneInputs:
         return {name: partial(self._config, make) for name, make in changes.items()}
 
     def _config(self, make: Callable[[], m.Config]) -> DialogueAction:
-        """Return a SET_CONFIG as an action."""
+        """Return a SET_CONFIG with the configuration from *make* as an action."""
         return self.makers.frame(m.SetConfig(make()))
 
     # --- what is odd about a request -------------------------------------------------------------
@@ -287,7 +287,7 @@ class SceneInputs:
         )
 
     def _damaged(self, damage: int) -> DialogueAction:
-        """Return a stream frame or a PING with the given kind of damage."""
+        """Return a stream frame or a PING whose bytes are damaged; *damage* numbers the kind."""
         action = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
         return action._replace(name=f"damage {damage}", damage=damage)
 
