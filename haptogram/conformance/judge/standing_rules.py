@@ -134,7 +134,7 @@ class StandingRules:
                 self._note_all(rule(piece, piece.message), piece)
 
     def _is_repeated(self, piece: ReceivedByClient) -> bool:
-        """Return True for a cached reply, which carries an earlier time (HG-4.11/6)."""
+        """Return True for a cached reply: of an earlier time, or known from this (HG-4.11/6)."""
         assert piece.header is not None  # take
         if not piece.is_response:
             return False
@@ -285,7 +285,10 @@ class StandingRules:
             since.ended = None  # what comes next is of another request
 
     def _judge_times(self, piece: ReceivedByClient, _: m.Message) -> Broken:
-        """Yield HG-3.1/1, broken if an event's time does not fit the newest response's."""
+        """Yield HG-3.1/1, broken if an event is over 5 s older than the newest response.
+
+        It is broken, too, by an event over 5 s ahead of the present.
+        """
         header, newest = piece.header, self._since.response
         assert header is not None  # take
         if newest is None or piece.t_us - newest[1] > _LONG_US:
@@ -297,7 +300,10 @@ class StandingRules:
             yield "HG-3.1/1", text if not -_SPARE_US <= off_us <= most_us else ""
 
     def _judge_traces(self, piece: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge record numbers of the ring, and the carrier periods between traced latches."""
+        """Judge record numbers of the trace ring, and the times between traced latches.
+
+        Two latches must be half a carrier period apart at least.
+        """
         header, since = piece.header, self._since
         assert header is not None  # take
         if isinstance(message, m.TraceReply):
@@ -342,7 +348,7 @@ class StandingRules:
                 yield "HG-8.6/3", ""
 
     def _judge_room(self, piece: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge that the free memory for uploads does not shrink."""
+        """Judge that the free memory for uploads does not shrink while the same is stored."""
         identity = self._since.identity
         if identity is None or piece.header is None or not piece.is_response:
             return
@@ -351,7 +357,7 @@ class StandingRules:
             yield "HG-7.2/7", text
 
     def _wrong_steps(self, times: Iterable[int]) -> str:
-        """Return a text on two latches within one carrier period, or ""."""
+        """Return a text on two latches less than half a carrier period apart, or ""."""
         identity = self._since.identity
         if identity is None or not identity.carrier_hz:
             return ""
@@ -364,7 +370,7 @@ class StandingRules:
 
 
 def _crcs_of_latches(message: m.Message, transducers: int) -> Iterator[tuple[m.LatchKey, int]]:
-    """Yield latch key and CRC-32 of each drive in a message."""
+    """Yield latch key and CRC-32 of each drive in a message; nothing if it has no drive."""
     if isinstance(message, m.Trace):
         yield m.LatchKey(0, 0, message.index), message.crc
     elif isinstance(message, m.TracePlayback):
@@ -384,7 +390,7 @@ def _lacking_parts(counters: m.Counters) -> int:
 
 
 def _contradictions(status: m.Status | m.StatusReply) -> Iterator[str]:
-    """Yield contradictions within a status."""
+    """Yield a text on each contradiction of state, queue, margins and counters in a status."""
     if status.state is not OutputState.ARMED and status.queued:
         yield f"{status.queued} frames are queued while {status.state.name}"
     if not status.margins and (status.margin_min_us or status.margin_mean_us):

@@ -164,7 +164,7 @@ def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> 
 
 
 def _due_time(dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame) -> float | None:
-    """Return the capture time at which a latch is due; None: at once, late or unknown."""
+    """Return when a latch is due, in carrier periods; None: at once, late or unknown."""
     is_late = frame.header.flags & m.Flag.LATE or isinstance(frame.message, m.DriveReply)
     if found.due_us is None or is_late:
         return None  # a read-back does not say whether the latch was late
@@ -200,7 +200,7 @@ def _shown_drive(
 
 
 def _lost_event_times(dialogue: PinDialogue) -> list[float]:
-    """Return the capture times before which an event frame is missing or damaged."""
+    """Return the times, in carrier periods, before which an event is missing or damaged."""
     events = [frame for frame in dialogue.to_host if frame.header.type in m.EVENT_RANGE]
     missing = [
         after.begin
@@ -212,7 +212,10 @@ def _lost_event_times(dialogue: PinDialogue) -> list[float]:
 
 
 def _unlatched_change_intervals(dialogue: PinDialogue) -> list[tuple[float, float]]:
-    """Return when the output may change without a latch: requests, faults, resets, lost bytes."""
+    """Return (begin, end) in which the output may change without a latch, in carrier periods.
+
+    By requests, faults, resets and unreadable bytes; the last one is (inf, inf).
+    """
     found = [frame.arrival for frame in dialogue.requests(*_OF_OUTPUT)]
     found += dialogue.unread_to_board  # it may have been one of them
     asked: list[tuple[float, float]] = []
