@@ -164,7 +164,7 @@ class FrameDecoder:
 
 
 def _oversized_frame() -> RemoteProtocolError:
-    """Return the error for a run without a delimiter that is too long."""
+    """Return the error for a run of more than 4096 bytes without a delimiter."""
     return RemoteProtocolError(
         f"more than {MAX_ENCODED_BYTES} bytes without a delimiter", reason="oversize"
     )

@@ -66,14 +66,14 @@ def run_reconstruction_worker() -> None:
 
 
 def _is_board_alive() -> bool:
-    """Wait a few ms for the end of the pipe from the board; return False if it has ended."""
+    """Wait up to 20 ms for the end of the pipe from the board; return False if it has ended."""
     input_end = select.poll()
     input_end.register(0, 0)
     return not input_end.poll(_LOOK_MS)
 
 
 def _send_to_board(to: int, text: bytes) -> None:
-    """Send *text* to the board; ignore a closed pipe."""
+    """Send *text* to the board through the file descriptor *to*; ignore a closed pipe."""
     with contextlib.suppress(BrokenPipeError):
         os.write(to, text)
 
@@ -98,7 +98,7 @@ def _record_batches(
 
 
 def _drain_sink(sink: FileSink | SocketSink) -> None:
-    """Serve slow readers until their records are sent or a deadline passes."""
+    """Serve slow readers until their records are sent, or 5 s have passed."""
     deadline_s = time.monotonic() + LINGER_S
     while sink.pending and time.monotonic() < deadline_s:
         time.sleep(_IDLE_S)
@@ -106,7 +106,10 @@ def _drain_sink(sink: FileSink | SocketSink) -> None:
 
 
 def _received_batches(chunk: int) -> Iterator[list[Any]]:
-    """Yield batches from the board, empty ones while idle; end when the board ends."""
+    """Yield batches from the board, read in parts of *chunk* bytes; end when the board ends.
+
+    An empty one is yielded after every 50 ms without bytes.
+    """
     buffer = bytearray()
     with selectors.DefaultSelector() as selector:
         selector.register(0, selectors.EVENT_READ)

@@ -109,7 +109,7 @@ class BoardTimers:
         return None if self.ramp is None else self.ramp.fade(t_us)
 
     def _end_ramp_if_renewed(self, now_us: int) -> None:
-        """End the ramp if renewed timers all expire later than now."""
+        """End the ramp if all timers, renewed, expire later than *now_us*."""
         if self.ramp is not None and now_us < self.first().deadline_us:
             self.ramp = None
 

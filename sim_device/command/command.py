@@ -75,13 +75,16 @@ def _start_board_log(options: argparse.Namespace) -> None:
 
 
 def _log_start_step(options: argparse.Namespace, step: str) -> None:
-    """Log a start-up step for the program that started this one and waits (--until-eof)."""
+    """Log a start-up step if --until-eof says that the program that started this one waits."""
     if options.until_eof:
         _LOG.info("starting: %s", step)
 
 
 def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
-    """Build the board, its port and outputs, and run it until it ends."""
+    """Build the board, its port and outputs, and run it until it ends.
+
+    *open_recording* opens the file of --record; None: it cannot be recorded.
+    """
     _log_start_step(options, "importing numpy, scipy and the board")
     # Here, and not above: --help and a refusal need no numpy.
     from haptogram.machine.view_process import ViewProcess

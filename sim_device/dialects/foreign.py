@@ -155,7 +155,7 @@ class VirtualForeignDialect(VirtualDialect):
     # --- what happened -------------------------------------------------------------------------
 
     def _reply(self, replies: Sequence[Reply | bytes]) -> None:
-        """Queue replies for the host; count bytes beyond the output limit as dropped."""
+        """Queue replies for the host; drop and count bytes if over 16 384 would wait."""
         for reply in replies:
             data = reply if isinstance(reply, bytes) else self._end.send(reply)
             room = OUTPUT_LIMIT - len(self._output)

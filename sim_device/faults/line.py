@@ -156,7 +156,10 @@ def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> 
 
 
 def _grid_fault(name: str, unit_ns: int) -> LineFault:
-    """Return a fault that holds chunks until the next multiple of its parameter *name*."""
+    """Return a fault that holds chunks until the next multiple of its parameter *name*.
+
+    *unit_ns* is the unit of that parameter.
+    """
 
     def act(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
         grid_ns = round(values[name] * unit_ns) or 1

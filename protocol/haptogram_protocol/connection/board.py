@@ -123,7 +123,10 @@ class BoardConnection(ConnectionInbox):
         self._start_sequences(0)
 
     def _start_sequences(self, control_seq: int) -> None:
-        """Reset the sequence numbers of stream, requests and events for a new session."""
+        """Reset sequence numbers for a new session; requests count on from *control_seq*.
+
+        Stream frames begin at FIRST_STREAM_SEQ, events at 0; the remembered reply is forgotten.
+        """
         self._stream_expected = m.FIRST_STREAM_SEQ  # unwrapped
         self._control_newest = control_seq
         self._event_seq = 0
@@ -170,7 +173,7 @@ class BoardConnection(ConnectionInbox):
         return self._drop(frame, "unknown_type")
 
     def _drop(self, frame: ReceivedFrame, reason: str) -> FrameDropped:
-        """Count a dropped frame and return its event."""
+        """Count a dropped frame in the counter *reason* and return its event."""
         self.count(reason)
         return FrameDropped(reason, frame.t_rx_us, frame.in_session)
 
@@ -274,7 +277,10 @@ class BoardConnection(ConnectionInbox):
         return self._request(frame, hello, new_session=True)
 
     def _judge_control_seq(self, frame: ReceivedFrame) -> FrameDropped | None:
-        """Answer a repetition from memory, refuse a used number; return None for a new request."""
+        """Answer a repetition from memory, refuse a used number; return the drop in both cases.
+
+        None for a new request.
+        """
         seq = frame.header.seq
         if frame.header.type in _IDEMPOTENT:
             return None
@@ -318,7 +324,10 @@ class BoardConnection(ConnectionInbox):
         *,
         is_remembered: bool = False,
     ) -> FrameDropped:
-        """Send ERROR for a request; the board never sees it."""
+        """Send ERROR with *code* and detail *number* for a request; the board never sees it.
+
+        *is_remembered*: a repetition of the request gets the same ERROR.
+        """
         error = m.Error(request=frame.header.type, code=code, detail=number)
         session = 0 if code is m.ErrorCode.STALE_SESSION else self.session
         wire = self._response(error, frame.header.seq, self.departure_us(frame.t_rx_us), session)
@@ -423,7 +432,7 @@ class BoardConnection(ConnectionInbox):
             yield self._frames.popleft()
 
     def _answer(self, request: RequestReceived, message: m.Message, now_us: int) -> None:
-        """Queue the response to a request; remember it for repetitions."""
+        """Queue the response to a request; remember it for repetitions unless it is idempotent."""
         wire = self._response(message, request.seq, now_us)
         if request.message.TYPE not in _IDEMPOTENT:
             self._answered = _Answered(request.seq, request.crc, wire)
@@ -432,13 +441,13 @@ class BoardConnection(ConnectionInbox):
     def _response(
         self, message: m.Message, seq: int, now_us: int, session: int | None = None
     ) -> bytes:
-        """Return the frame of a response or event."""
+        """Return the frame of a response or event; its session is the open one if None is given."""
         session = self.session if session is None else session
         body = m.build_body(message, flags=0, seq=seq, time_us=now_us, session=session)
         return encode_frame(body, self._stuff)
 
     def _queue(self, wire: bytes, limit: int) -> bool:
-        """Queue a whole frame; return False without room for it (HG-9.6)."""
+        """Queue a whole frame; return False if more than *limit* bytes would wait (HG-9.6)."""
         has_room = self.output_bytes + len(wire) <= limit
         if has_room:
             self._frames.append(wire)

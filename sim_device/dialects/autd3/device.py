@@ -135,7 +135,7 @@ class Autd3Device:
         return min((time for time in times if time is not None), default=None)
 
     def _do(self, operation: Operation, now_ns: int) -> operations.ErrorCode:
-        """Execute an operation; return its error code."""
+        """Execute an operation; return its error code, NONE if it was accepted."""
         if error := operations.autd3_refusal(operation):
             return error
         doers: dict[type, Callable[[Any, int], operations.ErrorCode]] = {
@@ -158,7 +158,7 @@ class Autd3Device:
         return operations.ErrorCode.NONE
 
     def _silence(self, operation: operations.Silencer, _: int) -> operations.ErrorCode:
-        """Set the silencer's limits; return an error if the sampling is too fast for them."""
+        """Set the silencer's limits; return an error if segments are sampled too fast for them."""
         limits = Autd3Limits.of(operation, self._limits)
         error = autd3_silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
         if not error:

@@ -148,7 +148,10 @@ class Autd3Unit(LatchingUnit):
         )
 
     def _latch_if_changed(self, period: int, cause: str | None = None) -> None:
-        """Latch the outputs of the devices in *period*, if they have changed."""
+        """Latch the outputs of the devices in carrier period *period*, if they have changed.
+
+        They count as changed if *cause* is given; None: it is found out.
+        """
         was_due = self._changes is not None and self._changes <= period
         if self._asked is not None and self._asked <= period:
             self._asked = None
