@@ -72,7 +72,7 @@ def decode_frame(encoded: bytes, unstuff: Stuffing = cobs_decode) -> bytes:
 
 
 def _framing_damage(decoded: bytes) -> RemoteProtocolError:
-    """Return the error for a decoded frame that is too short or has a wrong CRC."""
+    """Return the error for a decoded frame of less than 14 bytes, or with a wrong CRC."""
     if len(decoded) < _SHORTEST:
         return RemoteProtocolError(
             f"frame of {len(decoded)} bytes; header and CRC-32 need {_SHORTEST}",

@@ -142,7 +142,7 @@ class SocketSink:
 
 
 def _send_backdoor_records(client: int, unsent: bytearray) -> bool:
-    """Send what a client takes without waiting; return False if it has disconnected."""
+    """Send what *client* takes of *unsent* now, and delete it; return False if it is gone."""
     try:
         while unsent:
             del unsent[: os.write(client, unsent)]

@@ -114,5 +114,5 @@ class BoardTimers:
             self.ramp = None
 
     def _ramp_us(self, config: Config) -> int:
-        """Return the length of the ramp; 0 on a board without amplitudes."""
+        """Return the length of the ramp in µs; 0 on a board without amplitudes."""
         return config.ramp_ms * 1000 if self._graded else 0

@@ -180,7 +180,7 @@ class VirtualForeignDialect(VirtualDialect):
         }
 
     def _collect(self) -> None:
-        """Collect new latches of the unit, with their counters."""
+        """Collect new latches of the unit, each with what was counted since the one before."""
         for latch in self._unit.take_latches():
             counted = self._counted_since_latch()
             self._counted = self._end.counters + self._unit.counters

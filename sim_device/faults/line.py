@@ -111,7 +111,7 @@ def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _baud_fault(data: bytearray, values: Values, _: random.Random) -> int:
-    """Sample the bytes at a wrong bit rate; return 1 if any changed."""
+    """Sample the bytes at a bit rate that is wrong by "ppm"; return 1 if any changed, else 0."""
     received, __ = sample_uart_characters(bytes(data), 1 + values["ppm"] / 1e6)
     is_changed = received != data
     data[:] = received

@@ -178,7 +178,7 @@ class RequestClient:
         self.send(self.stream_wire(message, at_us, **header))
 
     def _put(self, wires: Sequence[bytes]) -> None:
-        """Send *wires* and count them as unanswered; paced if longer than the receive window."""
+        """Send encoded frames and count them as unanswered; paced if above the receive window."""
         mark, data = self.mark(), b"".join(wires)
         self._unanswered_bytes += len(data)
         self.wire.send(data, paced=len(data) > self.rx_window)

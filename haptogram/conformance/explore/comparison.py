@@ -337,7 +337,7 @@ def _message_key(message: m.Message) -> m.LatchKey | None:
 
 
 def _frame_kind(frame: FrameInDialogue) -> tuple[type[m.Message], m.LatchKey | None]:
-    """Return the type of a frame's message, and the key of its latch (None: of none)."""
+    """Return the type of a frame's message, and the latch that it is about (None: about none)."""
     return type(frame.message), _message_key(frame.message)
 
 

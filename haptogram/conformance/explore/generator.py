@@ -165,7 +165,10 @@ class DialogueGenerator:
         return action._replace(damage=action.damage or damage)
 
     def _actions(self, first: int, planned: ActionSlots) -> list[DialogueAction]:
-        """Return all actions of *planned*, each with the number of its slot, from *first* on."""
+        """Return all actions of *planned*, each with the number of its slot, from *first* on.
+
+        A slot is 40 ms.
+        """
         return [
             one._replace(
                 slot=number,

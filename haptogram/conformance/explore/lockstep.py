@@ -241,7 +241,7 @@ class Lockstep:
         return Played(text, sent, slots, self._board.wire.held_up_us)
 
     def _silent_slots(self, slot: int, slots: int, by_slot: Container[int]) -> int:
-        """Return how many slots right after *slot* have no actions, of *slots* in all.
+        """Return how many slots of 40 ms right after *slot* have no actions, of *slots* in all.
 
         At a wall clock it is 0: each slot is compared by itself, since the host may be late.
         """
@@ -253,7 +253,7 @@ class Lockstep:
     # --- time ----------------------------------------------------------------------------------
 
     def _next_slot(self, slot_us: int, *, may_cut: bool) -> int:
-        """Return the device time in µs at which the next slot starts; missed ones are skipped.
+        """Return the device time in µs at which the next slot (40 ms) begins; skip missed ones.
 
         That is 1 ms after the frames of this one have latched if *may_cut* and idle, else 40 ms
         after its start.
@@ -266,18 +266,21 @@ class Lockstep:
         return slot_us + SLOT_US * (1 - (-late_us // SLOT_US))
 
     def _is_idle(self, slot_us: int) -> bool:
-        """Return True if no virtual board has an event due within 400 ms of the slot's start."""
+        """Return True if no virtual board has an event due within 400 ms of *slot_us*."""
         next_us = self._models.next_us()
         return next_us is None or next_us >= slot_us + _IDLE_US
 
     def _settled_us(self) -> int:
-        """Return how long after a slot's start a frame without a time has latched: up to 38 ms."""
+        """Return how long after the start of a slot (40 ms) a frame without a time has latched.
+
+        It is 38 ms at most.
+        """
         board = self._board
         ready_us = board.clock.ready_us(_SETTLED_US, board.identity.max_points)
         return min(ready_us, SLOT_US - _END_US)
 
     def _early_us(self, line_us: int) -> int:
-        """Return how long before its slot the host sends bytes that are *line_us* on the line."""
+        """Return how long before its slot (40 ms) the host sends bytes that take *line_us*."""
         early_us = self._opening.early_us
         return early_us if self.is_exact else early_us + line_us
 
@@ -296,7 +299,7 @@ class Lockstep:
         may_cut: bool,
         silent: int = 0,
     ) -> str:
-        """Play one slot on board and virtual board; return the first difference as text, or ''.
+        """Play a slot of 40 ms on board and virtual board; return the first difference, or ''.
 
         *may_cut*: it ends as soon as all is answered; *silent*: so many empty slots follow in it.
         """
@@ -325,7 +328,7 @@ class Lockstep:
         return self._judge(host, due, base, line_us)
 
     def _arrive(self, slot_us: int, arrivals: Iterable[_Arrival]) -> int:
-        """Deliver the bytes and hardware faults of a slot to board and virtual board.
+        """Deliver the bytes and hardware faults of a slot (40 ms) to board and virtual board.
 
         Returns the device time, in µs, at which the slot begins in which the last of them come.
         """
@@ -355,12 +358,12 @@ class Lockstep:
             models.receive_near(at_us, frame, _NEAR_US)
 
     def _send(self, wires: Iterable[bytes]) -> None:
-        """Send the frames of a slot, in pieces that the board has time to read."""
+        """Send the frames of a slot of 40 ms, in pieces that the board has time to read."""
         for piece in pieces_of_slot(b"".join(wires)):
             self._board.wire.send(piece)
 
     def _answered_us(self, host: DialogueHost, sent_us: int) -> list[int]:
-        """Return the device times at which the board began to send each reply of a slot.
+        """Return the device times at which the board began each reply of a slot (40 ms).
 
         [] if the reply to its last request does not come within 1.5 s.
         """
@@ -423,7 +426,7 @@ class Lockstep:
         base: tuple[DialogueBase, DialogueBase],
         line_us: int,
     ) -> str:
-        """Compare what the board sent in a slot with *due*, the frames of the virtual board.
+        """Compare what the board sent in a slot (40 ms) with *due*, that of the virtual board.
 
         Returns the first difference as text, or ''. Times may be apart by *line_us* and more: by
         the time that the bytes were on the line.
@@ -461,9 +464,9 @@ def _annotated_text(wire: bytes) -> str:
 
 
 def _slot_arrivals(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:
-    """Group frames by arrival: a wait, or a fault before, begins a new group; [] without frames.
+    """Group frames of a slot (40 ms) by arrival: a wait, or a fault before, begins a new group.
 
-    *end*, the request that ends a slot, joins the last group.
+    [] without frames. *end*, the request that ends a slot, joins the last group.
     """
     found: list[_Arrival] = []
     for action, wire in batch:

@@ -147,7 +147,7 @@ class DialogueOpening:
         self._tell_model(host.hello(hello))
 
     def _ask(self, host: DialogueHost, message: m.Message) -> tuple[m.Message, m.Message]:
-        """Send a request before slot 0; return the answers of board and virtual board."""
+        """Send a request before the dialogue; return the answers of board and virtual board."""
         ours = self._board.link.ask(message).message
         host.seq = self._board.link.seq - 1
         theirs = self._tell_model(host.request(message))
@@ -155,7 +155,7 @@ class DialogueOpening:
         return ours, theirs
 
     def _tell_model(self, body: bytes) -> m.Message:
-        """Pass the virtual board a request before slot 0; return its answer."""
+        """Pass the virtual board a request before the dialogue; return its answer."""
         now_us = self._board.clock.device_estimate_us()
         return self._models.ask(now_us, encoded_frame(body)).message
 

@@ -74,7 +74,7 @@ class LineRules:
                         self._alone = (header.type, header.seq), t_us, len(data)
 
     def _extra_bytes(self, piece: ReceivedByClient) -> str:
-        """Return a text on bytes after the last field; '' if a later minor version allows them."""
+        """Return a text on bytes after the last field; '' for none, or in a later minor version."""
         if piece.message is None or piece.message.TAIL or self._minor > m.VERSION_MINOR:
             return ""
         size = len(piece.body) - HEADER_BYTES - piece.message.LAYOUT.size

@@ -189,7 +189,10 @@ class UploadRoom:
         return f"room for {left} bytes, it was {before}, {_ROOM_AS_BEFORE}" if left < before else ""
 
     def _commit(self, target: int) -> None:
-        """Note the size of a stored sequence; forget all sizes if its upload was not seen."""
+        """Note the size of a stored sequence; forget all sizes if its upload was not seen.
+
+        The *target* 0 is a correction, which is no sequence.
+        """
         begin, self._open = self._open, None
         if begin is None or begin.target != target:
             self._taken.clear()

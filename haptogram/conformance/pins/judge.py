@@ -110,7 +110,7 @@ def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> N
 
 
 def _dialogue_before_lost_samples(record: PinRecord) -> PinDialogue:
-    """Return the dialogue of a capture, up to where samples are missing."""
+    """Return the dialogue of a capture, up to where samples are missing; all if none are."""
     dialogue = PinDialogue(record)
     end = dialogue.end_before_lost_samples
     if end is None:

@@ -124,7 +124,10 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ReportedLatch]:
 
 
 def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Reported]:
-    """Yield the latches reported by trace events, while every latch has one."""
+    """Yield (time, frame, time of the next) of latches with a trace event, while every one has.
+
+    Times are in carrier periods; a latch beside a lost event is left out.
+    """
     events = []
     for frame in dialogue.to_host:
         is_report = isinstance(frame.message, m.Trace | m.TracePlayback | m.TraceDrive)
@@ -146,7 +149,10 @@ def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Ite
 
 
 def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Reported]:
-    """Yield the latches reported by READ_DRIVE, where trace events are off."""
+    """Yield (time, frame, time of the request) of latches that READ_DRIVE reports.
+
+    Times are in carrier periods; only where trace events are off.
+    """
     requests = {
         (frame.header.session, frame.header.seq): frame.arrival
         for frame in dialogue.requests(m.MessageType.READ_DRIVE)
@@ -175,7 +181,7 @@ def _due_time(dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame) -> 
 def _shown_drive(
     found: ReportedDrive, asked: DrivesOfPinDialogue, configs: ConfigurationsByPins, at: float
 ) -> ShownDrive | None:
-    """Return the drive due at the pins, corrected and limited; None if it is not known."""
+    """Return the drive due at the pins at *at*, corrected and limited; None if it is not known."""
     known, correction = configs.at(at), configs.correction(at)
     if known is None or correction is None:
         return None

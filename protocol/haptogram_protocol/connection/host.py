@@ -267,7 +267,10 @@ class HostConnection(ConnectionInbox):
         return self._drop("unknown_type", t_rx_us)
 
     def _judge_event(self, header: m.Header, message: m.Message, t_rx_us: int) -> events.HostEvent:
-        """Return an event, with how many before it were lost; drop a stale one or a copy."""
+        """Return an event, with how many before it were lost.
+
+        Drop a copy, and one of another session.
+        """
         if header.session != self.session:
             return self._drop("stale_session", t_rx_us)
         ahead = m.signed_difference(header.seq, self._event_expected, 16)
@@ -280,7 +283,10 @@ class HostConnection(ConnectionInbox):
     def _judge_response(
         self, header: m.Header, message: m.Message, t_rx_us: int
     ) -> events.HostEvent:
-        """Return a response as reply or refusal of its request; drop a copy or a stale one."""
+        """Return a response as reply or refusal of its request.
+
+        Drop a copy, one that no request waits for, and one of another session.
+        """
         waiting = self._pending.get(header.seq)
         if waiting is None or not _is_answer_to(message, waiting.request):
             return self._drop("duplicate", t_rx_us)

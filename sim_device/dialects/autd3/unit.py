@@ -129,7 +129,7 @@ class Autd3Unit(LatchingUnit):
         return []
 
     def _write(self, operation: messages.Write, t_us: int) -> Reply:
-        """Give each device its frame; refuse another number of frames."""
+        """Give each device its frame; return a refusal unless there are as many frames."""
         if refused := self._refuse_number(len(operation.frames)):
             return refused
         now_ns = self._boot_period * PERIOD_NS + (t_us - self._boot_us) * _NS_PER_US
@@ -139,7 +139,7 @@ class Autd3Unit(LatchingUnit):
         return messages.Accepted()
 
     def _refuse_number(self, asked: int) -> messages.Autd3Refused | None:
-        """Return a refusal unless a client has opened as many devices as there are; else None."""
+        """Return a refusal if *asked*, a number of devices, is not that of the board; else None."""
         if asked == len(self._devices):
             return None
         self.counters["devices_differ"] += 1

@@ -205,7 +205,10 @@ class SceneInputs:
         return found
 
     def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> DialogueAction:
-        """Return a stream frame due *at*, each field of *choices* set to one of its values."""
+        """Return a stream frame due *at* slots of 40 ms, or a named time, ahead.
+
+        Each field of *choices* is set to one of its values there.
+        """
         return self.frame(at, **{name: self._pick(values) for name, values in choices.items()})
 
     # --- requests --------------------------------------------------------------------------------
@@ -271,11 +274,11 @@ class SceneInputs:
         return self.makers.defective(self.makers.messages()[name](), *defects)
 
     def _any_with(self, defect: str) -> DialogueAction:
-        """Return a random request with the given defect."""
+        """Return a random request with the defect of this name in DEFECTS."""
         return self.defective(self._pick(list(self.makers.messages())), defect)
 
     def _unknown(self, kind: int) -> DialogueAction:
-        """Return a frame of an unknown message type."""
+        """Return a frame of the unknown message type *kind*, with a payload of random size."""
         size = self._pick((0, 1, 20, 256, 1000, _LARGEST - 1, _LARGEST))
         payload = self._pick((b"\0", b"U")) * size  # the one is stuffed, the other not
         session = self._pick((0, 0, *WRONG_SESSIONS))
