@@ -183,14 +183,20 @@ def _different_parts(name: str, got: object, due: object, due_word: str) -> Iter
 
 
 def _different_drives(got: bytes, due: bytes, due_word: str) -> Iterator[str]:
-    """Yield as text how N phases differ, and how N amplitudes do."""
+    """Yield as text how the N phases of *got* and *due* differ, then the N amplitudes.
+
+    *due_word* is put before what is due.
+    """
     one, other = len(got) // 2, len(due) // 2
     yield from _different_parts("phases", got[:one], due[:other], due_word)
     yield from _different_parts("amplitudes", got[one:], due[other:], due_word)
 
 
 def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
-    """Return as text how many bytes of two values differ, and the first four of them."""
+    """Return as text how many bytes of *got*, called *name*, differ, and the first four of them.
+
+    *due_word* is put before what is due.
+    """
     if len(got) != len(due):
         pairs = enumerate(zip_longest(got, due, fillvalue=_MISSING))
         n, (one, other) = next((n, pair) for n, pair in pairs if pair[0] != pair[1])

@@ -307,7 +307,7 @@ def _worker_reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...
 
 @functools.lru_cache(maxsize=_KEPT_DRIVES)
 def _drive_at_worker(phases: bytes, amplitudes: bytes, phase_bits: int) -> Drive:
-    """Rebuild a pickled drive."""
+    """Return the drive of these codes, as the worker unpickles it."""
     return Drive.from_bytes(phases, amplitudes, phase_bits)
 
 

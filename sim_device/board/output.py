@@ -158,7 +158,7 @@ class BoardOutput:
                 self._end_ramp_if_restored()
 
     def _enter(self, event: OutputInput, reason: MuteReason, *, requested: bool = True) -> None:
-        """Change the output state by *event* and note it; BAD_STATE if it is not allowed.
+        """Change the output state by *event*, note it with *reason*; BAD_STATE if not allowed.
 
         *requested* False: the host has not asked for it, so it is told.
         """

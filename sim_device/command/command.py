@@ -178,7 +178,10 @@ def _start_line_tap(
     settings: BoardSettings,
     open_recording: OpenRecording | None,
 ) -> LineTap | None:
-    """Return the recorder of the line's bytes; None without --record."""
+    """Return the recorder of the line's bytes, whose file *open_recording* opens.
+
+    None without --record.
+    """
     from ..backdoor.line_tap import LineTap
 
     if open_recording is None or options.record is None:
@@ -202,7 +205,7 @@ def _start_pin_capture(
 
 
 def _private_board_path(stack: contextlib.ExitStack, name: str) -> str:
-    """Return a path in a folder of its own, which is removed with *stack*."""
+    """Return the path *name* in a folder of its own, which is removed with *stack*."""
     from haptogram.machine.working_folder import WorkingFolder
 
     folder = WorkingFolder("haptogram-board-")
@@ -229,7 +232,7 @@ def _announce_board(description: str) -> None:
 
 
 def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:
-    """Return the port that the options name: pty, serial or TCP."""
+    """Return the port that the options name: pty, serial (3 Mbaud unless *line* says) or TCP."""
     from ..line.pty_port import PtyPort
     from ..line.serial_port import SerialPort
     from ..line.tcp_port import TcpPort

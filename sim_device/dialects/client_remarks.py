@@ -234,7 +234,10 @@ class ClientRemarks:
             self._say_once("commits", About.NO_COMMIT, text, t_us)
 
     def _say_once(self, what: str, about: About, text: str, t_us: int) -> None:
-        """Append a remark of the kind *what* once per client; none if it speaks another wire."""
+        """Append a remark of the kind *what* once per client; none if it speaks another wire.
+
+        *about* is its topic, *text* what it says.
+        """
         if not self._is_other and (what, True) not in self._said:
             self._said.add((what, True))
             self._remark(about, text, t_us)

@@ -87,7 +87,7 @@ def _header_fault(change: _Change) -> LineFault:
 
 
 def _shifted_header_by_fault(by_us: float, header: Header) -> dict[str, int]:
-    """Return {"time_us": shifted time} for a timed stream frame, {} for others."""
+    """Return {"time_us": time later by *by_us*} for a timed stream frame, {} for others."""
     timed = header.type in STREAM_RANGE and not header.flags & Flag.IMMEDIATE
     return {"time_us": (header.time_us + round(by_us)) & 0xFFFFFFFF} if timed else {}
 
@@ -152,7 +152,7 @@ def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | N
 
 
 def _rebuilt_faulty_report(header: messages.Header, message: messages.Message, by_us: int) -> bytes:
-    """Return the frame of a changed message, with its time shifted and a right CRC."""
+    """Return the frame of a changed message, its time later by *by_us*, with a right CRC."""
     return sealed_by_fault(
         messages.build_body(
             message,

@@ -162,7 +162,8 @@ def upload_request(
 def _require_upload_limits(board: BoardClient, kind: m.UploadKind, size: int, points: int) -> None:
     """End the case as NOT-OBSERVED if an upload of *size* bytes is beyond those of HELLO_REPLY.
 
-    A sequence is limited in frames too, of *points* points each; 0: of phases.
+    A sequence (any *kind* but CORRECTION) is limited in frames too, of *points* points each; 0: of
+    phases.
     """
     most = board.identity.max_upload_bytes
     if size > most:

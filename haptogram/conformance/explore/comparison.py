@@ -226,7 +226,10 @@ class DialogueComparison:
         return self._message(message, due.message)
 
     def _apart_us(self, key: m.LatchKey | None) -> int:
-        """Return the tolerance of a latch time: 0 if the frame had a time, else the host's."""
+        """Return the tolerance of a latch time: 0 if its frame had a time, else the clock's.
+
+        *key* is the latch; None: unknown, so the latter.
+        """
         return 0 if key is not None and self.host.is_exact(key) else self.near_us
 
     def _message(self, message: Any, due: Any) -> str:
@@ -250,7 +253,10 @@ class DialogueComparison:
         return ""
 
     def _clause(self, due: m.Message, name: str, text: str) -> str:
-        """Return the clause that the field *name* breaks; *text* is its difference."""
+        """Return the clause that the field *name* breaks; *text* is its difference.
+
+        *due* is the message that has the right field.
+        """
         word = text.split()[0]  # a counter, or one of the two halves of a drive
         if name == "counters":
             return COUNTER_CLAUSES[word]
@@ -302,10 +308,10 @@ class DialogueComparison:
         return ""
 
     def _drive(self, got: bytes, wanted: bytes, due: m.DriveReply | m.TraceDrive) -> str:
-        """Return as text how drives (N phase codes, N amplitude codes) differ first, or ''.
+        """Return as text how *got* differs first from *wanted*, the drive in *due*, or ''.
 
-        Codes that the board computed may be off by one; amplitudes in a ramp by what it loses
-        meanwhile.
+        Both are N phase codes, then N amplitude codes. Those that the board computed may be off by
+        one; amplitudes in a ramp by what it loses meanwhile.
         """
         if len(got) != len(wanted):
             return f"{len(got)} codes, due are {len(wanted)}"
@@ -350,7 +356,7 @@ def _is_absent_sequence(due: m.Message) -> bool:
 def _dialogue_counter_difference(
     got: m.Counters, due: m.Counters, ours: m.Counters, theirs: m.Counters
 ) -> str:
-    """Return as text the counters that have grown differently from *due*, or ''.
+    """Return as text the counters of which *got* has grown otherwise than *due*, or ''.
 
     Growth counts from the begin of the dialogue: *ours* of the board, *theirs* of the virtual
     board.

@@ -171,7 +171,8 @@ class Lockstep:
     def _open(self, config: m.Config, seed: int, *, is_known: bool) -> DialogueHost:
         """Open the session of a dialogue; retry once at wall-clock time if the host was delayed.
 
-        *is_known*: board and virtual board are in the same state already.
+        *is_known*: board and virtual board are in the same state already. *seed*: of the data
+        stored first.
         """
         try:
             return self._opening.open(config, seed, is_known=is_known)
@@ -243,7 +244,8 @@ class Lockstep:
     def _silent_slots(self, slot: int, slots: int, by_slot: Container[int]) -> int:
         """Return how many slots of 40 ms right after *slot* have no actions, of *slots* in all.
 
-        At a wall clock it is 0: each slot is compared by itself, since the host may be late.
+        Those in *by_slot* have some. At a wall clock it is 0: each slot is compared by itself,
+        since the host may be late.
         """
         if not self._is_virtual:
             return 0
@@ -266,7 +268,10 @@ class Lockstep:
         return slot_us + SLOT_US * (1 - (-late_us // SLOT_US))
 
     def _is_idle(self, slot_us: int) -> bool:
-        """Return True if no virtual board has an event due within 400 ms of *slot_us*."""
+        """Return True if no virtual board has an event due within 400 ms of *slot_us*.
+
+        That is the device time at which a slot of 40 ms begins.
+        """
         next_us = self._models.next_us()
         return next_us is None or next_us >= slot_us + _IDLE_US
 
@@ -301,7 +306,8 @@ class Lockstep:
     ) -> str:
         """Play a slot of 40 ms on board and virtual board; return the first difference, or ''.
 
-        *may_cut*: it ends as soon as all is answered; *silent*: so many empty slots follow in it.
+        *base*: counters of both before the dialogue. *may_cut*: the slot ends as soon as all is
+        answered; *silent*: so many empty slots follow in it.
         """
         board, models, at_us = self._board, self._models, host.slot_us
         wires = [wire for arrival in arrivals for wire in arrival.wires]
@@ -365,7 +371,7 @@ class Lockstep:
     def _answered_us(self, host: DialogueHost, sent_us: int) -> list[int]:
         """Return the device times at which the board began each reply of a slot (40 ms).
 
-        [] if the reply to its last request does not come within 1.5 s.
+        None is before *sent_us*. [] if the reply to its last request does not come within 1.5 s.
         """
         board = self._board
         seq = number_at_end_of_slot(host)
@@ -429,7 +435,7 @@ class Lockstep:
         """Compare what the board sent in a slot (40 ms) with *due*, that of the virtual board.
 
         Returns the first difference as text, or ''. Times may be apart by *line_us* and more: by
-        the time that the bytes were on the line.
+        the time that the bytes were on the line. *base*: counters of both before the dialogue.
         """
         board = self._board
         pieces = board.wire.received[self._since :]
@@ -466,7 +472,8 @@ def _annotated_text(wire: bytes) -> str:
 def _slot_arrivals(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:
     """Group frames of a slot (40 ms) by arrival: a wait, or a fault before, begins a new group.
 
-    [] without frames. *end*, the request that ends a slot, joins the last group.
+    *batch* has (action, encoded frame); [] if it is empty. *end*, the request that ends a slot,
+    joins the last group.
     """
     found: list[_Arrival] = []
     for action, wire in batch:

@@ -228,7 +228,7 @@ class DialogueModels:
         self.receive(at_us, [wire])
 
     def _is_in_time_or_late(self, header: m.Header, early_us: int, late_us: int) -> bool:
-        """Return True if a frame that came from *early_us* to *late_us* may be late or in time."""
+        """Return True if a frame may be late or not, as it came from *early_us* to *late_us*."""
         if header.type not in m.STREAM_RANGE or header.flags & IMMEDIATE:
             return False
         t_us = m.unwrap(header.time_us, early_us, 32)

@@ -182,9 +182,9 @@ def held_state_changes(before: Held, after: Held, due: Held | None = None) -> st
 
 
 def _is_held_state_change(name: str, due: object, value: object) -> bool:
-    """Return True if *value* is not as due; counters that always grow may be larger.
+    """Return True if *value* of the state *name* is not *due*.
 
-    False for what may be anything.
+    Counters that always grow may be larger; ANYTHING as *due* is never a change.
     """
     if due is ANYTHING:
         return False

@@ -134,7 +134,7 @@ class StandingRules:
                 self._note_all(rule(piece, piece.message), piece)
 
     def _is_repeated(self, piece: ReceivedByClient) -> bool:
-        """Return True for a cached reply: of an earlier time, or known from this (HG-4.11/6)."""
+        """Return True for a cached reply: older than the newest, or the same again (HG-4.11/6)."""
         assert piece.header is not None  # take
         if not piece.is_response:
             return False
@@ -386,7 +386,7 @@ class StandingRules:
             yield "HG-7.2/7", text
 
     def _wrong_steps(self, times: Iterable[int]) -> str:
-        """Return a text on two latches less than half a carrier period apart, or ""."""
+        """Return a text on two *times* (µs) of latches under half a carrier period apart, or ""."""
         identity = self._since.identity
         if identity is None or not identity.carrier_hz:
             return ""
@@ -399,7 +399,10 @@ class StandingRules:
 
 
 def _crcs_of_latches(message: m.Message, transducers: int) -> Iterator[tuple[m.LatchKey, int]]:
-    """Yield latch key and CRC-32 of each drive in a message; nothing if it has no drive."""
+    """Yield latch and CRC-32 of each drive in a message; nothing if no drive is in it.
+
+    A drive of other than N *transducers* is left out.
+    """
     if isinstance(message, m.Trace):
         yield m.LatchKey(0, 0, message.index), message.crc
     elif isinstance(message, m.TracePlayback):

@@ -172,9 +172,9 @@ def _mark_lateness(
 
 
 def _robust_rate(arrivals: FloatArray, late: FloatArray) -> float:
-    """Return the median slope, in µs a period, between marks half the run apart.
+    """Return the median slope of *late* over *arrivals*, in µs a period.
 
-    0.0 if none of these pairs are more than a period apart.
+    It is between marks half the run apart; 0.0 if none of these pairs are more than a period apart.
     """
     half = len(arrivals) // 2
     if not half:
@@ -201,8 +201,8 @@ def _without_outliers(rest: FloatArray) -> np.ndarray:
 def _fit_bent_line(arrivals: FloatArray, off_us: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return periods (K,) and deviations in µs (K,) at the knots of a bent line.
 
-    The knots are means of at most 33 equal bins of time; marks in one bin alone make two knots,
-    with deviations of 0.
+    The knots are means of *arrivals* and *off_us* in at most 33 equal bins of time; marks in one
+    bin alone make two knots, with deviations of 0.
     """
     step = np.ptp(arrivals) / _KNOTS
     bins = np.floor((arrivals - arrivals[0]) / max(step, 1.0))

@@ -286,8 +286,8 @@ def _read_line(
 ) -> tuple[list[LineFrame], list[float]]:
     """Return the frames of a captured line, and when pieces begin that are no frame.
 
-    These times are in carrier periods. ([], []) if *line* is None; ConfigurationError if it has no
-    frame.
+    These times are in carrier periods. ([], []) if *line* is None; ConfigurationError, with its
+    *name*, if it has no frame.
     """
     if line is None:
         return [], []

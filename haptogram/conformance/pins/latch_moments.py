@@ -35,8 +35,9 @@ class LatchMomentClauseJudge:
     ) -> tuple[dict[int, float], dict[int, float]]:
         """Return the last old and first new pulse of pins that show the latch, by element.
 
-        In periods; pins whose drive hardly changes (by 0.06 of the full one or less) are left out.
-        Empty if the drive before or after the latch lasted less than 3 periods.
+        In periods, as is *before*, the latch before. Pins whose drive hardly changes (by 0.06 of
+        the full one or less) are left out. Empty if the drive before or after the latch lasted less
+        than 3 periods.
         """
         settled = SETTLED + latch.within
         low = max(before + settled, latch.at - LONGEST)
@@ -69,7 +70,10 @@ class LatchMomentClauseJudge:
         first: dict[int, float],
         findings: PinClauseFindings,
     ) -> None:
-        """Judge that all pins change within 1.25 periods, and 2 from when the latch is due."""
+        """Judge that all pins change within 1.25 periods, and 2 from when the latch is due.
+
+        *after* and *first*: the last old and the first new pulse, in periods, by element.
+        """
         record = self.pulses.record
         begin, end = min(first.values()), max(after.values())
         where = time_by_pins(record, latch.at)

@@ -247,9 +247,10 @@ class DrivesOfPinDialogue:
     def _of_stream(
         self, session: int, index: int, crc: int | None, at: float
     ) -> ReportedDrive | None:
-        """Return the drive sent for a latch, by its CRC-32 or as the only one; None: unsure.
+        """Return the drive sent with *session* and *index* for a latch; None: unsure which.
 
-        It is unsure, too, if unreadable bytes before the latch at *at* may have been another.
+        It has the CRC-32 *crc* or is the only one. It is unsure, too, if unreadable bytes before
+        the latch at *at* may have been another.
         """
         sent = self._stream.get((session, index), [])
         exact = [one for one in sent if crc is not None and self._crc(one) == crc]

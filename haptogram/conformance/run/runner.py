@@ -355,7 +355,8 @@ class SuiteRunner:
     ) -> CaseEndedError:
         """Return how a case ends that takes longer than *timer*, which cannot be extended.
 
-        NOT_OBSERVED in virtual time; else inconclusive, as if the host was held up.
+        NOT_OBSERVED in virtual time; else inconclusive, as if the host was held up. The text of
+        *ended* is kept.
         """
         config = board.config
         length_ms = config.hold_ms if timer == "hold" else config.host_timeout_ms
@@ -470,7 +471,7 @@ def _is_shown(behaviour: Behaviour) -> bool:
 
 
 def _not_run_result(case: Case, clause: Clause, why: str) -> CaseResult:
-    """Return the inconclusive result of a case that did not run."""
+    """Return the inconclusive result of a case that did not run; *why* is its text."""
     evidence = case.evidence if case.body else Evidence.WIRE
     return CaseResult(
         case.id, case.clause, clause.text, case.summary, Behaviour.INCONCLUSIVE, evidence, why

@@ -215,7 +215,7 @@ class BoardConnection(ConnectionInbox):
         )
 
     def _take_index(self, seq: int) -> int | None:
-        """Return the unwrapped number, and count a gap before it; None if it was used.  HG-5.5."""
+        """Return *seq* unwrapped, and count a gap before it; None if it was used.  HG-5.5."""
         ahead = (seq - self._stream_expected) & 0xFFFF
         if ahead >= COPY_AHEAD:
             return None
@@ -294,7 +294,10 @@ class BoardConnection(ConnectionInbox):
     def _request(
         self, frame: ReceivedFrame, message: m.Message, *, new_session: bool = False
     ) -> RequestReceived:
-        """Count a request, use up its number, and return its event."""
+        """Count a request, use up its number, and return its event.
+
+        *new_session*: it is a HELLO that opens one.
+        """
         self.count("requests")
         header = frame.header
         self._take_control_seq(frame)

@@ -306,7 +306,10 @@ class HostConnection(ConnectionInbox):
         )
 
     def _is_of_session(self, header: m.Header, message: m.Message, waiting: PendingRequest) -> bool:
-        """Return True if a response is of this session, or need not be (to MUTE). HG-3.7."""
+        """Return True if a response is of this session, or need not be (to MUTE). HG-3.7.
+
+        *waiting* is the request that it answers.
+        """
         if isinstance(message, m.HelloReply):
             return message.nonce == self.session
         anywhere = waiting.request in (m.MessageType.MUTE, m.MessageType.HELLO)

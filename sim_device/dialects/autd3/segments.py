@@ -159,7 +159,8 @@ class Autd3SwapChain:
 def _start_of_segment(sampling: Autd3Sampling, mode: int, value_ns: int, period: int) -> int | None:
     """Return the carrier period after *period* in which a queued segment starts.
 
-    None if its mode sets none. *value_ns* is the time for the mode SYSTEM_TIME.
+    *sampling* is its own, *value_ns* the time for the mode SYSTEM_TIME. None if the *mode* sets no
+    period.
     """
     if mode == TransitionMode.SYNC_INDEX:
         return sampling.next_lap(period)

@@ -176,7 +176,10 @@ class Autd3Unit(LatchingUnit):
         return None
 
     def _latch(self, outputs: list[Output], period: int, cause: str) -> bool:
-        """Latch *outputs*; return False if a step of index or modulation changes no pulse."""
+        """Latch *outputs* in carrier period *period*, with *cause*; return True.
+
+        False, without a latch, if a step of index or modulation changes no pulse.
+        """
         self._outputs = outputs
         pulses = self._pulses_of(tuple(outputs))
         if pulses == self._pulses and cause in ("index", "modulation"):

@@ -93,7 +93,7 @@ class RandomUploads(RandomStream):
         return [kind for kind, weight in weights.items() for _ in range(weight)]
 
     def _data(self, kind: m.UploadKind, points: int) -> bytes:
-        """Return random data: 1 to 3 frames of codes or *points* points, or one correction."""
+        """Return random data of *kind*: 1 to 3 frames of codes or *points* points; 1 correction."""
         frames = 1 if kind is m.UploadKind.CORRECTION else self._across(1, STORED_FRAMES + 1)
         if kind is not m.UploadKind.POINTS:
             return self._random.randbytes(frames * self._count)
