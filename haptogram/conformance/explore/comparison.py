@@ -311,7 +311,7 @@ class DialogueComparison:
         """Return as text how *got* differs first from *wanted*, the drive in *due*, or ''.
 
         Both are N phase codes, then N amplitude codes. Those that the board computed may be off by
-        one; amplitudes in a ramp by what it loses meanwhile.
+        one; amplitudes in a ramp by what it loses in the tolerance of times.
         """
         if len(got) != len(wanted):
             return f"{len(got)} codes, due are {len(wanted)}"

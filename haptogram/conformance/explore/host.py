@@ -151,7 +151,10 @@ class DialogueHost:
         return self._body(message, flags, seq, time_us, other)
 
     def _body(self, message: m.Message, flags: int, seq: int, time_us: int, other: int) -> bytes:
-        """Return a frame body; its session is the open one XOR *other*, or 0 for NO_SESSION."""
+        """Return a frame body; its session is the open one XOR *other*, or 0 for NO_SESSION.
+
+        *flags*, *seq* and *time_us* are for its header.
+        """
         session = 0 if other == NO_SESSION else self.session ^ other
         return m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
 

@@ -253,8 +253,8 @@ def _run_command_for_access(
 ) -> None:
     """Run a shell command of the user, given by *option*, with *environment* added.
 
-    :class:`ConfigurationError` if it fails, or takes longer than *timeout_s* (or 1 s if that is
-    less).
+    :class:`ConfigurationError` if it fails, or takes longer than *timeout_s*, which counts as 1 s
+    at least.
     """
     try:
         done = subprocess.run(

@@ -197,7 +197,10 @@ class HostConnection(ConnectionInbox):
     def _send(
         self, message: m.Message, now_us: int, *, session: int, flags: int = 0, time_us: int = 0
     ) -> int:
-        """Queue a request with the next number, to be sent again until answered; return it."""
+        """Queue a request, to be sent again until answered; return its sequence number.
+
+        *session*, *flags* and *time_us* are for its header.
+        """
         seq = self._control_seq
         body = m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
         wire = encode_frame(body, self._stuff)

@@ -146,7 +146,7 @@ class SimulatedUnit:
     def _run(self, until_ns: int, *, stops: bool = False) -> None:
         """Run the process to *until_ns*; with *stops* no further than the first byte it sends.
 
-        Pin changes and sent bytes are kept for later.
+        Pin changes become latches; sent bytes are kept until they are taken.
         """
         while not self._is_lost and self._process.now_ns < until_ns:
             self._is_lost = True  # unless it answers

@@ -323,7 +323,7 @@ class SceneInputs:
 
 
 def _alone(make: Callable[[], DialogueAction]) -> list[DialogueAction]:
-    """Return a list of one action."""
+    """Return a list of the one action from *make*."""
     return [make()]
 
 
