@@ -112,7 +112,7 @@ def _remembered(
 
 
 def _forget_oldest(known: dict[Hashable, Any]) -> None:
-    """Remove the oldest estimates beyond 4096."""
+    """Remove the oldest of the *known* estimates, so that no more than 4096 are left."""
     for key in list(islice(known, max(0, len(known) - MEMORY_DRIVES))):
         del known[key]
 

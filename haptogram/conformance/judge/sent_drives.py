@@ -128,7 +128,7 @@ class SentDrives:
         return ""
 
     def _decode(self, piece: bytes, transducers: int) -> None:
-        """Keep the drive codes of a sent frame, unless it is damaged or of a wrong length."""
+        """Keep the drive codes of a sent frame for N *transducers*, unless damaged or wrong."""
         with contextlib.suppress(RemoteProtocolError):
             header, message = m.parse_body(decoded_frame(piece))
             codes = m.drive_codes(message, transducers)
