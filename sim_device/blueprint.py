@@ -94,7 +94,7 @@ def _with_checked_faults(blueprint: Blueprint) -> Blueprint:
 
 
 def _foreign_blueprint(config: BoardConfig, name: str) -> Blueprint:
-    """Return the blueprint of a board of another dialect."""
+    """Return the blueprint of a board that speaks the dialect *name*, not Haptogram's."""
     from .dialects.table import emulation_of, read_emulation_options  # many modules
 
     emulation = emulation_of(name)
@@ -145,7 +145,10 @@ def _check_blueprint(config: BoardConfig, name: str) -> None:
 
 @dataclass(frozen=True)
 class _Emitters:
-    """The emitters of a line, the channels that drive them, and how they are mounted."""
+    """The emitters that a line reaches, the channel of each, and how they are mounted.
+
+    Mounting None: without a calibration.
+    """
 
     array: TransducerArray
     channels: Sequence[int]
@@ -153,7 +156,7 @@ class _Emitters:
 
 
 def _blueprint_emitters(config: BoardConfig, emulation: Emulation, options: Settings) -> _Emitters:
-    """Return the transducers of the configuration, else of the dialect."""
+    """Return the transducers that *config* names: file, layout or grid; else the dialect's."""
     from haptogram.acoustics.model.boards.ultraino_file import SUFFIXES
 
     text = config.array
@@ -171,7 +174,10 @@ def _blueprint_emitters(config: BoardConfig, emulation: Emulation, options: Sett
 
 
 def _blueprint_from_ultraino(path: Path, emulation: Emulation) -> _Emitters:
-    """Return the emitters of an array file; the program's corrections undo how they are mounted."""
+    """Return the emitters of an array file; its phase corrections, negated, are their mounting.
+
+    Mounting is None if all corrections are 0.
+    """
     from haptogram.acoustics.model.boards.ultraino_file import read_ultraino_array
 
     found = read_ultraino_array(path, emulation.numbered_by)

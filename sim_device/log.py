@@ -63,7 +63,10 @@ class BoardNoticeLog:
         return isinstance(notice, _FREQUENT) and not is_fault and not self._is_complete
 
     def _is_within_rate(self, t_us: int) -> bool:
-        """Count a message; return False if there were too many of them lately."""
+        """Count a message; return False if there were too many of them lately.
+
+        Allowed is one a second, and 20 at once after a pause.
+        """
         self._room_us = min(self._room_us + max(t_us - self._last_us, 0), _ROOM_US)
         self._last_us = t_us
         if self._room_us < _SECOND_US:
@@ -107,7 +110,7 @@ def describe_board_notice(notice: events.Notice) -> str:
 
 
 def _logged_board_counts(notice: events.Counted) -> str:
-    """Return counts as text for the log."""
+    """Return counts as text for the log, such as "line faults: flip 3, drop 1"."""
     return f"{notice.what}: " + ", ".join(f"{name} {n}" for name, n in notice.counts.items())
 
 

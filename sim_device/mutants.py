@@ -101,7 +101,10 @@ def mutant_parts(name: str | None) -> BoardAssembly:
 
 
 def _assembly_with(part: Part, name: str) -> BoardAssembly:
-    """Return a board's parts with one replaced by *part*; raise if it is derived from none."""
+    """Return a board's parts with one replaced by *part*, a mutant of it called *name*.
+
+    ConfigurationError if *part* is derived from the class of none.
+    """
     for kind in getattr(part, "__mro__", ()):
         if kind in _NAMES:
             return BoardAssembly(**{_NAMES[kind]: part})
@@ -112,7 +115,7 @@ def _assembly_with(part: Part, name: str) -> BoardAssembly:
 
 
 def _imported_class(address: str) -> Part:
-    """Import a class by MODULE:CLASS, or raise."""
+    """Import a class by MODULE:CLASS; ConfigurationError if that is impossible."""
     module, _, name = address.partition(":")
     try:
         part: Part = getattr(importlib.import_module(module), name)

@@ -172,7 +172,11 @@ class Serial(serial.SerialBase):
     def _recorders(
         self, settings: BoardSettings, backdoor: str | None, reconstruct: bool | None
     ) -> list[SimulationRecorder]:
-        """Return the recorders: none, unless the configuration asks for records."""
+        """Return the recorders: none, unless the configuration asks for records.
+
+        It does by a file or socket *backdoor*, or by *reconstruct* if that is not None; False:
+        without fields.
+        """
         if backdoor is None and reconstruct is None:
             return []
         wanted = reconstruct is not False
@@ -250,7 +254,8 @@ class Serial(serial.SerialBase):
     def _pass_time(self, until_ns: int | None) -> None:
         """Advance to the next event of the board or *until_ns*; at a wall clock sleep until then.
 
-        A sleep is short at a wall clock: an event may be added meanwhile.
+        A sleep lasts up to 50 ms at a wall clock: an event may be added meanwhile. In virtual time
+        SerialException if neither is to come.
         """
         next_ns = self.simulation.next_event_ns()
         if self._is_virtual:
@@ -269,11 +274,11 @@ class Serial(serial.SerialBase):
         self._catch_up()
 
     def _deadline_ns(self, timeout_s: float | None) -> int | None:
-        """Return when a timeout from now ends; None without one."""
+        """Return when a timeout from now ends, on the board's clock in ns; None without one."""
         return None if timeout_s is None else self.now_ns() + round(timeout_s * 1e9)
 
     def _is_over(self, deadline_ns: int | None) -> bool:
-        """Return True if the deadline has passed."""
+        """Return True if the deadline has passed; a deadline of None never does."""
         return deadline_ns is not None and self.now_ns() >= deadline_ns
 
     # --- bytes ---------------------------------------------------------------------------------
@@ -312,7 +317,10 @@ class Serial(serial.SerialBase):
         return self.simulation.host_read()
 
     def _await_byte(self, deadline_ns: int | None) -> None:
-        """Let time pass to the next byte or event, at most to *deadline_ns*."""
+        """Let time pass to the next byte or event, at most to *deadline_ns*.
+
+        None: without a limit. SerialException if a fault has pulled the cable.
+        """
         if self._is_virtual and deadline_ns is not None:
             self.simulation.advance_to_output(deadline_ns)
         else:

@@ -252,7 +252,7 @@ class Simulation:
         return None if next_ns == _NEVER_NS else max(next_ns, self.now_ns)
 
     def _first_event_ns(self) -> int:
-        """Return when board, line or a fault next does something; far future if never."""
+        """Return when board, line or a fault next does something; 2^80 ns if never."""
         first_ns = _NEVER_NS
         if (board_us := self.dialect.next_event_us()) is not None:
             first_ns = self._clock.reached_ns(board_us)
@@ -359,7 +359,11 @@ class Simulation:
                 recorder.latch(latch)
 
     def _send(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
-        """Put bytes on a line, through the fault injector, if any, which may change them."""
+        """Put bytes on a line at *t_ns*, through the fault injector, which may change them.
+
+        They may have left *credit_ns* before, while the process was stalled. *direction*: "down" or
+        "up".
+        """
         if self._injector is None:
             self._put(line, direction, data, t_ns, credit_ns)
             return
@@ -367,7 +371,10 @@ class Simulation:
             self._put(line, direction, chunk.data, chunk.t_ns, credit_ns)
 
     def _put(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int) -> None:
-        """Put bytes on a line; announce them to the board's dialect, and to a probe on the line."""
+        """Put bytes on a line; announce them to the board's dialect, and to a probe on the line.
+
+        They may have left *credit_ns* before *t_ns*, while the process was stalled.
+        """
         self._idle_until_ns = 0
         begin_ns = max(t_ns - credit_ns, line.free_ns)
         line.send(data, t_ns - credit_ns)
@@ -404,5 +411,8 @@ class Simulation:
 
 
 def _frame_end(data: bytes, at: int) -> int:
-    """Return the index after the next frame; skip a leading delimiter."""
+    """Return the index after the delimiter that ends the next frame; the length if none does.
+
+    A delimiter at *at* begins the frame.
+    """
     return end_of_frame(data, at + data.startswith(DELIMITER, at))

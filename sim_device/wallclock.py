@@ -172,7 +172,10 @@ class Heartbeat:
             self._counts.update(simulation.dialect.counters, now_ns)
 
     def _advance_to(self, now_ns: int) -> None:
-        """Advance the board to *now_ns*; slow its clock if a simulator could not keep up."""
+        """Advance the board to *now_ns*; slow its clock if a simulator could not keep up.
+
+        It is slowed by what the simulator took beyond half of its time.
+        """
         simulation, begin_ns = self._simulation, time.monotonic_ns()
         given_ns = round((now_ns - simulation.now_ns) * self._slow_down)
         simulation.advance_to(now_ns)
@@ -204,7 +207,7 @@ class Heartbeat:
             self._tap.to_host(now_ns, data)
 
     def _hand_over(self, now_ns: int) -> None:
-        """Send pending records to the worker: once per period, or at once if it is behind."""
+        """Send pending records to the worker: once in 20 ms, or each time if it takes no more."""
         worker = self._worker
         if worker is None or not worker.pending:
             return
@@ -254,7 +257,7 @@ class Heartbeat:
 
 
 def _heartbeat_timeout_s(wait_ns: int | None) -> float | None:
-    """Return how long to sleep for *wait_ns*, limited; 0.0 for short waits; None: for ever."""
+    """Return how long to sleep for *wait_ns*: an hour at most, 0.0 up to 60 µs; None: for ever."""
     if wait_ns is None:
         return None
     wait_ns = min(wait_ns, _LONGEST_NS)

@@ -133,7 +133,7 @@ def _is_found(result: CaseResult) -> bool:
 
 
 def _is_broad(result: CaseResult) -> bool:
-    """Return True if the case is listed as one that many different faults make fail."""
+    """Return True if the case is named in BROAD: those that many different faults make fail."""
     return result.case.removeprefix(result.clause).removeprefix("-") in BROAD
 
 
@@ -159,7 +159,10 @@ def common_finding(failures: Sequence[CaseResult]) -> CommonFinding | None:
 
 
 def _parts(finding: str) -> set[str]:
-    """Return a finding and its parts between commas and colons, numbers masked; no short ones."""
+    """Return a finding and its parts between commas and colons, each number replaced by "#".
+
+    Those of fewer than 3 words are left out.
+    """
     whole = _NUMBERS.sub("#", _CONTEXT.sub("", finding))
     parts = re.split("[,;:] ", whole)
     return {part for part in (whole, *parts) if len(part.split()) >= _LEAST_WORDS}

@@ -146,7 +146,10 @@ def record_differences(got: object, due: object, due_word: str = "due is") -> st
 
 
 def _different_parts(name: str, got: object, due: object, due_word: str) -> Iterator[str]:
-    """Yield the differences of two values as text, part by part."""
+    """Yield as text how *got* differs from *due*, part by part; nothing if they are equal.
+
+    *name* is that of the value, *due_word* what is put before the part that is due.
+    """
     if got == due:
         return
     if isinstance(got, bytes) and isinstance(due, bytes):
@@ -180,14 +183,20 @@ def _different_parts(name: str, got: object, due: object, due_word: str) -> Iter
 
 
 def _different_drives(got: bytes, due: bytes, due_word: str) -> Iterator[str]:
-    """Yield the differences of N phases, and of N amplitudes."""
+    """Yield as text how the N phases of *got* and *due* differ, then the N amplitudes.
+
+    *due_word* is put before what is due.
+    """
     one, other = len(got) // 2, len(due) // 2
     yield from _different_parts("phases", got[:one], due[:other], due_word)
     yield from _different_parts("amplitudes", got[one:], due[other:], due_word)
 
 
 def _different_bytes(name: str, got: bytes, due: bytes, due_word: str) -> str:
-    """Return how many bytes differ, and the first of them, as text; '' if none do."""
+    """Return as text how many bytes of *got*, called *name*, differ, and the first four of them.
+
+    *due_word* is put before what is due.
+    """
     if len(got) != len(due):
         pairs = enumerate(zip_longest(got, due, fillvalue=_MISSING))
         n, (one, other) = next((n, pair) for n, pair in pairs if pair[0] != pair[1])
@@ -205,14 +214,14 @@ def _is_sequence(value: object) -> bool:
 
 
 def _is_drive(value: object) -> bool:
-    """Return whether a value is the phases and the amplitudes of as many transducers."""
+    """Return True for (phases, amplitudes) of as many transducers, as bytes."""
     if not isinstance(value, tuple) or not all(isinstance(part, bytes) for part in value):
         return False
     return [len(part) for part in value] == _HALVES * [len(value[0])] if value else False
 
 
 def _is_short(value: object) -> bool:
-    """Return whether a sequence is short enough to be printed in full."""
+    """Return True for a list or tuple of at most 6 numbers, texts or enum members."""
     if not isinstance(value, Sequence) or isinstance(value, str | bytes) or len(value) > _WHOLE:
         return False
     return all(isinstance(part, int | str | enum.Enum) for part in value)

@@ -84,7 +84,7 @@ def haptogram_link(haptogram_board: SuiteRunner) -> RequestClient:
 
 
 def _access_from_options(option: Any, folders: pytest.TempPathFactory) -> Access:
-    """Return the way to the board that the options of pytest name."""
+    """Return the way to the board that pytest's options name; a virtual board if they name none."""
     from haptogram.conformance.run.access import PortAccess
     from haptogram.conformance.run.spawning import DEFAULT_PORT_REGEX, SpawnAccess
 

@@ -52,7 +52,7 @@ def cobs_encode(data: bytes) -> bytes:
 
 
 def _cobs_piece_by_piece(data: bytes) -> bytes:
-    """Encode as COBS each piece between zeros; quick for few pieces."""
+    """Encode as COBS each piece between zeros; the quicker way up to 32 zeros."""
     pieces = data.split(_ZERO)
     out = b"".join([_CODES[len(p)] + p if len(p) < BLOCK else _cobs_blocks(p) for p in pieces])
     # A full block at the very end implies no zero, so no code byte follows it.
@@ -68,7 +68,7 @@ def _cobs_blocks(piece: bytes) -> bytes:
 
 
 def _cobs_all_at_once(data: bytes) -> bytes:
-    """Encode as COBS by arithmetic on long integers; quick for many zeros."""
+    """Encode as COBS by arithmetic on long integers; the quicker way beyond 32 zeros."""
     out = []
     rest = data + _ZERO  # the phantom zero that ends the last piece
     start, end = 0, len(rest)
@@ -143,9 +143,10 @@ def cobs_decode(encoded: bytes) -> bytes:
 def _walk_cobs_codes(
     encoded: bytes, at: int, stop: int, out: bytearray, without_zero: list[int]
 ) -> int:
-    """Decode COBS up to *stop*: put a zero in place of each code byte; return the next one's.
+    """Decode COBS from *at* to *stop*: put a zero in *out* for each code byte.
 
-    Code bytes that stand for no zero are added to *without_zero*.
+    Returns the place of the next code byte. Code bytes that stand for no zero are added to
+    *without_zero*. RemoteProtocolError if one points past the end.
     """
     code = 1
     while at < stop:

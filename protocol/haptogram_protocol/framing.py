@@ -72,7 +72,7 @@ def decode_frame(encoded: bytes, unstuff: Stuffing = cobs_decode) -> bytes:
 
 
 def _framing_damage(decoded: bytes) -> RemoteProtocolError:
-    """Return the error for a decoded frame that is too short or has a wrong CRC."""
+    """Return the error for a decoded frame of less than 14 bytes, or with a wrong CRC."""
     if len(decoded) < _SHORTEST:
         return RemoteProtocolError(
             f"frame of {len(decoded)} bytes; header and CRC-32 need {_SHORTEST}",
@@ -164,7 +164,7 @@ class FrameDecoder:
 
 
 def _oversized_frame() -> RemoteProtocolError:
-    """Return the error for a run without a delimiter that is too long."""
+    """Return the error for a run of more than 4096 bytes without a delimiter."""
     return RemoteProtocolError(
         f"more than {MAX_ENCODED_BYTES} bytes without a delimiter", reason="oversize"
     )

@@ -223,7 +223,7 @@ class Record:
         return raw
 
     def _pack_tail(self) -> bytes:
-        """Return the bytes of the variable field; refuse a wrong length."""
+        """Return the bytes of the variable field; LocalProtocolError for a wrong length."""
         form = cast(WireTail, self.TAIL)
         value = getattr(self, form.name)
         data = bytes(value) if form.record is None else b"".join(item.pack() for item in value)
@@ -277,7 +277,7 @@ class Record:
 
 
 def _wire_tail_fits(form: WireTail, length: int) -> bool:
-    """Return True if a tail of so many bytes has whole units, and enough of them."""
+    """Return True if a tail of *length* bytes has whole units, and at least *form.least*."""
     return length % form.unit == 0 and length >= form.least * form.unit
 
 
@@ -287,7 +287,7 @@ def _wire_tail_rule(form: WireTail) -> str:
 
 
 def _unpack_wire_tail(form: WireTail, data: bytes, start: int) -> Any:
-    """Return the tail as bytes, or as a tuple of its records."""
+    """Return the tail, from byte *start* on, as bytes or as a tuple of its records."""
     if form.record is None:
         return data[start:]
     size, record = form.unit, form.record

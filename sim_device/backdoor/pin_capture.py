@@ -135,7 +135,7 @@ class BackdoorPinCapture:
             line.cut(t_us)
 
     def _follow_ramp(self, until_us: int) -> None:
-        """Queue the amplitudes of the running ramp, in steps, up to *until_us*."""
+        """Queue the amplitudes of the running ramp, in steps of 1 ms, up to *until_us*."""
         if self._ramp is None:
             return
         begin_us, end_us, full, cut = self._ramp
@@ -156,7 +156,11 @@ class BackdoorPinCapture:
         is_latch: bool = True,
         carrier: CarrierState = CarrierState.STEADY,
     ) -> None:
-        """Queue a change of the pins at *t_us* (None: silence), unless the capture is full."""
+        """Queue a change of the pins at *t_us*, unless the capture is full.
+
+        *weights* (E,) is the complex drive of the captured pins, None silence. *is_latch*: the
+        latch signal shows it too. *carrier*: how the carrier runs from then on.
+        """
         if weights is None and self._is_silent:
             return
         if not self._begin_or_is_within(t_us):
@@ -203,7 +207,7 @@ class BackdoorPinCapture:
         return edges
 
     def _segments(self) -> Iterator[Edges]:
-        """Yield sample, channel and level of the edges, piece by piece, in order."""
+        """Yield sample, channel and level (M,) of the edges, piece by piece, in order."""
         if not self._acts:
             return
         first_us = int((self._begin_us or 0.0) // self._period_us) * self._period_us
@@ -238,7 +242,10 @@ class BackdoorPinCapture:
             yield times[order], channels[order], levels[order]
 
     def _line_edges(self, first_us: float, samples: float) -> Edges:
-        """Return the edges of both UART lines as sample, channel and level, sorted by time."""
+        """Return the edges of both UART lines as sample, channel, level (M,), sorted by time.
+
+        *samples* is their number in a carrier period; sample 0 is at *first_us*.
+        """
         found = [
             line.edges(_SIGNALS + self._count + number, first_us, samples / self._period_us)
             for number, line in enumerate(self._lines.values())
@@ -250,7 +257,11 @@ class BackdoorPinCapture:
         return times[order], channels[order], levels[order]
 
     def _pieces(self, first_us: int, silent: PinWaveformPulses) -> Iterator[_Piece]:
-        """Yield begin, end and pulses of every piece in which no pin changes its drive."""
+        """Yield every piece of the capture in which no pin changes its drive.
+
+        That is (begin, end, pulses, is a latch, carrier), in carrier periods since *first_us* less
+        20 quiet ones; *silent* are the pulses of no drive.
+        """
         lead = _QUIET_PERIODS
         end = self._config.capture_ms * 1000.0 / self._period_us + lead
         if not self._is_full:
@@ -296,7 +307,7 @@ class BackdoorPinCapture:
 def _write_pin_edges(
     file: TextIO, times_ns: np.ndarray, channels: np.ndarray, levels: np.ndarray
 ) -> None:
-    """Write edges in VCD, with a time stamp before each new time."""
+    """Write edges (M,), sorted by time, in VCD, with a time stamp before each new time."""
     codes = [vcd_identifier(number) for number in range(int(channels.max(initial=0)) + 1)]
     words = [[f"{level}{code}\n" for code in codes] for level in (0, 1)]
     begun = np.concatenate([[True], times_ns[1:] != times_ns[:-1]])[: len(times_ns)]

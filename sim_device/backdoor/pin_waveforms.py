@@ -120,7 +120,11 @@ class PinWaveformSampler:
     def _periodic(
         self, pulses: PinWaveformPulses, begin: float, end: float, starts: FloatArray
     ) -> Iterator[tuple[FloatArray, Samples, NDArray[np.bool_]]]:
-        """Yield the edges, in pieces, of pulses that repeat in each period from *starts* on."""
+        """Yield (times, pins, levels) of edges between *begin* and *end*: rises, then falls.
+
+        The pulses come once in each period that begins in *starts* (K, 1). Times are in carrier
+        periods.
+        """
         sounding = np.flatnonzero(pulses.duties > 0.0)
         rises, duties = pulses.rises[sounding], pulses.duties[sounding]
         for offsets, level in ((rises, True), (rises + duties, False)):

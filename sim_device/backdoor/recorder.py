@@ -98,7 +98,10 @@ class BackdoorEstimator:
         return self._classifiers[steps].classify(latch.weights())
 
     def _coarsest_steps(self, latch: events.PulseLatch) -> int:
-        """Return the smallest known number of phase steps: of the latch, board or pulses."""
+        """Return the smallest known number of phase steps in a period.
+
+        It may be that of the latch's pulses, of the board, or of the drive behind them.
+        """
         known = (latch.pulses.steps, self._phase_steps, latch.phase_steps)
         return min(steps for steps in known if steps is not None)
 
@@ -121,7 +124,7 @@ def _remembered(
     latch: events.PulseLatch,
     estimate: Callable[[events.PulseLatch], _Estimate],
 ) -> _Estimate:
-    """Return the estimate for the drive of a latch: made before, or by *estimate* and kept."""
+    """Return the estimate for the drive of a latch from *known*, or made by *estimate* and kept."""
     key = _drive_key_of_latch(latch)
     if key not in known:
         _forget_oldest(known)
@@ -130,7 +133,7 @@ def _remembered(
 
 
 def _forget_oldest(known: dict[Hashable, Any]) -> None:
-    """Remove the oldest estimates beyond the limit of the cache."""
+    """Remove the oldest of the *known* estimates, so that no more than 4096 are left."""
     for key in list(islice(known, max(0, len(known) - MEMORY_DRIVES))):
         del known[key]
 
@@ -145,7 +148,10 @@ def _drive_key_of_latch(latch: events.AnyLatch) -> tuple[Hashable, ...]:
 
 
 def _latch_observation(latch: events.Latch, estimate: Reconstruction | None) -> Observation:
-    """Return the observation that a reader of the latch's record would make."""
+    """Return the observation that a reader of the latch's record would make.
+
+    *estimate* None: its field was not reconstructed.
+    """
     key = FrameKey(latch.session, latch.key.sequence, latch.key.loop, latch.key.index)
     return Observation(
         key,
@@ -249,7 +255,7 @@ class InlineReconstructionWorker:
         return text
 
     def _defer_reconstruction(self, latch: events.Latch) -> None:
-        """Write a latch's record without its field, which follows later, in batches."""
+        """Write a latch's record without its field, which follows with up to 512 others."""
         record = records.backdoor_brief_record(latch)
         self._write(record)
         self._owed.append((latch, record))

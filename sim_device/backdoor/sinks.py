@@ -39,7 +39,11 @@ def open_backdoor_sink(
 
 
 def _opened_backdoor(path: str, wait: Callable[[], bool] | None) -> int:
-    """Open the file at *path* to append to it; at a FIFO, *wait* until somebody reads it."""
+    """Open the file at *path* to append to it, and return its descriptor.
+
+    A FIFO is opened when somebody reads it: *wait* waits between two looks, and False from it ends
+    that with ConfigurationError. None: the system waits.
+    """
     if wait is None or not Path(path).is_fifo():
         return os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
     while True:
@@ -138,7 +142,7 @@ class SocketSink:
 
 
 def _send_backdoor_records(client: int, unsent: bytearray) -> bool:
-    """Send what a client takes without waiting; return False if it has disconnected."""
+    """Send what *client* takes of *unsent* now, and delete it; return False if it is gone."""
     try:
         while unsent:
             del unsent[: os.write(client, unsent)]

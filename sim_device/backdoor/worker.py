@@ -147,7 +147,7 @@ class ReconstructionWorker:
             self._queue(notice)
 
     def _queue(self, item: object) -> None:
-        """Queue a record; send the queue once it is a batch, if the worker takes it."""
+        """Queue a record; from 64 on send them, unless the worker does not take more now."""
         self._waiting.append(item)
         if len(self._waiting) >= BATCH and not self.is_refusing:
             self.pump()
@@ -170,7 +170,7 @@ class ReconstructionWorker:
             self._batch = 0
 
     def _pack_batch(self) -> None:
-        """Take a batch of waiting records, and pack it for the pipe."""
+        """Take up to 64 waiting records, and pack them for the pipe."""
         self._batch = min(BATCH, len(self._waiting))
         self._unsent = packed_worker_batch([self._waiting.popleft() for _ in range(self._batch)])
 
@@ -204,7 +204,7 @@ class ReconstructionWorker:
         return self._failure
 
     def _drain(self, deadline_s: float) -> None:
-        """Send queued records until the deadline."""
+        """Send queued records until *deadline_s*, a time of time.monotonic()."""
         with selectors.DefaultSelector() as selector:
             selector.register(self._input, selectors.EVENT_WRITE)
             while self.pending and self._alive and time.monotonic() < deadline_s:
@@ -219,7 +219,7 @@ class ReconstructionWorker:
         self._unsent, self._batch = b"", 0
 
     def _await_ready(self) -> None:
-        """Wait until the worker is ready; kill it if it takes too long, raise if it is not."""
+        """Wait until the worker is ready; kill it after 600 s, raise if it is not."""
         killing = threading.Timer(START_TIMEOUT_S, self._process.kill)
         killing.start()
         try:
@@ -240,7 +240,10 @@ class ReconstructionWorker:
         return True
 
     def _await_exit(self, timeout_s: float) -> None:
-        """Close the pipe to the worker and wait for its end, lest it write late."""
+        """Close the pipe to the worker and wait for its end, lest it write late.
+
+        It is killed after *timeout_s*.
+        """
         with contextlib.suppress(OSError):  # the worker closed its end first
             self._input.close()
         try:
@@ -315,7 +318,7 @@ def _worker_reducer_by_fields(kind: type[Any]) -> Callable[[Any], tuple[Any, ...
 
 @functools.lru_cache(maxsize=_KEPT_DRIVES)
 def _drive_at_worker(phases: bytes, amplitudes: bytes, phase_bits: int) -> Drive:
-    """Rebuild a pickled drive."""
+    """Return the drive of these codes, as the worker unpickles it."""
     return Drive.from_bytes(phases, amplitudes, phase_bits)
 
 

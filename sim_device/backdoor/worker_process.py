@@ -68,14 +68,14 @@ def run_reconstruction_worker() -> None:
 
 
 def _is_board_alive() -> bool:
-    """Wait a few ms for the end of the pipe from the board; return False if it has ended."""
+    """Wait up to 20 ms for the end of the pipe from the board; return False if it has ended."""
     input_end = select.poll()
     input_end.register(0, 0)
     return not input_end.poll(_LOOK_MS)
 
 
 def _send_to_board(to: int, text: bytes) -> None:
-    """Send *text* to the board; ignore a closed pipe."""
+    """Send *text* to the board through the file descriptor *to*; ignore a closed pipe."""
     with contextlib.suppress(BrokenPipeError):
         os.write(to, text)
 
@@ -102,7 +102,7 @@ def _record_batches(
 
 
 def _drain_sink(sink: FileSink | SocketSink) -> None:
-    """Serve slow readers until their records are sent or a deadline passes."""
+    """Serve slow readers until their records are sent, or 5 s have passed."""
     deadline_s = time.monotonic() + LINGER_S
     while sink.pending and time.monotonic() < deadline_s:
         time.sleep(_IDLE_S)

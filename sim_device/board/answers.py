@@ -157,7 +157,11 @@ def _readout_span(
     reply: type[m.Message],
     unit: int,
 ) -> tuple[int, int]:
-    """Return the range of transducers in a reply: first, and one after the last."""
+    """Return the range of transducers in a reply: first, and one after the last.
+
+    As many as asked for and as fit into a *reply* with *unit* bytes each; NOT_FOUND if the first is
+    not below *total*.
+    """
     if request.first >= total:
         raise RefusalError(m.ErrorCode.NOT_FOUND, total)
     fits = _tail_room(reply) // unit

@@ -150,7 +150,10 @@ class Board:
             raise ValueError(f"board is at {self.output.now_us} µs, cannot go back to {t_us} µs")
 
     def _next_due(self) -> Due | None:
-        """Return what is due next, a latch before a timer of the same time; None if nothing is."""
+        """Return (time in µs, action) of what is due next; None if nothing is.
+
+        A latch comes before a timer of the same time.
+        """
         due = self.output.next_timer()
         if self._playback is not None:
             due_us = self.output.boundary_us(self._playback.due_us)
@@ -261,7 +264,10 @@ class Board:
         return Drop.LATE if -margin_us > self.output.config.late_window_us else None
 
     def _ready_us(self, content: Content) -> int:
-        """Return the earliest latch time of a frame that arrives now, POINTS computed (HG-5.8)."""
+        """Return the earliest latch time of a frame that arrives now, POINTS computed (HG-5.8).
+
+        In µs of the device clock.
+        """
         begins_us, settings = max(self.output.now_us, self._computed_us), self.settings
         if isinstance(content, Drive):
             return begins_us + settings.latch_lead_us
@@ -392,7 +398,7 @@ class Board:
         self.advance_to(self.output.now_us)
 
     def _check_period(self, period_us: int, content: Content) -> None:
-        """Refuse a period that is too short for the board or its points."""
+        """Refuse a period that is too short for the board or the points of *content*."""
         limits = self.settings
         points = 0 if isinstance(content, Drive) else len(content)
         too_fast = limits.max_playback_rate_hz * period_us < 1_000_000
@@ -400,7 +406,10 @@ class Board:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["period_us"].offset)
 
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
-        """Refuse a PLAY unless its unattended time is in limits, its start in lead and horizon."""
+        """Refuse a PLAY unless its unattended time is in limits, its start in lead and horizon.
+
+        The start may be from *ready_us* to the horizon; None: at once.
+        """
         limits = self.settings
         if not 1 <= unattended_ms <= limits.max_unattended_ms:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["unattended_ms"].offset)

@@ -19,7 +19,10 @@ _BITS_PER_BYTE: Final = 10  # start, 8 data, stop
 
 
 def _least_status_period_ms(baud: int | None) -> int:
-    """Return the shortest status period that leaves nine tenths of the line to others."""
+    """Return the shortest status period that leaves nine tenths of the line to others.
+
+    *baud* None: the shortest that SPEC.md allows.
+    """
     size = Header.LAYOUT.size + Status.LAYOUT.size + CRC_BYTES + _FRAMING_BYTES
     if baud is None:
         return _LEAST_STATUS_MS

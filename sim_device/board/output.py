@@ -135,7 +135,7 @@ class BoardOutput:
         self._note_radiated()
 
     def _note_radiated(self) -> None:
-        """Emit an event that the radiated drive has changed."""
+        """Note that the radiated drive has changed; nothing if none is radiated."""
         if not self._sounding or self.latched is None:
             return
         drive, ramp = self.latched.drive, self._timers.ramp
@@ -158,7 +158,10 @@ class BoardOutput:
                 self._end_ramp_if_restored()
 
     def _enter(self, event: OutputInput, reason: MuteReason, *, requested: bool = True) -> None:
-        """Change the output state and note it; raise BAD_STATE if the event is not allowed."""
+        """Change the output state by *event*, note it with *reason*; BAD_STATE if not allowed.
+
+        *requested* False: the host has not asked for it, so it is told.
+        """
         try:
             state = next_output_state(self.state, event)
         except LocalProtocolError as error:

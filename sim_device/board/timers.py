@@ -109,10 +109,10 @@ class BoardTimers:
         return None if self.ramp is None else self.ramp.fade(t_us)
 
     def _end_ramp_if_renewed(self, now_us: int) -> None:
-        """End the ramp if renewed timers all expire later than now."""
+        """End the ramp if all timers, renewed, expire later than *now_us*."""
         if self.ramp is not None and now_us < self.first().deadline_us:
             self.ramp = None
 
     def _ramp_us(self, config: Config) -> int:
-        """Return the length of the ramp; 0 on a board without amplitudes."""
+        """Return the length of the ramp in µs; 0 on a board without amplitudes."""
         return config.ramp_ms * 1000 if self._graded else 0

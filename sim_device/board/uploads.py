@@ -145,7 +145,7 @@ class BoardUploads:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.UploadBegin.WIRE["target"].offset)
 
     def _check_size(self, begin: m.UploadBegin, room: int) -> None:
-        """Refuse a size that is not 1 or more whole frames, or has more than there is room."""
+        """Refuse a size that is not 1 or more whole frames, or above *room* or another limit."""
         limits, frame = self._settings, self._frame_size(begin)
         frames, rest = divmod(begin.size, frame)
         if not frames or rest or (begin.kind is m.UploadKind.CORRECTION and frames > 1):

@@ -75,13 +75,16 @@ def _start_board_log(options: argparse.Namespace) -> None:
 
 
 def _log_start_step(options: argparse.Namespace, step: str) -> None:
-    """Log a start-up step for the program that started this one and waits (--until-eof)."""
+    """Log a start-up step if --until-eof says that the program that started this one waits."""
     if options.until_eof:
         _LOG.info("starting: %s", step)
 
 
 def _run_board(options: argparse.Namespace, open_recording: OpenRecording | None) -> None:
-    """Build the board, its port and outputs, and run it until it ends."""
+    """Build the board, its port and outputs, and run it until it ends.
+
+    *open_recording* opens the file of --record; None: it cannot be recorded.
+    """
     _log_start_step(options, "importing numpy, scipy and the board")
     # Here, and not above: --help and a refusal need no numpy.
     from haptogram.machine.view_process import ViewProcess
@@ -177,7 +180,10 @@ def _start_line_tap(
     settings: BoardSettings,
     open_recording: OpenRecording | None,
 ) -> LineTap | None:
-    """Return the recorder of the line's bytes; None without --record."""
+    """Return the recorder of the line's bytes, whose file *open_recording* opens.
+
+    None without --record.
+    """
     from ..backdoor.line_tap import LineTap
 
     if open_recording is None or options.record is None:
@@ -201,7 +207,7 @@ def _start_pin_capture(
 
 
 def _private_board_path(stack: contextlib.ExitStack, name: str) -> str:
-    """Return a path in a folder of its own, which is removed with *stack*."""
+    """Return the path *name* in a folder of its own, which is removed with *stack*."""
     from haptogram.machine.working_folder import WorkingFolder
 
     folder = WorkingFolder("haptogram-board-")
@@ -228,7 +234,7 @@ def _announce_board(description: str) -> None:
 
 
 def _open_board_port(options: argparse.Namespace, line: LineSettings) -> BoardPort:
-    """Return the port that the options name: pty, serial or TCP."""
+    """Return the port that the options name: pty, serial (3 Mbaud unless *line* says) or TCP."""
     from ..line.pty_port import PtyPort
     from ..line.serial_port import SerialPort
     from ..line.tcp_port import TcpPort

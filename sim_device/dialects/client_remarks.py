@@ -122,7 +122,7 @@ class ClientRemarks:
         self._forget()
 
     def _forget(self) -> None:
-        """Reset all knowledge of the client."""
+        """Reset all that is known of the client, as for a new connection."""
         self._first_bytes = bytearray()
         self._paused = 0  # bytes of a frame before a pause in its middle
         self._is_own = self._is_other = self._came = False
@@ -211,7 +211,10 @@ class ClientRemarks:
         self._forget()
 
     def _stop(self, unfinished: int, t_us: int) -> None:
-        """Count and remark a frame that stopped after *unfinished* bytes; not of another wire's."""
+        """Count and remark a frame that stopped after *unfinished* bytes.
+
+        Neither if the client speaks another wire.
+        """
         self._is_stopped, self._paused = True, 0
         if not self._is_other:
             self._counters["frames_unfinished"] += 1
@@ -231,7 +234,10 @@ class ClientRemarks:
             self._say_once("commits", About.NO_COMMIT, text, t_us)
 
     def _say_once(self, what: str, about: About, text: str, t_us: int) -> None:
-        """Append a remark once per client, unless the client speaks another wire."""
+        """Append a remark of the kind *what* once per client; none if it speaks another wire.
+
+        *about* is its topic, *text* what it says.
+        """
         if not self._is_other and (what, True) not in self._said:
             self._said.add((what, True))
             self._remark(about, text, t_us)
@@ -243,7 +249,10 @@ class ClientRemarks:
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
     def _compare(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Decide by the first bytes if a client speaks this wire; remark if another, or text."""
+        """Decide by the first bytes if a client speaks this wire; remark if another, or text.
+
+        *unshown* says whether they are whole frames without a commit, which is this wire's too.
+        """
         if self._is_own or self._is_other or not self._first_bytes:
             return
         names = looks_like_dialect(bytes(self._first_bytes))
@@ -275,7 +284,11 @@ class ClientRemarks:
         self._remark(About.OTHER_WIRE, text, t_us)
 
     def _are_finer_frames(self) -> bool:
-        """Return True if the bytes are frames of a right size with equal first and last bytes."""
+        """Return True if the bytes are 3 or more frames of a right size with equal ends.
+
+        Their first bytes are alike, and their last ones; in the first frame more than a 16th of the
+        bytes differ from each other.
+        """
         data = bytes(self._first_bytes)
         for size in self._sizes:
             frames = [data[at : at + size] for at in range(0, len(data) - size + 1, size)]
@@ -308,7 +321,10 @@ class ClientRemarks:
             self._remark(about, fact, t_us)
 
     def _proven(self) -> str | None:
-        """Return the one clue to another array that all recent frames share; None if not one."""
+        """Return the one clue to another array that all recent frames, at least 3, share.
+
+        None if there is not exactly one, or it does not suit the size of the frames.
+        """
         if len(self._frames) < _ALIKE or len(set(self._frames)) > 1:
             return None
         size, kinds = self._frames[0]
@@ -320,7 +336,7 @@ class ClientRemarks:
         return kind if fits else None
 
     def _is_of_another_size(self, size: int) -> bool:
-        """Return True if a frame's size differs much from every size of this wire."""
+        """Return True if a frame's size differs by over a 16th from each size of this wire."""
         return all(_FEW * abs(size - whole) > whole for whole in self._sizes)
 
     def _remark(self, about: About, text: str, t_us: int) -> None:

@@ -146,7 +146,7 @@ class DoubleBuffer(LatchingUnit):
             self._latch("modulation", t_us)
 
     def _latch(self, cause: str, t_us: int) -> None:
-        """Append a latch of the shown pulses."""
+        """Append a latch of the shown pulses, with its *cause*, at *t_us*."""
         make = self._registers.modulation
         modulation = None if make is None else make(self._step)
         self._latches.append(PulseLatch(t_us, self._pulses(), cause, modulation=modulation))
@@ -170,5 +170,5 @@ class DoubleBuffer(LatchingUnit):
 def _buffered_values_where_on(
     codes: NDArray[np.uint16], values: NDArray[np.uint16], off: int
 ) -> NDArray[np.uint16]:
-    """Return *values*, but 0 where the code in *codes* is *off*."""
+    """Return *values* (C,), but 0 where the code in *codes* (C,) is *off*."""
     return np.where(codes == off, 0, values).astype(np.uint16)

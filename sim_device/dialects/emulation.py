@@ -30,7 +30,7 @@ class NoOptions(Settings):
 
 
 def _boards_option(options: Any) -> dict[str, int]:
-    """Return the number of boards as an option of the wire, if the dialect has it."""
+    """Return {"boards": number} as an option of the wire; {} if the dialect has none."""
     return {"boards": options.boards} if hasattr(options, "boards") else {}
 
 

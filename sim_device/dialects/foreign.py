@@ -155,7 +155,7 @@ class VirtualForeignDialect(VirtualDialect):
     # --- what happened -------------------------------------------------------------------------
 
     def _reply(self, replies: Sequence[Reply | bytes]) -> None:
-        """Queue replies for the host; count bytes beyond the output limit as dropped."""
+        """Queue replies for the host; drop and count bytes if over 16 384 would wait."""
         for reply in replies:
             data = reply if isinstance(reply, bytes) else self._end.send(reply)
             room = OUTPUT_LIMIT - len(self._output)
@@ -180,7 +180,7 @@ class VirtualForeignDialect(VirtualDialect):
         }
 
     def _collect(self) -> None:
-        """Collect new latches of the unit, with their counters."""
+        """Collect new latches of the unit, each with what was counted since the one before."""
         for latch in self._unit.take_latches():
             counted = self._counted_since_latch()
             self._counted = self._end.counters + self._unit.counters

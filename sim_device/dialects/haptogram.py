@@ -321,7 +321,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         self._next_status_us = self.board.output.now_us + period_us if period_us else None
 
     def _send_status(self, t_us: int) -> None:
-        """Send STATUS, unless too much output waits, and schedule the next."""
+        """Send STATUS, unless 12 288 bytes or more wait, and schedule the next."""
         if self._link.output_bytes < _STATUS_LIMIT:
             self._link.send_event(m.Status(*self._status()), now_us=t_us)
         self._schedule_status()

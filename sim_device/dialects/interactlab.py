@@ -119,12 +119,12 @@ class InteractlabUnit(LatchingUnit):
         return self._starts_us is None and self._looks_us is None
 
     def _wait_for_frame(self, now_us: int) -> None:
-        """Clear the output in one second, unless a frame arrives until then."""
+        """Schedule to clear the output in one second; a frame that arrives until then undoes it."""
         self._clears_us = now_us + SECOND_US
         self._wakes_us = self._clears_us - 1
 
     def _start(self, now_us: int) -> None:
-        """Prepare a latch of silence, after which the FIFO is read for the first time."""
+        """Prepare a latch of silence; the FIFO is read for the first time 11 µs from now."""
         self._starts_us = None
         self._next = PulseLatch(
             self._boundary(now_us + _READ_US), PulseDrive.off(wire.CHANNELS, STEPS), "off-frame"
@@ -149,12 +149,12 @@ class InteractlabUnit(LatchingUnit):
         self._looks_us = shown_us + PERIOD_US * ((self._divider or _DIVIDER_OF_0) - 1)
 
     def _boundary(self, t_us: int) -> int:
-        """Return the first boundary of a period at *t_us* or later."""
+        """Return the first boundary of a carrier period at *t_us* or later, in µs."""
         return t_us + (self._boot_us - t_us) % PERIOD_US
 
 
 def _interactlab_pulses(frame: wire.QueueFrame) -> PulseDrive:
-    """Return the pulses of a frame's phases and duties."""
+    """Return the pulses of a frame's phases and duties, 128 steps in a period."""
     return PulseDrive(
         np.frombuffer(frame.phases, np.uint8), np.frombuffer(frame.duties, np.uint8), STEPS
     )

@@ -110,7 +110,7 @@ class VirtualSoakBoard:
         self._dialect.advance_to(self._now_us(t_ns))
 
     def _now_us(self, t_ns: int) -> int:
-        """Return the device time, never before what the board has reached."""
+        """Return the device time at *t_ns*, never before what the board has reached."""
         return max(self.device_us(t_ns), self._dialect.board.output.now_us)
 
     def take_frames(self) -> list[bytes]:
@@ -126,7 +126,7 @@ class VirtualSoakBoard:
         return self._dialect.take_latches()
 
     def _note(self, event: BoardEvent) -> None:
-        """Keep what became of a frame: its index if streamed, why it was dropped, or REQUEST."""
+        """Keep what became of a frame: its index if streamed, why it was dropped, or "request"."""
         if isinstance(event, StreamReceived):
             self._verdicts.append(event.index)
         else:
@@ -175,7 +175,11 @@ class VirtualSoakModel(VirtualSoakBoard):
         return self.receive(sent.wire, t_ns, up_free_ns)[-1]
 
     def _keep_if_in_time(self, sent: SentFrame, drive: m.Phases | m.Drives, t_ns: int) -> bool:
-        """Keep a frame for later and return True if it is next, in time, and the queue has room."""
+        """Keep a frame for later and return True if it is next, in time, and the queue has room.
+
+        In time is from the latch lead to the horizon, and no event may be due before. Else False,
+        and nothing is kept.
+        """
         if sent.index != self._next_index or sent.session != self._session:
             return False
         now_us = self.device_us(t_ns)
@@ -230,7 +234,10 @@ class VirtualSoakModel(VirtualSoakBoard):
             self._due.append(DueLatch(*due))
 
     def _update_limits(self) -> None:
-        """Note which frames the board surely accepts next: session, index, earliest time, room."""
+        """Note which frames the board surely accepts next: session, index, earliest time, room.
+
+        Also until when it does nothing by itself.
+        """
         self._note_latches()
         board = self._dialect.board
         self._session, self._next_index = self.session, self._dialect.next_stream_index

@@ -66,13 +66,13 @@ class VirtualSteppedBoard:
         return said.hex() or "-"
 
     def _receive(self, at_us: int, data: bytes) -> bytes:
-        """Let *data* arrive; return the bytes that the board sends."""
+        """Let *data* arrive *at_us* after power-up; return the bytes that the board sends."""
         self._now_us = at_us
         self._dialect.receive(data, self._settings.boot_us + at_us)
         return self._dialect.take_output()
 
     def _advance_through(self, end_us: int) -> bytes:
-        """Let time pass while the host reads; return the bytes that the board sends."""
+        """Let time pass to *end_us* while the host reads; return the bytes that the board sends."""
         said = b""
         while self._now_us < end_us:
             next_us = self._dialect.next_event_us()

@@ -52,7 +52,10 @@ def clock_fault_changes(plan: FaultPlan, clock: BoardClock) -> Iterator[tuple[st
 
 
 def _check_clock_faults(plan: FaultPlan, ppm: int, rates: list[ClockChange]) -> None:
-    """Refuse rates that together stop the device clock or run it backwards at some time."""
+    """Refuse rates that together stop the device clock or run it backwards at some time.
+
+    *ppm* is its deviation without them; ConfigurationError at -1 000 000 ppm or less.
+    """
     slowest = min(
         (ppm + sum(c.ppm for c in rates if c.at_ns <= rate.at_ns) for rate in rates),
         default=ppm,
@@ -65,12 +68,15 @@ def _check_clock_faults(plan: FaultPlan, ppm: int, rates: list[ClockChange]) -> 
 
 
 def _clock_fault_amount(fault: Fault) -> int:
-    """Return the size of a fault of the clock in whole microseconds or ppm."""
+    """Return the size of a fault of the clock: in ppm for "clock.ppm", else in µs."""
     return round(fault.values["ppm" if fault.name == "clock.ppm" else "us"])
 
 
 def _clock_fault_rates(fault: Fault) -> Iterator[ClockChange]:
-    """Yield the change of rate when a fault begins, and its undoing when it ends."""
+    """Yield the change of rate when a fault begins, and its undoing when it ends.
+
+    The second is left out for a fault that never ends.
+    """
     yield ClockChange(fault.from_ns, ppm=_clock_fault_amount(fault))
     if fault.until_ns != FOR_EVER_NS:
         yield ClockChange(fault.until_ns, ppm=-_clock_fault_amount(fault))

@@ -72,7 +72,10 @@ def _length_fault(body: bytes, values: Values, source: random.Random) -> bytes |
 
 
 def _header_fault(change: _Change) -> LineFault:
-    """Return a fault that changes fields of a frame's header and seals it with a right CRC."""
+    """Return a fault that changes fields of a frame's header and seals it with a right CRC.
+
+    *change* gives the new values of fields; a frame in which none differs stays as it is.
+    """
 
     def rewrite(body: bytes, values: Values, _: random.Random) -> bytes | None:
         header, payload = Header.unpack(body[: framing.HEADER_BYTES]), body[framing.HEADER_BYTES :]
@@ -84,7 +87,7 @@ def _header_fault(change: _Change) -> LineFault:
 
 
 def _shifted_header_by_fault(by_us: float, header: Header) -> dict[str, int]:
-    """Return the shifted time of a timed stream frame; no change for others."""
+    """Return {"time_us": time later by *by_us*} for a timed stream frame, {} for others."""
     timed = header.type in STREAM_RANGE and not header.flags & Flag.IMMEDIATE
     return {"time_us": (header.time_us + round(by_us)) & 0xFFFFFFFF} if timed else {}
 
@@ -133,7 +136,10 @@ def _told_later(record: Any, by_us: int) -> Any:
 
 
 def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | None:
-    """Return a STATUS that lies: ARMED, no errors; None for other frames or if that is true."""
+    """Return a STATUS that lies: ARMED, no errors; None for other frames or if that is true.
+
+    STATUS_REPLY lies, too; counters that always grow stay.
+    """
     header, message = messages.parse_body(body)
     if not isinstance(message, messages.Status | messages.StatusReply):
         return None
@@ -146,7 +152,7 @@ def _status_report_fault(body: bytes, _: Values, __: random.Random) -> bytes | N
 
 
 def _rebuilt_faulty_report(header: messages.Header, message: messages.Message, by_us: int) -> bytes:
-    """Return the frame of a changed message, with its time shifted and a right CRC."""
+    """Return the frame of a changed message, its time later by *by_us*, with a right CRC."""
     return sealed_by_fault(
         messages.build_body(
             message,

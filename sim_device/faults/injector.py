@@ -55,7 +55,7 @@ def inject_on_line(
 def _faults_on_transducers(
     plan: FaultPlan, t_ns: int
 ) -> Iterator[tuple[int, Fault, random.Random]]:
-    """Yield the transducer faults active at *t_ns*, each with its random source."""
+    """Yield (number, fault, random source) of each transducer fault active at *t_ns*."""
     for number, fault in enumerate(plan.faults):
         if is_transducer_fault(fault.name) and fault.is_there(t_ns):
             yield number, fault, _fault_random(plan, number, "device", t_ns, b"")
@@ -64,7 +64,10 @@ def _faults_on_transducers(
 def _fault_random(
     plan: FaultPlan, number: int, where: str, t_ns: int, data: bytes
 ) -> random.Random:
-    """Return a random source that is the same for the same bytes at the same time."""
+    """Return a random source that is the same for the same bytes at the same time.
+
+    It differs for each fault *number* of the plan, and each place *where* it acts.
+    """
     return random.Random(f"{plan.seed}/{number}/{where}/{t_ns}/{zlib.crc32(data)}")
 
 

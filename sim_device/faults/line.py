@@ -111,7 +111,7 @@ def _break_fault(data: bytearray, values: Values, source: random.Random) -> int:
 
 
 def _baud_fault(data: bytearray, values: Values, _: random.Random) -> int:
-    """Sample the bytes at a wrong bit rate; return 1 if any changed."""
+    """Sample the bytes at a bit rate that is wrong by "ppm"; return 1 if any changed, else 0."""
     received, __ = sample_uart_characters(bytes(data), 1 + values["ppm"] / 1e6)
     is_changed = received != data
     data[:] = received
@@ -156,7 +156,10 @@ def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> 
 
 
 def _grid_fault(name: str, unit_ns: int) -> LineFault:
-    """Return a fault that holds chunks until the next multiple of its parameter *name*."""
+    """Return a fault that holds chunks until the next multiple of its parameter *name*.
+
+    *unit_ns* is the unit of that parameter.
+    """
 
     def act(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
         grid_ns = round(values[name] * unit_ns) or 1

@@ -110,7 +110,7 @@ _Act: TypeAlias = Callable[[FaultContext, Values, random.Random], _Shown]
 
 
 def _off_fault(now: FaultContext, _: Values, __: random.Random) -> _Shown:
-    """Return the phase of the transducer's drive with amplitude 0."""
+    """Return (phases, amplitude 0): the phases in turns are those of the drive."""
     return now.drive.turns[now.place], 0.0
 
 
@@ -121,18 +121,18 @@ def _intermittent_fault(now: FaultContext, values: Values, source: random.Random
 
 
 def _stuck_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
-    """Return the phase "code", whatever the drive, with the drive's amplitude."""
+    """Return the phase "code" of 256, whatever the drive, with the drive's amplitudes."""
     return round(values["code"]) / _CODES, now.drive.amplitudes[now.place]
 
 
 def _delayed_fault(now: FaultContext, values: Values, _: random.Random) -> _Shown:
-    """Return the transducer's drive with its phase increased by "code"."""
+    """Return the transducer's drive with its phase increased by "code" 256ths of a turn."""
     turned = (now.drive.turns[now.place] + round(values["code"]) / _CODES) % 1.0
     return turned, now.drive.amplitudes[now.place]
 
 
 def _garbage_fault(now: FaultContext, _: Values, source: random.Random) -> _Shown:
-    """Return a random phase with the drive's amplitude."""
+    """Return random phases with the drive's amplitudes."""
     count = now.place.stop - now.place.start
     codes = np.frombuffer(source.randbytes(count), np.uint8)
     return codes / _CODES, now.drive.amplitudes[now.place]

@@ -56,7 +56,7 @@ def sample_uart_characters(data: bytes, ratio: float) -> tuple[bytes, int]:
 
 
 def _uart_line_levels(data: bytes) -> bytes:
-    """Return the line, one level for each bit of the sender, idle before and after."""
+    """Return the line, a level of 0 or 1 for each bit of the sender, idle before and after."""
     levels = bytearray(b"\x01")
     for byte in data:
         levels += bytes((0, *(byte >> k & 1 for k in range(8)), 1))

@@ -76,7 +76,10 @@ class SocketDoorman:
         return client, address
 
     def _handle_accept_error(self, error: OSError) -> None:
-        """Ignore the error if no client came, wait if the system lacks resources; else raise."""
+        """Ignore the error if no client came, wait if the system lacks resources; else raise.
+
+        The wait for resources is 200 ms.
+        """
         if error.errno in _NO_CLIENT:
             return
         if error.errno not in _SHORTAGE:

@@ -96,7 +96,7 @@ class TcpPort(BoardPort):
         self._server.close()
 
     def _accept(self) -> None:
-        """Admit a waiting client; send it away while another one is connected."""
+        """Admit a waiting client, if there is one; send it away while another is connected."""
         if (admitted := self._doorman.admit()) is None:
             return
         client, address = admitted
@@ -138,7 +138,10 @@ def _tcp_address(host: str, port: int) -> str:
 
 
 def _has_tcp_client_left(client: socket.socket) -> bool:
-    """Return True if *client* has closed its end and all that it sent has been read."""
+    """Return True if *client* has closed its end and all that it sent has been read.
+
+    Also if its connection is broken.
+    """
     try:
         return not client.recv(1, socket.MSG_PEEK)
     except BlockingIOError:

@@ -244,7 +244,7 @@ class UsbUart(Uart):
         self._held = b""
 
     def _timer_ns(self) -> int | None:
-        """Return when the latency timer next delivers bytes; None if none are held or due."""
+        """Return when the latency timer next delivers bytes; None if none are held or coming."""
         first_ns = self._sent_ns if self._held else self.arrival_ns(1)
         if first_ns is None:
             return None

@@ -535,5 +535,5 @@ class BoardClient:
 
 
 def _counts_text(counted: Mapping[str, int]) -> str:
-    """Return counters with their numbers as text."""
+    """Return counters as text, such as "frames 3, late 1"; '' if there are none."""
     return ", ".join(f"{name} {number}" for name, number in counted.items())

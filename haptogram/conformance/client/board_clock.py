@@ -207,7 +207,10 @@ class ClockClient:
     # --- held up -------------------------------------------------------------------------------
 
     def _begin_exchange(self, t_device_us: int) -> int:
-        """Note the device time by which the next frames have to arrive, and return it."""
+        """Begin to note the earliest time of frames sent from now on; return *t_device_us*.
+
+        Only times from a carrier period before *t_device_us* on count.
+        """
         self._link.in_time_from_us = t_device_us - self.carrier_us
         self._link.in_time_us = NO_TIME_US
         return t_device_us

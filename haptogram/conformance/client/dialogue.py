@@ -60,7 +60,7 @@ def _send_read_requests(board: BoardClient) -> None:
 
 
 def _stream_frames(board: BoardClient, since: int) -> None:
-    """Latch and read back drives, and wait for the first STATUS from piece *since* on."""
+    """Latch and read back drives, and wait for a STATUS received after the index *since*."""
     # No zero in the registers, nor in the amplitudes: the longest runs that COBS has to cut.
     latch_now(board, board.flat_phases(0x88))
     latch_now(board, board.phases(board.random_registers()))
@@ -84,14 +84,14 @@ def _play_sequence(board: BoardClient) -> None:
 
 
 def _send_refused_requests(board: BoardClient) -> None:
-    """Send requests that the board refuses."""
+    """Send requests to be refused: an unknown type, a short payload, another session."""
     board.link.ask_raw(_UNKNOWN_REQUEST)
     board.link.ask_raw(m.GetGeometry.TYPE, b"\x00")
     board.link.ask(m.Ping(1), session=board.link.session ^ 0x5555)
 
 
 def _let_hold_expire(board: BoardClient) -> None:
-    """Let the hold expire so that the board sends STATE_CHANGED."""
+    """Let the hold of 20 ms expire, for a STATE_CHANGED; nothing if it cannot be configured."""
     if not board.has(m.Feature.CONFIG):
         return
     board.configure(hold_ms=20)

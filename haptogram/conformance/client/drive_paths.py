@@ -58,14 +58,14 @@ def drive_paths(board: BoardClient) -> Iterator[DrivePath]:
 def _stream_frame(
     board: BoardClient, kind: StreamKind, latch: Callable[[BoardClient, m.Message], object]
 ) -> m.Message:
-    """Latch a frame of *kind* by *latch*; return its message."""
+    """Make a message of *kind*, have *latch*(board, message) latch it, and return it."""
     message = kind.make()
     latch(board, message)
     return message
 
 
 def _play_phases(board: BoardClient) -> m.Message:
-    """Play uploaded phases to their end; return the last frame as a message."""
+    """Play 3 uploaded frames of random phases to their end; return the last as a message."""
     frames = [board.random.randbytes(board.identity.transducers) for _ in range(_FRAMES)]
     upload_to_board(board, m.UploadKind.PHASES, _SEQUENCE, b"".join(frames))
     _play_to_end(board)
@@ -82,7 +82,7 @@ def _loop_phases(board: BoardClient) -> m.Message:
 
 
 def _play_points(board: BoardClient, number: int) -> m.Message:
-    """Play uploaded points to their end; return the last frame as a message."""
+    """Play 3 uploaded frames of *number* random points each to their end; return the last."""
     frames = [
         m.Points(tuple(random_point_to_send(board, number) for _ in range(number)))
         for _ in range(_FRAMES)
@@ -94,7 +94,7 @@ def _play_points(board: BoardClient, number: int) -> m.Message:
 
 
 def _play_to_end(board: BoardClient, points: int = 0) -> None:
-    """Play the stored sequence to its end."""
+    """Play the stored sequence to its end, at a period that suits *points* in each frame."""
     play_out(board, _SEQUENCE, _FRAMES, period_us=period_to_play(board, points))
 
 

@@ -52,7 +52,7 @@ def board_rate_at_introduction(board: BoardClient) -> int:
 
 
 def _introduction_answered_after_us(board: BoardClient, size: int) -> int:
-    """Return the delay of the PING reply after *size* bytes of noise."""
+    """Return the time from sending *size* bytes of noise and a PING to the reply of the PING."""
     ping, seq = board.link.request_wire(m.Ping(0))
     since, sent_us = board.link.mark(), board.wire.now_us()
     board.link.send(b"\x00" + b"\x01" * size + b"\x00", ping)

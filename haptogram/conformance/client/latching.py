@@ -264,7 +264,7 @@ def _latch_received_in_trace(
 
 
 def _latches_received_from_ring(board: BoardClient) -> list[ClientLatch]:
-    """Read the whole trace ring; return its latches."""
+    """Return all latches in the trace ring, where the board keeps the last ones; oldest first."""
     found: list[ClientLatch] = []
     first = 0
     while True:

@@ -127,7 +127,10 @@ def value_bytes(kind: type[Record], at: int = 0) -> Iterator[ValueByte]:
 
 
 def _malformed_crc16(data: bytes, polynomial: int, start: int, *, reflected: bool) -> int:
-    """Return a CRC of 16 bits, bit by bit."""
+    """Return the CRC-16 of *data*, bit by bit, from the register *start* on.
+
+    *polynomial* has its low bits first if *reflected*, as the register then has.
+    """
     register = start
     for byte in data:
         register ^= byte if reflected else byte << 8

@@ -89,7 +89,7 @@ def play_request(
 
 
 def _require_hold(board: BoardClient, period_us: int) -> None:
-    """End the case as NOT-OBSERVED if the hold is shorter than some frame periods."""
+    """End the case as NOT-OBSERVED if the hold is shorter than 5 periods of *period_us*."""
     board.require_hold(_SEEN_PERIODS * period_us, f"a frame every {period_us} µs")
 
 

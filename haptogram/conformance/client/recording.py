@@ -96,7 +96,10 @@ class DialogueRecording:
         return f"sent between: {self._sent_text(list(sent))}"
 
     def _sent_text(self, sent: Sequence[Annotated]) -> str:
-        """Return the frames sent as text, each with its answer if no other has its number."""
+        """Return the frames sent as text, each with its answer if no other has its number.
+
+        Equal ones are counted; the last 4 kinds are shown, "nothing" if there are none.
+        """
         answers: dict[int | None, str] = {
             frame.header.seq: _answer_name(frame)
             for frame in self._frames(TransferDirection.BOARD)
@@ -119,7 +122,7 @@ class DialogueRecording:
     def _frames(
         self, sender: TransferDirection, from_us: int = 0, until_us: int = _ALWAYS_US
     ) -> Iterator[Annotated]:
-        """Yield the recorded frames of one side within a time range."""
+        """Yield the frames of *sender* recorded from *from_us* to *until_us*, ends included."""
         for transfer, pieces in _client_pieces([*self._first, *self._last]):
             if transfer.direction is sender and from_us <= transfer.t_us <= until_us:
                 yield from map(annotated_frame, pieces)
@@ -187,7 +190,7 @@ def _seq_of(frame: Annotated) -> int | None:
 
 
 def _client_pieces(transfers: Iterable[Transfer]) -> Iterator[tuple[Transfer, list[bytes]]]:
-    """Yield each transfer with the pieces between delimiters that end in it."""
+    """Yield each transfer with the non-empty pieces between zero bytes that end in it."""
     partial = dict.fromkeys(TransferDirection, b"")
     for transfer in transfers:
         *ended, partial[transfer.direction] = (partial[transfer.direction] + transfer.data).split(
@@ -197,7 +200,7 @@ def _client_pieces(transfers: Iterable[Transfer]) -> Iterator[tuple[Transfer, li
 
 
 def _client_transcript_lines(transfers: Iterable[Transfer], start_us: int) -> list[str]:
-    """Format transfers as lines; each frame follows its last byte."""
+    """Format transfers as lines, timed from *start_us*; each frame follows its last byte."""
     return [
         line
         for transfer, pieces in _client_pieces(transfers)
@@ -208,7 +211,7 @@ def _client_transcript_lines(transfers: Iterable[Transfer], start_us: int) -> li
 def _client_transcript_lines_of(
     transfer: Transfer, start_us: int, pieces: list[bytes]
 ) -> list[str]:
-    """Return the lines of one transfer: time, sender, bytes, and the frames that it completes."""
+    """Return the lines of a transfer: time since *start_us*, sender, bytes, *pieces* as frames."""
     head = f"{(transfer.t_us - start_us) / 1e6:+11.6f} s {transfer.direction.value} "
     shown = transfer.data[:_SHOWN_BYTES]
     rows = [shown[start : start + _PER_LINE].hex(" ") for start in range(0, len(shown), _PER_LINE)]

@@ -178,7 +178,7 @@ class RequestClient:
         self.send(self.stream_wire(message, at_us, **header))
 
     def _put(self, wires: Sequence[bytes]) -> None:
-        """Send *wires* and count them as unanswered; paced if longer than the receive window."""
+        """Send encoded frames and count them as unanswered; paced if above the receive window."""
         mark, data = self.mark(), b"".join(wires)
         self._unanswered_bytes += len(data)
         self.wire.send(data, paced=len(data) > self.rx_window)
@@ -186,10 +186,10 @@ class RequestClient:
         self._unanswered += [(wire, mark, sent_us) for wire in wires]
 
     def _make_room(self, size: int) -> None:
-        """Wait until the board has answered a PING, unless *size* bytes more fit in its window.
+        """Wait until the board has answered a PING, unless *size* bytes fit in its receive window.
 
         The PING bears session 0, which is never open: the board refuses it before it looks at its
-        number (HG-3.8, HG-4.9/4, HG-4.12).  So it takes no number from the requests that were made
+        number (HG-3.8, HG-4.9/4, HG-4.12). So it takes no number from the requests that were made
         before :meth:`send`, leaves the remembered reply as it is, and renews no lease (HG-6.7/1).
         """
         if self._unanswered_bytes + size <= self.rx_window - _PING_BYTES:
@@ -202,7 +202,7 @@ class RequestClient:
         self._forget_unanswered()
 
     def _pause(self) -> tuple[int, int]:
-        """Send a PING without session; return its number and where its answer may begin."""
+        """Send a PING of session 0; return its number and the first index of a possible answer."""
         self.pauses += 1
         seq, since = (self.seq - _PAUSE_BEHIND) & 0xFFFF, self.mark()
         ping = m.Ping(self.random.getrandbits(_ECHO_BITS))
@@ -225,7 +225,7 @@ class RequestClient:
         return answer.header.time_us
 
     def _forget_answered(self) -> None:
-        """Drop unanswered frames up to the last that is answered, or must be processed by now."""
+        """Drop unanswered frames up to the last one answered or sent `processed_us` ago."""
         for place in reversed(range(len(self._unanswered))):
             wire, since, sent_us = self._unanswered[place]
             is_old = self.wire.now_us() - sent_us >= self.processed_us
@@ -235,7 +235,7 @@ class RequestClient:
                 return
 
     def _is_answered(self, seq: int | None, since: int) -> bool:
-        """Return True if a response to request *seq* was received since a mark."""
+        """Return True if a response to *seq* was received from index *since* on; False for None."""
         answers = self.wire.received[since:] if seq is not None else ()
         return any(p.is_response and p.header is not None and p.header.seq == seq for p in answers)
 
@@ -480,7 +480,7 @@ def _frame_header(wire: bytes) -> m.Header | None:
 
 
 def _ordered_request_seq(wire: bytes) -> int | None:
-    """Return the number of an encoded request; None for MUTE, which overtakes, and others."""
+    """Return the number of an encoded request; None for MUTE, which overtakes, and no request."""
     header = _frame_header(wire)
     if header is None or header.type not in m.REQUEST_RANGE or header.type == m.Mute.TYPE:
         return None

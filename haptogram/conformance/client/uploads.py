@@ -160,7 +160,11 @@ def upload_request(
 
 
 def _require_upload_limits(board: BoardClient, kind: m.UploadKind, size: int, points: int) -> None:
-    """End the case as NOT-OBSERVED if the limits of HELLO_REPLY are below this upload."""
+    """End the case as NOT-OBSERVED if an upload of *size* bytes is beyond those of HELLO_REPLY.
+
+    A sequence (any *kind* but CORRECTION) is limited in frames too, of *points* points each; 0: of
+    phases.
+    """
     most = board.identity.max_upload_bytes
     if size > most:
         not_observed(f"this case stores {size} bytes, and the board takes {most} in one upload")

@@ -381,7 +381,7 @@ class RawFrameClient:
             self._transport.finds_mutes = None
 
     def _read(self, deadline_ns: int) -> None:
-        """Read from the transport until the deadline; end the case when its time is over."""
+        """Read once, at *deadline_ns* at the latest; inconclusive when the case's time is over."""
         if self.now_us() > self._deadline_us:
             inconclusive(f"the case was not over after {self.limits.case_us / 1e6:g} s")
         self._note_idle_time()
@@ -426,9 +426,9 @@ class RawFrameClient:
         self._leave()
 
     def _note_idle_time(self) -> None:
-        """Record how long the host was idle since its last wait.
+        """Record how long host and board had no processor since the host's last wait.
 
-        And how long the process of the board waited for a processor meanwhile.
+        Nothing in virtual time, which does not pass meanwhile.
         """
         if not self.limits.slack_us:  # no virtual time passes while the host computes
             return
@@ -438,13 +438,16 @@ class RawFrameClient:
         self.note_held_up(self._board_waited_us - before_us)
 
     def _leave(self, latest_us: int = 1 << 62) -> None:
-        """Record when the host last listened or sent: now, but *latest_us* at the latest."""
+        """Record when the host last listened or sent: now, or *latest_us* if that is earlier."""
         if self.limits.slack_us:
             self._left_us = min(latest_us, self.now_us())
             self._left_cpu_ns = time.process_time_ns()
 
     def _take(self, data: bytes) -> None:
-        """Split received bytes into frames, and apply the rules to each."""
+        """Split received bytes at zeros, decode each piece, and judge it by the standing rules.
+
+        More than 2 MiB or 50 000 pieces in one case end it.
+        """
         now_us = self.now_us()
         self.recording.add(now_us, TransferDirection.BOARD, data)
         self.heard += len(data)
@@ -464,7 +467,7 @@ class RawFrameClient:
             self._flooded()
 
     def _flooded(self) -> NoReturn:
-        """End the case: the line delivers too many bytes."""
+        """End the case: too many bytes. FAILED if a frame is among them, else inconclusive."""
         text = f"the line is flooded: {self.heard} bytes in one case"
         if any(piece.header is not None for piece in self.received):
             fail(text)
@@ -480,7 +483,10 @@ def decoded_frame(piece: bytes) -> bytes:
 
 
 def _received_by_client(t_us: int, piece: bytes, *, shared: bool) -> ReceivedByClient:
-    """Decode a piece between delimiters: header, message, or the fault of it."""
+    """Return the piece between two delimiters with header and message, or with what is wrong.
+
+    *shared*: one delimiter alone is between it and the piece before.
+    """
     try:
         body = decoded_frame(piece)
     except RemoteProtocolError as error:

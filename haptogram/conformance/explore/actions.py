@@ -122,7 +122,7 @@ ActionSlots = list[list[DialogueAction]]
 
 
 def _short_random_run(source: random.Random, body: bytes) -> bytes:
-    """Return a frame too short for header and CRC, after up to seven bare delimiters."""
+    """Return a start of *body*, too short for header and CRC, after up to 7 bare delimiters."""
     data = body[: source.randrange(11)]
     if source.random() < 0.7:
         data = malformed_with_crc(data[:9])

@@ -160,7 +160,12 @@ class DialogueComparison:
         return self._order() if self.near_us < _TIMER_US else ""
 
     def _unexpected_event(self, mine: FrameInDialogue, left: Sequence[FrameInDialogue]) -> str:
-        """Return a text if *mine* is an event that is not due where it arrives, else ''."""
+        """Return a text if *mine* is an event that is not due where it arrives, else ''.
+
+        *left* are the virtual board's frames that are due from here on. The text is '' too if one
+        of the same kind and about the same time is among them, or if the next one is overdue: it is
+        missing.
+        """
         due, name = left[0], _message_text(mine.message)
         if mine.header.type not in m.EVENT_RANGE or _frame_kind(mine) == _frame_kind(due):
             return ""
@@ -176,7 +181,10 @@ class DialogueComparison:
         )
 
     def _order(self) -> str:
-        """Return a text on an event that left before the response to its request, or ''."""
+        """Return a text if an event left before the response to the request behind it, else ''.
+
+        Such an event is STATE_CHANGED or PLAYBACK_ENDED.
+        """
         paired = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
         for event, ours, theirs in paired:
             if ours < theirs and isinstance(event.message, m.StateChanged | m.PlaybackEnded):
@@ -190,7 +198,7 @@ class DialogueComparison:
         return self.ours.responses[answers:] + self.ours.events[events:]
 
     def _frame(self, mine: FrameInDialogue, due: FrameInDialogue) -> str:
-        """Return the first difference of a received frame to the model's, or ''."""
+        """Return as text how *mine* differs first from *due* of the virtual board, or ''."""
         header, message, due_header = mine.header, mine.message, due.header
         if type(message) is not type(due.message):
             wanted, got = _message_text(due.message), _message_text(message)
@@ -218,11 +226,17 @@ class DialogueComparison:
         return self._message(message, due.message)
 
     def _apart_us(self, key: m.LatchKey | None) -> int:
-        """Return the tolerance in µs of a latch time: 0 if the frame had a time to apply."""
+        """Return the tolerance of a latch time: 0 if its frame had a time, else the clock's.
+
+        *key* is the latch; None: unknown, so the latter.
+        """
         return 0 if key is not None and self.host.is_exact(key) else self.near_us
 
     def _message(self, message: Any, due: Any) -> str:
-        """Return the first difference of a received message to the model's, or ''."""
+        """Return as text the first field in which *message* differs from *due*, or ''.
+
+        *due* is that of the virtual board, which is given the same bytes.
+        """
         own = _OWN.get(type(message), frozenset())
         if isinstance(due, m.Error) and due.code == m.ErrorCode.TOO_LARGE:
             own = frozenset({"detail"})  # a limit
@@ -239,7 +253,10 @@ class DialogueComparison:
         return ""
 
     def _clause(self, due: m.Message, name: str, text: str) -> str:
-        """Return the clause that the field *name* breaks; *text* is its difference."""
+        """Return the clause that the field *name* breaks; *text* is its difference.
+
+        *due* is the message that has the right field.
+        """
         word = text.split()[0]  # a counter, or one of the two halves of a drive
         if name == "counters":
             return COUNTER_CLAUSES[word]
@@ -256,7 +273,10 @@ class DialogueComparison:
     def _field(
         self, name: str, got: Any, wanted: Any, key: m.LatchKey | None, due: m.Message
     ) -> str:
-        """Return the difference in the field *name* as text, '' if within its tolerance."""
+        """Return as text how *got* differs from *wanted* in the field *name*, '' if it may.
+
+        *key* is the latch that the message *due* is about; None: none.
+        """
         if name == "counters":
             before = self.ours.base.counters, self.theirs.base.counters
             return _dialogue_counter_difference(got, wanted, *before)
@@ -277,7 +297,7 @@ class DialogueComparison:
         return "" if same else f"{name} is {got}, due is {wanted}"
 
     def _records(self, got: Sequence[m.TraceRecord], wanted: Sequence[m.TraceRecord]) -> str:
-        """Return the first difference in the records of the trace ring, or ''."""
+        """Return as text how records of the trace ring differ first from those due, or ''."""
         if len(got) != len(wanted):
             return f"{len(got)} records, due are {len(wanted)}"
         for mine, due in zip(got, wanted, strict=True):
@@ -288,7 +308,11 @@ class DialogueComparison:
         return ""
 
     def _drive(self, got: bytes, wanted: bytes, due: m.DriveReply | m.TraceDrive) -> str:
-        """Return the difference of two drives (N phases, N amplitudes) beyond rounding, or ''."""
+        """Return as text how *got* differs first from *wanted*, the drive in *due*, or ''.
+
+        Both are N phase codes, then N amplitude codes. Those that the board computed may be off by
+        one; amplitudes in a ramp by what it loses in the tolerance of times.
+        """
         if len(got) != len(wanted):
             return f"{len(got)} codes, due are {len(wanted)}"
         if got == wanted:
@@ -310,7 +334,7 @@ class DialogueComparison:
 
 
 def _message_key(message: m.Message) -> m.LatchKey | None:
-    """Return the key of the latch that a message is about; None if it is about none."""
+    """Return sequence, loop and index of the latch that a message is about; None: of none."""
     if isinstance(message, m.Trace):
         return m.LatchKey(0, 0, message.index)
     if isinstance(message, m.TracePlayback | m.TraceDrive | m.DriveReply):
@@ -319,12 +343,12 @@ def _message_key(message: m.Message) -> m.LatchKey | None:
 
 
 def _frame_kind(frame: FrameInDialogue) -> tuple[type[m.Message], m.LatchKey | None]:
-    """Return the type of a frame's message, and the key of its latch (None: of none)."""
+    """Return the type of a frame's message, and the latch that it is about (None: about none)."""
     return type(frame.message), _message_key(frame.message)
 
 
 def _is_absent_sequence(due: m.Message) -> bool:
-    """Return True for NOT_FOUND to a PLAY: its detail is the number of stored sequences."""
+    """Return True for NOT_FOUND to a PLAY, whose detail is the number of stored sequences."""
     is_absent = isinstance(due, m.Error) and due.code == m.ErrorCode.NOT_FOUND
     return is_absent and getattr(due, "request", 0) == m.Play.TYPE
 
@@ -332,7 +356,11 @@ def _is_absent_sequence(due: m.Message) -> bool:
 def _dialogue_counter_difference(
     got: m.Counters, due: m.Counters, ours: m.Counters, theirs: m.Counters
 ) -> str:
-    """Return counters whose growth since the dialogue began differs (ours, theirs), or ''."""
+    """Return as text the counters of which *got* has grown otherwise than *due*, or ''.
+
+    Growth counts from the begin of the dialogue: *ours* of the board, *theirs* of the virtual
+    board.
+    """
     found = []
     for name in COUNTER_CLAUSES:
         mine = (getattr(got, name) - getattr(ours, name)) & 0xFFFFFFFF
@@ -343,7 +371,7 @@ def _dialogue_counter_difference(
 
 
 def _dialogue_element_difference(got: Sequence[m.Element], due: Sequence[m.Element]) -> str:
-    """Return the first difference of two lists of transducers beyond 1 µm, or ''."""
+    """Return as text the first transducer that differs, in x or y by more than 1 µm, or ''."""
     if len(got) != len(due):
         return f"{len(got)} transducers, due are {len(due)}"
     for mine, wanted in zip(got, due, strict=True):
@@ -360,7 +388,7 @@ def _is_within(got: int, due: int, tolerance_us: int) -> bool:
 
 
 def _message_text(message: m.Message) -> str:
-    """Return the type of a message as text; of ERROR the code, of some events the fields."""
+    """Return the type of a message as text; of ERROR the code, of some others the fields."""
     text = message.TYPE.name
     if isinstance(message, m.Error):
         code = message.code

@@ -126,7 +126,7 @@ class DialogueGenerator:
         return self._apart(self._actions(0, planned))
 
     def _batch(self) -> list[DialogueAction]:
-        """Return random actions for one slot."""
+        """Return random actions, such as frames to send, for one slot of 40 ms."""
         found: list[DialogueAction] = []
         if not self._script and self._random.random() < _UPLOAD_SHARE:
             self._script = self._makers.upload()
@@ -148,7 +148,7 @@ class DialogueGenerator:
         return [*(action for action in found if not action.ends_slot), *seen, *last[:1]]
 
     def _rarest(self) -> list[DialogueAction]:
-        """Return the input that has followed the last one least often."""
+        """Return the one of 3 random inputs that has followed the last input least often."""
         (kind,) = self._random.choices(list(_WEIGHTS), self._weights)
         names = self._random.choices(
             self._inputs.kinds.get(kind, self._inputs.kinds["frame"]), k=_CANDIDATES
@@ -165,7 +165,10 @@ class DialogueGenerator:
         return action._replace(damage=action.damage or damage)
 
     def _actions(self, first: int, planned: ActionSlots) -> list[DialogueAction]:
-        """Assign slot numbers to the actions of consecutive slots, starting at *first*."""
+        """Return all actions of *planned*, each with the number of its slot, from *first* on.
+
+        A slot is 40 ms.
+        """
         return [
             one._replace(
                 slot=number,
@@ -177,7 +180,7 @@ class DialogueGenerator:
         ]
 
     def _apart(self, actions: list[DialogueAction]) -> list[DialogueAction]:
-        """Delay some actions by up to 25 µs, where bytes take no time on the line."""
+        """Delay some actions by 1 to 25 µs, if bytes take no time on the line; else none."""
         found: list[DialogueAction] = []
         for action in actions if self._exact else ():
             is_first = not found or found[-1].slot != action.slot

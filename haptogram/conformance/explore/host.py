@@ -151,7 +151,10 @@ class DialogueHost:
         return self._body(message, flags, seq, time_us, other)
 
     def _body(self, message: m.Message, flags: int, seq: int, time_us: int, other: int) -> bytes:
-        """Return a frame body; *other* is XORed with the open session, NO_SESSION means 0."""
+        """Return a frame body; its session is the open one XOR *other*, or 0 for NO_SESSION.
+
+        *flags*, *seq* and *time_us* are for its header.
+        """
         session = 0 if other == NO_SESSION else self.session ^ other
         return m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
 
@@ -171,5 +174,5 @@ class DialogueHost:
 
 
 def _read_drive_address(key: m.LatchKey) -> tuple[int, int]:
-    """Return the sequence and number with which READ_DRIVE asks for the drive of a latch."""
+    """Return (sequence, number) with which READ_DRIVE asks for a latch; number 0 for a sequence."""
     return key.sequence, 0 if key.sequence else key.index & 0xFFFF

@@ -82,7 +82,7 @@ class Played:
 
 @dataclass(slots=True)
 class _Arrival:
-    """Bytes that arrive *wait_us* after those before, and whether the hardware fails then."""
+    """Encoded frames that arrive *wait_us* after those before; the hardware may fail then."""
 
     wait_us: int
     wires: list[bytes]
@@ -169,7 +169,11 @@ class Lockstep:
         return replace(found, sent=[*played.sent, *found.sent]) if powers_up else found
 
     def _open(self, config: m.Config, seed: int, *, is_known: bool) -> DialogueHost:
-        """Open the session of a dialogue; retry once at wall-clock time if the host was delayed."""
+        """Open the session of a dialogue; retry once at wall-clock time if the host was delayed.
+
+        *is_known*: board and virtual board are in the same state already. *seed*: of the data
+        stored first.
+        """
         try:
             return self._opening.open(config, seed, is_known=is_known)
         except CaseEndedError:
@@ -186,7 +190,11 @@ class Lockstep:
         *,
         timed: bool,
     ) -> Played:
-        """Play the slots of a dialogue on board and model, up to the first difference."""
+        """Play a dialogue, slot by slot of 40 ms, on board and virtual board.
+
+        It ends at the first difference. *base* has the counters of both before slot 0. *timed*:
+        timers end, so no slot is cut short.
+        """
         self._memory = DialogueMemory()
         self._session = host.session
         self._near_us = self._least_near_us
@@ -234,9 +242,10 @@ class Lockstep:
         return Played(text, sent, slots, self._board.wire.held_up_us)
 
     def _silent_slots(self, slot: int, slots: int, by_slot: Container[int]) -> int:
-        """Return how many slots in a row after *slot* have no actions; at a wall clock 0.
+        """Return how many slots of 40 ms right after *slot* have no actions, of *slots* in all.
 
-        At a wall clock each slot is compared by itself, since the host may be late.
+        Those in *by_slot* have some. At a wall clock it is 0: each slot is compared by itself,
+        since the host may be late.
         """
         if not self._is_virtual:
             return 0
@@ -246,7 +255,11 @@ class Lockstep:
     # --- time ----------------------------------------------------------------------------------
 
     def _next_slot(self, slot_us: int, *, may_cut: bool) -> int:
-        """Return when the next slot starts: soon if *may_cut* and idle; missed ones are skipped."""
+        """Return the device time in µs at which the next slot (40 ms) begins; skip missed ones.
+
+        That is 1 ms after the frames of this one have latched if *may_cut* and idle, else 40 ms
+        after its start.
+        """
         clock = self._board.clock
         now_us = max(clock.device_estimate_us(), self._models.now_us)
         if may_cut and self._is_idle(slot_us):
@@ -255,23 +268,29 @@ class Lockstep:
         return slot_us + SLOT_US * (1 - (-late_us // SLOT_US))
 
     def _is_idle(self, slot_us: int) -> bool:
-        """Return True if no model has an event due soon after the slot."""
+        """Return True if no virtual board has an event due within 400 ms of *slot_us*.
+
+        That is the device time at which a slot of 40 ms begins.
+        """
         next_us = self._models.next_us()
         return next_us is None or next_us >= slot_us + _IDLE_US
 
     def _settled_us(self) -> int:
-        """Return how many µs after a slot's start a frame without a time has latched."""
+        """Return how long after the start of a slot (40 ms) a frame without a time has latched.
+
+        It is 38 ms at most.
+        """
         board = self._board
         ready_us = board.clock.ready_us(_SETTLED_US, board.identity.max_points)
         return min(ready_us, SLOT_US - _END_US)
 
     def _early_us(self, line_us: int) -> int:
-        """Return how long before its slot the host sends bytes that take *line_us*."""
+        """Return how long before its slot (40 ms) the host sends bytes that take *line_us*."""
         early_us = self._opening.early_us
         return early_us if self.is_exact else early_us + line_us
 
     def _wait_until(self, t_us: int) -> None:
-        """Idle until an estimated device time."""
+        """Idle until the device clock, as estimated, has reached *t_us*."""
         self._board.wire.idle(max(0, t_us - self._board.clock.device_estimate_us()))
 
     # --- one slot ------------------------------------------------------------------------------
@@ -285,7 +304,11 @@ class Lockstep:
         may_cut: bool,
         silent: int = 0,
     ) -> str:
-        """Play one slot on board and model; return the first difference as text, or ''."""
+        """Play a slot of 40 ms on board and virtual board; return the first difference, or ''.
+
+        *base*: counters of both before the dialogue. *may_cut*: the slot ends as soon as all is
+        answered; *silent*: so many empty slots follow in it.
+        """
         board, models, at_us = self._board, self._models, host.slot_us
         wires = [wire for arrival in arrivals for wire in arrival.wires]
         line_us = board.wire.line_us(sum(map(len, wires)))
@@ -311,9 +334,9 @@ class Lockstep:
         return self._judge(host, due, base, line_us)
 
     def _arrive(self, slot_us: int, arrivals: Iterable[_Arrival]) -> int:
-        """Deliver the bytes and hardware faults of a slot to board and model.
+        """Deliver the bytes and hardware faults of a slot (40 ms) to board and virtual board.
 
-        Returns the beginning of the slot in which the last of them come.
+        Returns the device time, in µs, at which the slot begins in which the last of them come.
         """
         board, models, at_us = self._board, self._models, slot_us
         for arrival in arrivals:
@@ -332,7 +355,7 @@ class Lockstep:
         return slot_us + (at_us - slot_us) // SLOT_US * SLOT_US
 
     def _arrive_in_turn(self, wires: Sequence[bytes]) -> None:
-        """Deliver frames one after the other to board and model, at the rate of the line."""
+        """Deliver frames one by one to board and virtual board, at the rate of the line."""
         wire, models = self._board.wire, self._models
         begun_us = self._board.clock.device_estimate_us() + self._opening.early_us + wire.backlog_us
         self._send(wires)
@@ -341,12 +364,15 @@ class Lockstep:
             models.receive_near(at_us, frame, _NEAR_US)
 
     def _send(self, wires: Iterable[bytes]) -> None:
-        """Send the frames of a slot, in pieces that the board has time to read."""
+        """Send the frames of a slot of 40 ms, in pieces that the board has time to read."""
         for piece in pieces_of_slot(b"".join(wires)):
             self._board.wire.send(piece)
 
     def _answered_us(self, host: DialogueHost, sent_us: int) -> list[int]:
-        """Return the device times at which the board began to send each reply of a slot."""
+        """Return the device times at which the board began each reply of a slot (40 ms).
+
+        None is before *sent_us*. [] if the reply to its last request does not come within 1.5 s.
+        """
         board = self._board
         seq = number_at_end_of_slot(host)
 
@@ -370,7 +396,10 @@ class Lockstep:
         return found[::-1]
 
     def _await_frames(self, due: list[FrameInDialogue], end_us: int) -> None:
-        """Wait for the expected frames; in virtual time at most one slot."""
+        """Wait until as many frames as *due* have come, at most to *end_us* and their line time.
+
+        At a wall clock 1.5 s longer.
+        """
         wire = self._board.wire
         number = _count_frames(frame.message for frame in due) - len(self._early)
         answers = _count_answers(due) - _count_answers(self._early)
@@ -385,7 +414,7 @@ class Lockstep:
         wire.wait(are_there, left_us if self._is_virtual else left_us + _MISSED_US)
 
     def _has_dropped_traces(self, host: DialogueHost, base: DialogueBase) -> bool:
-        """Return True if the board has dropped trace events, which SPEC.md allows."""
+        """Return True if the board has dropped trace events since *base*: SPEC.md allows it."""
         link = self._board.link
         host.seq += 1
         since = link.mark()
@@ -403,7 +432,11 @@ class Lockstep:
         base: tuple[DialogueBase, DialogueBase],
         line_us: int,
     ) -> str:
-        """Compare what board and model sent in a slot; return the first difference, or ''."""
+        """Compare what the board sent in a slot (40 ms) with *due*, that of the virtual board.
+
+        Returns the first difference as text, or ''. Times may be apart by *line_us* and more: by
+        the time that the bytes were on the line. *base*: counters of both before the dialogue.
+        """
         board = self._board
         pieces = board.wire.received[self._since :]
         self._since += len(pieces)
@@ -437,7 +470,11 @@ def _annotated_text(wire: bytes) -> str:
 
 
 def _slot_arrivals(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:
-    """Group frames by arrival: a wait or a fault begins a new group; *end* comes last."""
+    """Group frames of a slot (40 ms) by arrival: a wait, or a fault before, begins a new group.
+
+    *batch* has (action, encoded frame); [] if it is empty. *end*, the request that ends a slot,
+    joins the last group.
+    """
     found: list[_Arrival] = []
     for action, wire in batch:
         if not found or action.wait_us or found[-1].fails:
@@ -457,5 +494,5 @@ def _count_answers(frames: Iterable[FrameInDialogue | ReceivedByClient]) -> int:
 
 
 def _count_frames(messages: Iterable[m.Message | None]) -> int:
-    """Return how many messages a board must send: all but optional ones; None counts too."""
+    """Return how many of *messages* a board must send: None (unreadable) too, no optional ones."""
     return sum(message is None or not is_optional_in_dialogue(message) for message in messages)

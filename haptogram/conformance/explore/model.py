@@ -116,9 +116,9 @@ class DialogueModel:
         return None if answer == "-" else int(answer) + self._boot_us
 
     def _pass_steps(self) -> str:
-        """Pass the waiting steps to the model, keep the frames that it sends, return its answer.
+        """Pass the waiting steps to the virtual board and keep the frames that it sends.
 
-        That is the time of the next thing that it does by itself, in microseconds; "-": none.
+        Returns when it next does something by itself, in microseconds as text; "-": never.
         """
         steps, self._steps = [*self._steps, "next"], []
         *answers, next_us = self._process.step(";".join(steps)).split(";")
@@ -228,7 +228,7 @@ class DialogueModels:
         self.receive(at_us, [wire])
 
     def _is_in_time_or_late(self, header: m.Header, early_us: int, late_us: int) -> bool:
-        """Return True if a frame is late or not depending on when it came between two times."""
+        """Return True if a frame may be late or not, as it came from *early_us* to *late_us*."""
         if header.type not in m.STREAM_RANGE or header.flags & IMMEDIATE:
             return False
         t_us = m.unwrap(header.time_us, early_us, 32)
@@ -291,7 +291,7 @@ def _flushes_in_dialogue(header: m.Header) -> bool:
 
 
 def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:
-    """Return the frames in *data*; raise if the model has sent a damaged one."""
+    """Return the frames in *data*; raise if the virtual board has sent a damaged one."""
     found = []
     for body in FrameDecoder(CLIENT_COBS).feed(data):
         if isinstance(body, RemoteProtocolError):
@@ -301,7 +301,7 @@ def _frames_in_dialogue(data: bytes) -> list[FrameInDialogue]:
 
 
 def _dialogue_model_failure(text: str) -> Exception:
-    """Return the error that ends a case if the model itself fails."""
+    """Return the error that ends a case as inconclusive if the virtual board itself fails."""
     return CaseEndedError(Behaviour.INCONCLUSIVE, f"the model beside the board: {text}")
 
 

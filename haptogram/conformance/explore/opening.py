@@ -120,7 +120,10 @@ class DialogueOpening:
         return DialogueBase(ours.counters, stored[0]), DialogueBase(theirs.counters, stored[1])
 
     def _learn_time(self) -> int:
-        """Return the device time; note how uncertain it is: the duration of one answer."""
+        """Return the device time in µs; note its uncertainty, the duration of the answer.
+
+        The first of up to 8 answers that takes less than 3 ms counts, else the last.
+        """
         clock, wire = self._board.clock, self._board.wire
         for _ in range(_TRIES):
             sent_us = wire.now_us()
@@ -135,7 +138,7 @@ class DialogueOpening:
         return now_us
 
     def _hello(self, host: DialogueHost) -> None:
-        """Open a session at board and model."""
+        """Open a session with a new nonce at board and virtual board."""
         board = self._board
         nonce = board.new_nonce()
         board.hello(nonce)
@@ -144,7 +147,7 @@ class DialogueOpening:
         self._tell_model(host.hello(hello))
 
     def _ask(self, host: DialogueHost, message: m.Message) -> tuple[m.Message, m.Message]:
-        """Return the answers of board and model to a request before slot 0."""
+        """Send a request before the dialogue; return the answers of board and virtual board."""
         ours = self._board.link.ask(message).message
         host.seq = self._board.link.seq - 1
         theirs = self._tell_model(host.request(message))
@@ -152,7 +155,7 @@ class DialogueOpening:
         return ours, theirs
 
     def _tell_model(self, body: bytes) -> m.Message:
-        """Return the model's answer to a request before slot 0."""
+        """Pass the virtual board a request before the dialogue; return its answer."""
         now_us = self._board.clock.device_estimate_us()
         return self._models.ask(now_us, encoded_frame(body)).message
 

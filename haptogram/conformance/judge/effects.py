@@ -53,7 +53,7 @@ def no_effect(_: BoardClient, __: Held) -> dict[str, object]:
 
 
 def _counted_effect(before: Held, name: str, number: int) -> dict[str, object]:
-    """Return the name and due value of a counter that counts *number* more."""
+    """Return {counter: due value} for the counter *name* that counts *number* beyond *before*."""
     key = f"the counter {name}"
     count = before[key]
     assert isinstance(count, int)  # a counter
@@ -68,7 +68,10 @@ def state_before_effect(before: Held) -> tuple[OutputState, MuteReason]:
 
 
 def _tabled_effect(name: str, before: Held) -> dict[str, object]:
-    """Return the changes that the table of effects in SPEC.md lists for an input."""
+    """Return what SPEC.md's table of effects says of held state after the input *name*.
+
+    That is due values by name; what is not in it stays as in *before*.
+    """
     row = next(row for row in load_spec_table("input") if row["input"] == name)
     changed: dict[str, object] = {}
     if "hold" in row:  # the output goes off
@@ -88,7 +91,7 @@ def _tabled_effect(name: str, before: Held) -> dict[str, object]:
 
 
 def _effect_of_row(name: str) -> Due:
-    """Return a function that computes the effect in the row *name* of the table in SPEC.md."""
+    """Return a function of (board, held state before) for the table's row *name* in SPEC.md."""
     return lambda _, before: _tabled_effect(name, before)
 
 

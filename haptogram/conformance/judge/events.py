@@ -71,19 +71,19 @@ def event_of_unattended_time(board: BoardClient) -> None:
 
 
 def _run_out_timer(board: BoardClient, config: m.Config) -> None:
-    """Set the ramp to zero, and wait until a short timer has expired."""
+    """Set the ramp of *config* to zero, and wait until a timer of 20 ms has expired."""
     _without_ramp(board, config)
     _wait_for_short_timer(board)
 
 
 def _without_ramp(board: BoardClient, config: m.Config) -> None:
-    """Set the ramp length to zero."""
+    """Configure the board as *config* says, with a ramp length of zero."""
     board.config = dataclasses.replace(config, ramp_ms=0)
     board.link.ask(m.SetConfig(board.config))
 
 
 def _wait_for_short_timer(board: BoardClient) -> None:
-    """Idle until a timer of the shortest length has expired."""
+    """Idle for 25 ms, until a timer of the shortest length, 20 ms, has expired."""
     board.wire.idle_beyond((_SHORT_MS + 5) * _MS)
 
 

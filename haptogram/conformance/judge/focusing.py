@@ -122,7 +122,10 @@ def judge_drive_of_points(
 
 
 def _check_codes(codes: bytes, errors: NDArray[np.float64], what: str) -> None:
-    """FAILED if any of *codes* is off by more than one step; the worst one is named."""
+    """FAILED if one of *codes* (phase or amplitude: *what*) is off by over 1.5 steps.
+
+    *errors* says by how many; half a step is rounding. The worst one is named.
+    """
     n = int(np.abs(errors).argmax())
     due = (codes[n] - errors[n]) % _STEPS
     check(abs(errors[n]) <= _WORST_STEPS, f"{what} {n} is {codes[n]}, due is {due:.2f}")

@@ -73,7 +73,7 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
 
 
 def _upload_progress(board: BoardClient) -> object:
-    """Return the answer to a chunk without bytes: the upload's progress, or the error code."""
+    """Return the reply to a chunk without bytes (upload progress), or ("refused", error code)."""
     answer = board.link.ask(m.UploadChunk(0, b"")).message
     return ("refused", answer.code) if isinstance(answer, m.Error) else answer
 
@@ -98,7 +98,10 @@ def _check_held_drives(
     config: m.ConfigReply,
     drives: Mapping[m.DriveKind, m.DriveReply],
 ) -> None:
-    """FAILED unless the drives that are read back are of the last latch in STATUS."""
+    """FAILED unless the drives that are read back are of the last latch in STATUS.
+
+    The radiated one must be silent unless the state is ARMED.
+    """
     for kind, reply in drives.items():
         name = f"READ_DRIVE({kind.name})"
         told, due = reply.t_latch_us, status.last_latch_us
@@ -122,7 +125,10 @@ def _check_held_drives(
 def _check_held_radiated(
     latched: m.DriveReply, radiated: m.DriveReply, correction: bytes, ceiling: int
 ) -> None:
-    """FAILED unless the radiated drive is the latched one with correction, ceiling and ramp."""
+    """FAILED unless radiated phases are latched ones plus *correction*, modulo 256.
+
+    Nor may an amplitude be above the latched one or *ceiling*; a ramp may have lowered it.
+    """
     before, after = (
         latching.client_drive_of_reply(latched),
         latching.client_drive_of_reply(radiated),
@@ -143,7 +149,10 @@ def _check_held_ring(
     drives: Mapping[m.DriveKind, m.DriveReply],
     ring: m.TraceReply,
 ) -> None:
-    """FAILED unless the last record of a ring that is written now is of the last latch."""
+    """FAILED unless the newest record of the trace ring is of the last latch.
+
+    Not checked if the ring is empty, read in part, or the trace mode is another one.
+    """
     last = ring.records[-1] if ring.records else None
     if last is None or last.number + 1 != ring.next or config.config.trace_mode != m.TraceMode.RING:
         return
@@ -173,7 +182,10 @@ def held_state_changes(before: Held, after: Held, due: Held | None = None) -> st
 
 
 def _is_held_state_change(name: str, due: object, value: object) -> bool:
-    """Return True if *value* is not as due; counters that always grow may be larger."""
+    """Return True if *value* of the state *name* is not *due*.
+
+    Counters that always grow may be larger; ANYTHING as *due* is never a change.
+    """
     if due is ANYTHING:
         return False
     if name.removeprefix("the counter ") in _GROWING:

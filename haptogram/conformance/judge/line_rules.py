@@ -74,7 +74,7 @@ class LineRules:
                         self._alone = (header.type, header.seq), t_us, len(data)
 
     def _extra_bytes(self, piece: ReceivedByClient) -> str:
-        """Return a text on bytes after the last field; '' if a later minor version allows them."""
+        """Return a text on bytes after the last field; '' for none, or in a later minor version."""
         if piece.message is None or piece.message.TAIL or self._minor > m.VERSION_MINOR:
             return ""
         size = len(piece.body) - HEADER_BYTES - piece.message.LAYOUT.size
@@ -119,7 +119,10 @@ class LineRules:
         self._alone = None
 
     def _broken_by_junk(self, piece: ReceivedByClient) -> Broken:
-        """Yield the clause that undecodable bytes break; on a lossy line only by readable text."""
+        """Yield the clause that bytes that are no frame break, and a text.
+
+        On a lossy line only readable text breaks one: 8 or more printable ASCII characters.
+        """
         is_text = len(piece.piece) >= _SHORTEST_TEXT and piece.piece.isascii()
         is_text = is_text and piece.piece.decode("ascii").strip().isprintable()
         if self._is_lossless or is_text:
@@ -127,7 +130,10 @@ class LineRules:
             yield _DAMAGED.get(piece.reason, "HG-2.2/1"), text
 
     def _broken_by_session(self, piece: ReceivedByClient, header: m.Header) -> Broken:
-        """Yield HG-3.7/1, broken if a frame is not of the open session (an event: or the last)."""
+        """Yield HG-3.7/1, with a text if a frame is not of the open session, else ''.
+
+        An event may be of the session before.
+        """
         due = self._sessions if piece.is_event else self._sessions[:1]
         error = piece.message
         if isinstance(error, m.Error) and error.code == m.ErrorCode.STALE_SESSION:
@@ -150,7 +156,10 @@ class LineRules:
         return "this request was answered before" if self._asked[asked] < 0 else ""
 
     def _late_answer(self, piece: ReceivedByClient, header: m.Header) -> Broken:
-        """Yield HG-4.11/3, broken if a request sent alone is answered after more than 10 ms."""
+        """Yield HG-4.11/3, broken if a request sent alone is answered after more than 10 ms.
+
+        Nothing for other requests, nor on a lossy line. Time on the line is not counted.
+        """
         alone, line_us = self._alone, self._line_us
         if not (self._is_lossless and alone and line_us and header.seq == alone[0][1]):
             return

@@ -268,6 +268,9 @@ def _accepted_play(board: BoardClient) -> m.Play:
 def _request_to_be_refused(
     reason: str, message: m.Message, code: m.ErrorCode, **header: Any
 ) -> Refusal:
-    """Return a request with the error code that is due, named by type and reason."""
+    """Return *message* as a request due to be refused with *code*, named by type and *reason*.
+
+    *header*: its flags or time, where they are not the usual ones.
+    """
     name = f"{message.TYPE.name}, {reason}"
     return Refusal(name, int(message.TYPE), message.serialize(), code, header)

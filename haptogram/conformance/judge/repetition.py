@@ -68,7 +68,10 @@ def _mute_between_repetitions(board: BoardClient) -> None:
 
 
 def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead: int) -> Between:
-    """Return a function that sends a MUTE of *session*, numbered *ahead* of the last request."""
+    """Return a function that sends a MUTE of the session that *session* returns.
+
+    Its number is *ahead* of that of the last request.
+    """
 
     def send(board: BoardClient) -> None:
         seq = board.link.seq + ahead
@@ -78,7 +81,7 @@ def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead
 
 
 def _chunk_between_repetitions(offset: int, size: int) -> Between:
-    """Return a function that sends an upload chunk between two repeated requests."""
+    """Return a function that sends an upload chunk of *size* zero bytes for *offset*."""
 
     def send(board: BoardClient) -> None:
         board.link.ask(m.UploadChunk(offset, bytes(size)))
@@ -106,7 +109,11 @@ CHUNKS_BETWEEN: Final[dict[str, Between]] = {
 def _refused_between_repetitions(
     code: m.ErrorCode, message: m.Message | int, **header: Any
 ) -> Between:
-    """Return a function that sends a request which the board refuses with *code*."""
+    """Return a function that sends a request which the board refuses with *code*.
+
+    *message* may be a bare type, with "payload" in *header*; "ahead" there sets the number, "stale"
+    another session.
+    """
 
     def send(board: BoardClient) -> None:
         seq = board.link.seq + header.get("ahead", 1)

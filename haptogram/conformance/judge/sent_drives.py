@@ -128,7 +128,7 @@ class SentDrives:
         return ""
 
     def _decode(self, piece: bytes, transducers: int) -> None:
-        """Keep the drive codes of a sent frame, unless it is damaged or of a wrong length."""
+        """Keep the drive codes of a sent frame for N *transducers*, unless damaged or wrong."""
         with contextlib.suppress(RemoteProtocolError):
             header, message = m.parse_body(decoded_frame(piece))
             codes = m.drive_codes(message, transducers)
@@ -189,7 +189,10 @@ class UploadRoom:
         return f"room for {left} bytes, it was {before}, {_ROOM_AS_BEFORE}" if left < before else ""
 
     def _commit(self, target: int) -> None:
-        """Note the size of a stored sequence; forget all sizes if its upload was not seen."""
+        """Note the size of a stored sequence; forget all sizes if its upload was not seen.
+
+        The *target* 0 is a correction, which is no sequence.
+        """
         begin, self._open = self._open, None
         if begin is None or begin.target != target:
             self._taken.clear()

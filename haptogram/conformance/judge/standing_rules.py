@@ -134,7 +134,7 @@ class StandingRules:
                 self._note_all(rule(piece, piece.message), piece)
 
     def _is_repeated(self, piece: ReceivedByClient) -> bool:
-        """Return True for a cached reply, which carries an earlier time (HG-4.11/6)."""
+        """Return True for a cached reply: older than the newest, or the same again (HG-4.11/6)."""
         assert piece.header is not None  # take
         if not piece.is_response:
             return False
@@ -151,7 +151,10 @@ class StandingRules:
         return False
 
     def _note_all(self, broken: Broken, piece: ReceivedByClient) -> None:
-        """Note which clauses a frame was judged by, and the broken ones."""
+        """Note the clauses that a frame was judged by, and those with a text as broken.
+
+        *broken* yields (clause, text), the text '' if it is kept.
+        """
         judged = self._findings.judged
         for clause, text in broken:
             judged.add(clause)
@@ -168,7 +171,7 @@ class StandingRules:
     # --- HELLO -----------------------------------------------------------------------------------
 
     def _judge_identity(self, _: ReceivedByClient, message: m.HelloReply) -> Broken:
-        """Judge that HELLO_REPLY has the same identity as before."""
+        """Yield HG-4.3/1, with a text if the identity in HELLO_REPLY has changed, else ''."""
         was = self._since.identity or message
         fields = (field.name for field in dataclasses.fields(message))
         kept = (name for name in fields if name not in _OF_SESSION)
@@ -179,7 +182,10 @@ class StandingRules:
     # --- STATUS ----------------------------------------------------------------------------------
 
     def _judge_status(self, _: ReceivedByClient, message: m.Status | m.StatusReply) -> Broken:
-        """Judge that state, reason and counters of a status agree, and no counter has decreased."""
+        """Yield clauses on a status, each with a text if it is broken, else ''.
+
+        State, reason and counters must agree, and no counter may have decreased.
+        """
         yield "HG-3.9/2", self._wrong_counter_sum(message.counters)
         due = _REASONS[OutputState(message.state)]
         text = f"{message.state.name} with the reason {message.reason.name}"
@@ -188,7 +194,11 @@ class StandingRules:
         yield "HG-9.2/1", self._decreased_counters(message.counters)
 
     def _wrong_counter_sum(self, counters: m.Counters) -> str:
-        """Return a text if the frame counter is not the sum of its parts, else ''."""
+        """Return a text if the counter of frames is not the sum of its parts, else ''.
+
+        The parts count what became of each frame; a difference that the status before had, too, is
+        let pass.
+        """
         lacks, sent = _lacking_parts(counters), +self._since.sent
         self._since.sent.clear()
         before = self._since.counters
@@ -203,7 +213,7 @@ class StandingRules:
         return f"{text}; since the STATUS before: frames {steps['frames']}, {parts}; sent: {named}"
 
     def _decreased_counters(self, now: m.Counters) -> str:
-        """Return a text on the counters that have decreased, or ''."""
+        """Return a text on counters that have decreased since the last status, or ''."""
         before, self._since.counters = self._since.counters or now, now
         return "; ".join(
             f"{name} {getattr(before, name)}, then {getattr(now, name)}"
@@ -214,7 +224,10 @@ class StandingRules:
     # --- Configuration and geometry --------------------------------------------------------------
 
     def _judge_config(self, _: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge that the configuration and its CRC change only when they are set."""
+        """Yield clauses on the configuration and its CRC, each with a text if broken, else ''.
+
+        They may change only when they are set.
+        """
         since = self._since
         if isinstance(message, m.UploadCommitReply):
             since.config_crc = None
@@ -232,7 +245,7 @@ class StandingRules:
             since.config_crc = message.config_crc
 
     def _judge_geometry(self, _: ReceivedByClient, message: m.GeometryReply) -> Broken:
-        """Judge that each transducer is always reported at the same place."""
+        """Yield HG-7.5/1, with a text if a transducer is reported at another place, else ''."""
         since = self._since
         if since.identity is None:
             return
@@ -245,7 +258,10 @@ class StandingRules:
         yield "HG-7.5/1", "; ".join(wrong[:2])
 
     def _judge_upload_limits(self, _: ReceivedByClient, message: m.UploadBeginReply) -> Broken:
-        """Judge that UPLOAD_BEGIN_REPLY has the limits of HELLO_REPLY."""
+        """Yield HG-7.2/6, with a text if limits of UPLOAD_BEGIN_REPLY and HELLO_REPLY differ.
+
+        '' if they agree.
+        """
         identity = self._since.identity
         if identity is None:
             return
@@ -257,7 +273,10 @@ class StandingRules:
     # --- Events ----------------------------------------------------------------------------------
 
     def _judge_events(self, piece: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge that events are numbered without a gap within a session."""
+        """Yield HG-3.6/2, with a text if an event's number is not the next one, else ''.
+
+        Numbers begin at 0 with a session; of the first session seen, any may be the first.
+        """
         header, since = piece.header, self._since
         assert header is not None  # take
         if header.session and header.session != since.session:
@@ -272,7 +291,10 @@ class StandingRules:
         since.next_event = (header.seq + 1) & 0xFFFF
 
     def _judge_order(self, piece: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge that STATE_CHANGED precedes PLAYBACK_ENDED of the same moment."""
+        """Yield HG-4.11/5, with a text if PLAYBACK_ENDED came before STATE_CHANGED, else ''.
+
+        Both are of the same moment then; a fault's may be in this order.
+        """
         header, since = piece.header, self._since
         assert header is not None  # take
         if isinstance(message, m.StateChanged):
@@ -285,7 +307,10 @@ class StandingRules:
             since.ended = None  # what comes next is of another request
 
     def _judge_times(self, piece: ReceivedByClient, _: m.Message) -> Broken:
-        """Yield HG-3.1/1, broken if an event's time does not fit the newest response's."""
+        """Yield HG-3.1/1, with a text if an event is over 5 s older than the newest response.
+
+        With a text, too, if it is over 5 s ahead of the present; else with ''.
+        """
         header, newest = piece.header, self._since.response
         assert header is not None  # take
         if newest is None or piece.t_us - newest[1] > _LONG_US:
@@ -297,7 +322,11 @@ class StandingRules:
             yield "HG-3.1/1", text if not -_SPARE_US <= off_us <= most_us else ""
 
     def _judge_traces(self, piece: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge record numbers of the ring, and the carrier periods between traced latches."""
+        """Yield clauses on record numbers of the trace ring, and on times of traced latches.
+
+        Two latches must be half a carrier period apart at least. The text of a clause is '' unless
+        it is broken.
+        """
         header, since = piece.header, self._since
         assert header is not None  # take
         if isinstance(message, m.TraceReply):
@@ -310,7 +339,10 @@ class StandingRules:
                 yield "HG-5.8/3", self._wrong_steps((before[0], header.time_us))
 
     def _judge_drives(self, piece: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge latched drives against the frames that were sent or stored with their number."""
+        """Yield clauses on latched drives, each with a text if it is broken, else ''.
+
+        A drive must be that of a frame sent or stored with its number.
+        """
         session, identity = piece.header.session if piece.header else 0, self._since.identity
         if identity is None:
             return
@@ -342,7 +374,10 @@ class StandingRules:
                 yield "HG-8.6/3", ""
 
     def _judge_room(self, piece: ReceivedByClient, message: m.Message) -> Broken:
-        """Judge that the free memory for uploads does not shrink."""
+        """Yield HG-7.2/7, with a text if the free memory for uploads has shrunk, else ''.
+
+        Nothing is yielded where it cannot be compared, as other sequences are stored.
+        """
         identity = self._since.identity
         if identity is None or piece.header is None or not piece.is_response:
             return
@@ -351,7 +386,7 @@ class StandingRules:
             yield "HG-7.2/7", text
 
     def _wrong_steps(self, times: Iterable[int]) -> str:
-        """Return a text on two latches within one carrier period, or ""."""
+        """Return a text on two *times* (µs) of latches under half a carrier period apart, or ""."""
         identity = self._since.identity
         if identity is None or not identity.carrier_hz:
             return ""
@@ -364,7 +399,10 @@ class StandingRules:
 
 
 def _crcs_of_latches(message: m.Message, transducers: int) -> Iterator[tuple[m.LatchKey, int]]:
-    """Yield latch key and CRC-32 of each drive in a message."""
+    """Yield latch and CRC-32 of each drive in a message; nothing if no drive is in it.
+
+    A drive of other than N *transducers* is left out.
+    """
     if isinstance(message, m.Trace):
         yield m.LatchKey(0, 0, message.index), message.crc
     elif isinstance(message, m.TracePlayback):
@@ -384,7 +422,7 @@ def _lacking_parts(counters: m.Counters) -> int:
 
 
 def _contradictions(status: m.Status | m.StatusReply) -> Iterator[str]:
-    """Yield contradictions within a status."""
+    """Yield a text on each contradiction of state, queue, margins and counters in a status."""
     if status.state is not OutputState.ARMED and status.queued:
         yield f"{status.queued} frames are queued while {status.state.name}"
     if not status.margins and (status.margin_min_us or status.margin_mean_us):

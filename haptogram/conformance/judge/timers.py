@@ -148,7 +148,10 @@ def judged_mute_by_timer(
 
 
 def _require_not_muted_before(board: BoardClient, since: int) -> None:
-    """End the case as not judged if a timer expired right after ARM."""
+    """End the case as not judged if the board was muted from the last ARM_REPLY to *since*.
+
+    *since* is an index of received frames; nothing is checked in virtual time.
+    """
     for piece in () if board.wire.is_virtual else reversed(board.wire.received[:since]):
         if isinstance(piece.message, m.ArmReply):
             return
@@ -180,7 +183,7 @@ def judge_mute_time(
 
 
 def _begin_text(board: BoardClient, muted: m.Header, due_ms: int) -> str:
-    """Return a text on the board's frames *due_ms* before the mute, or ''."""
+    """Return a text that names the board's frames *due_ms* before the mute, to 50 µs, or ''."""
     begun_us = (muted.time_us - due_ms * _MS) & 0xFFFFFFFF
     headers = [piece.header for piece in board.wire.received if piece.header is not None]
     names = {

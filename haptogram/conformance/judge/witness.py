@@ -94,7 +94,10 @@ def judge_nothing_read_back(board: BoardClient, kind: m.DriveKind, text: str) ->
 def _named_drive_faults(
     board: BoardClient, shown: latching.ClientDrive, registers: bytes, amplitudes: bytes
 ) -> tuple[str, ...]:
-    """Return the names of the faults that explain the drive shown in place of the one due."""
+    """Return the names of the faults that the drive *shown* has; () if none.
+
+    Due were *registers* (phase codes) and *amplitudes*.
+    """
     # Imported here: only a wrong drive pays for the acoustics.
     import numpy as np
 

@@ -104,6 +104,9 @@ def _begin_of_configuration(item: tuple[float, object]) -> float:
 
 
 def _last_configuration(known: Sequence[tuple[float, _T | None]], t: float) -> _T | None:
-    """Return the configuration in force at a capture time; None: none yet, or unknown."""
+    """Return the configuration in force at *t*; None if there is none yet, or it is unknown.
+
+    *known*: (time, configuration), sorted. Times are carrier periods of the capture.
+    """
     place = bisect.bisect_right(known, t, key=_begin_of_configuration) - 1
     return known[place][1] if place >= 0 else None

@@ -124,11 +124,14 @@ class PinDialogueClock:
         return float(self.within_us + error_us) / self.period_us
 
     def _gap(self, period: float) -> int:
-        """Return the index of the gap between knots around a period; beyond them, the last."""
+        """Return the index of the gap of two knots that *period* lies in; outside: the nearest."""
         return min(max(bisect_left(self.knots, period) - 1, 0), len(self.bends) - 1)
 
     def _off_us(self, period: float) -> float:
-        """Return by how much the device clock deviates, at a capture time, from a constant rate."""
+        """Return by how much the device clock deviates at *period* from a constant rate.
+
+        *period* is a time in carrier periods of the capture.
+        """
         gap = self._gap(period)
         rate = (self.off_us[gap + 1] - self.off_us[gap]) / (self.knots[gap + 1] - self.knots[gap])
         return float(self.off_us[gap] + rate * (period - self.knots[gap]))
@@ -155,7 +158,11 @@ def last_mark_before_lost_samples(
 def _mark_lateness(
     marks: Sequence[tuple[float, int]], nominal_us: float
 ) -> tuple[FloatArray, int, FloatArray]:
-    """Return arrivals, the first device time, and how far all deviate from the nominal rate."""
+    """Return arrivals (M,) in periods, the first device time in µs, and deviations (M,) in µs.
+
+    A deviation is the device time since the first one, less *nominal_us* for each period of the
+    arrival.
+    """
     arrivals = np.array([arrival for arrival, _ in marks])
     times = [marks[0][1]]
     for (before, _), (arrival, t_us) in pairwise(marks):
@@ -165,7 +172,10 @@ def _mark_lateness(
 
 
 def _robust_rate(arrivals: FloatArray, late: FloatArray) -> float:
-    """Return the median slope between marks half the run apart; 0.0 if they are too close."""
+    """Return the median slope of *late* over *arrivals*, in µs a period.
+
+    It is between marks half the run apart; 0.0 if none of these pairs are more than a period apart.
+    """
     half = len(arrivals) // 2
     if not half:
         return 0.0
@@ -175,7 +185,10 @@ def _robust_rate(arrivals: FloatArray, late: FloatArray) -> float:
 
 
 def _without_outliers(rest: FloatArray) -> np.ndarray:
-    """Return a mask (M,) of the marks near the median of their neighbours; all if too few."""
+    """Return a mask (M,) of the marks within 20 µs of the median of 5 neighbours.
+
+    All True if there are fewer than 5. *rest* (M,): deviations in µs from a line.
+    """
     if len(rest) < _NEIGHBOURS:
         return np.ones(len(rest), np.bool_)
     half = _NEIGHBOURS // 2
@@ -186,7 +199,11 @@ def _without_outliers(rest: FloatArray) -> np.ndarray:
 
 
 def _fit_bent_line(arrivals: FloatArray, off_us: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return times and deviations at the knots of a bent line: means of equal time bins."""
+    """Return periods (K,) and deviations in µs (K,) at the knots of a bent line.
+
+    The knots are means of *arrivals* and *off_us* in at most 33 equal bins of time; marks in one
+    bin alone make two knots, with deviations of 0.
+    """
     step = np.ptp(arrivals) / _KNOTS
     bins = np.floor((arrivals - arrivals[0]) / max(step, 1.0))
     starts = np.flatnonzero(np.diff(bins, prepend=-1.0))
@@ -197,7 +214,10 @@ def _fit_bent_line(arrivals: FloatArray, off_us: FloatArray) -> tuple[FloatArray
 
 
 def _rate_changes(knots: FloatArray, off_us: FloatArray) -> FloatArray:
-    """Return how fast the clock's rate changes in each gap: the larger value of its ends."""
+    """Return (K - 1,) by how much the clock's rate changes in a gap: in µs a period a period.
+
+    Of the values at its two ends it is the larger one; there are 3 or more knots.
+    """
     rates = np.diff(off_us) / np.diff(knots)
     inner = 2.0 * np.abs(np.diff(rates)) / (knots[2:] - knots[:-2])
     bends: FloatArray = np.maximum(np.append(inner, inner[-1]), np.insert(inner, 0, inner[0]))

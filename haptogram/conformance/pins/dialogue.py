@@ -78,7 +78,7 @@ class PinDialogue:
 
     @property
     def _second_periods(self) -> float:
-        """Return one second in carrier periods."""
+        """Return how many carrier periods a second has."""
         return self.record.carrier_hz  # a second: no host waits longer without asking again
 
     @cached_property
@@ -88,7 +88,7 @@ class PinDialogue:
 
     @cached_property
     def _armings(self) -> list[float]:
-        """Return the capture times of ARM; those of the reply if the request was unreadable."""
+        """Return when each ARM arrived, or its reply began if ARM was unreadable, in periods."""
         read = {(f.header.session, f.header.seq) for f in self.requests(m.MessageType.ARM)}
         replies = (f for f in self.to_host if f.header.type == m.MessageType.ARM_REPLY)
         lost = [f.begin for f in replies if (f.header.session, f.header.seq) not in read]
@@ -119,7 +119,7 @@ class PinDialogue:
 
     @cached_property
     def _arms_under_way(self) -> list[tuple[float, float]]:
-        """Return arrival of each ARM and begin of its answer; 1 s later if there is none."""
+        """Return (arrival of ARM, begin of its answer) in periods; 1 s later without an answer."""
         found = []
         for arm in self.requests(m.MessageType.ARM):
             answer = self.answer(arm, m.MessageType.ARM_REPLY)
@@ -129,7 +129,7 @@ class PinDialogue:
 
     @cached_property
     def _responses(self) -> list[float]:
-        """Return the capture times of all responses."""
+        """Return when each response begins, in carrier periods of the capture."""
         return [f.begin for f in self.to_host if f.header.type in m.RESPONSE_RANGE]
 
     def answered_before(self, t: float) -> float:
@@ -169,7 +169,7 @@ class PinDialogue:
 
     @property
     def _horizon(self) -> float:
-        """Return the scheduling horizon of the board in carrier periods."""
+        """Return the board's scheduling horizon in carrier periods; 0.0 if it named none."""
         horizons = [reply.max_horizon_us for _, reply in self.said(m.HelloReply)]
         return max(horizons, default=0) * self.record.carrier_hz * 1e-6
 
@@ -231,10 +231,10 @@ class PinDialogue:
 
     @cached_property
     def _marks(self) -> list[tuple[float, float, list[tuple[float, int]]]]:
-        """Return for each run between resets its begin, end and PINGs (arrival, device time).
+        """Return (begin, end, PINGs) for each run between resets; none of a run without PING.
 
-        Where the board's line alone was captured, it has the begin of each PONG and its time
-        instead.
+        Times are in carrier periods, a PING is (arrival, device time in µs). Where the board's line
+        alone was captured, it is the begin of the PONG and its time.
         """
         bounds = [0.0, *self.resets, self.record.end]
         pings: dict[tuple[int, int, int], float] = {}
@@ -314,6 +314,6 @@ def _read_line(
 
 
 def _next_time(times: Sequence[float], t: float, otherwise: float) -> float:
-    """Return the first of the sorted *times* at or after *t*."""
+    """Return the first of the sorted *times* at or after *t*; *otherwise* if there is none."""
     place = bisect.bisect_left(times, t)
     return times[place] if place < len(times) else otherwise

@@ -110,7 +110,7 @@ def judge_latch_clauses(dialogue: PinDialogue, findings: PinClauseFindings) -> N
 
 
 def _dialogue_before_lost_samples(record: PinRecord) -> PinDialogue:
-    """Return the dialogue of a capture, up to where samples are missing."""
+    """Return the dialogue of a capture, up to where samples are missing; all if none are."""
     dialogue = PinDialogue(record)
     end = dialogue.end_before_lost_samples
     if end is None:
@@ -123,7 +123,7 @@ def _dialogue_before_lost_samples(record: PinRecord) -> PinDialogue:
 
 
 def _note_missing_line(dialogue: PinDialogue, findings: PinClauseFindings) -> None:
-    """Note the clauses that a capture of one line cannot show."""
+    """Note the clauses that a capture of one line cannot show; nothing if it has both lines."""
     if not dialogue.missing:
         return
     shown = _BY_ONE_LINE[dialogue.missing]
@@ -138,7 +138,7 @@ def _note_missing_line(dialogue: PinDialogue, findings: PinClauseFindings) -> No
 
 
 def _check_elements(dialogue: PinDialogue) -> None:
-    """Refuse a channel map that names an element beyond those of the board."""
+    """Raise ConfigurationError if the channel map has an element beyond those of the board."""
     count = next((reply.transducers for _, reply in dialogue.said(m.HelloReply)), None)
     for element, pin in dialogue.record.pins.items():
         if count is not None and element >= count:
@@ -151,7 +151,11 @@ def _check_elements(dialogue: PinDialogue) -> None:
 def _clause_result_by_pins(
     clause: str, findings: PinClauseFindings, cut: str, expected: dict[str, str]
 ) -> CaseResult:
-    """Return the result of a clause from its findings: broken, unclear, kept, or not shown."""
+    """Return the result of a clause from its findings: broken, unclear, kept, or not shown.
+
+    *cut* says why the capture ends early ('': it does not), and makes it inconclusive unless
+    broken. *expected*: failures that are known, by case or clause.
+    """
     case = PIN_CASES[clause]
     broken, held = findings.broken.get(clause, []), findings.held[clause]
     unclear = findings.unclear.get(clause, [])
@@ -181,7 +185,7 @@ def _clause_result_by_pins(
 
 
 def _findings_text(texts: Sequence[str], every: int) -> str:
-    """Join the findings into one text: the count, the first few, the number of others."""
+    """Join the findings into one text: how many of *every*, the first 3, the number of others."""
     more = f"; and {len(texts) - _NAMED} times more" if len(texts) > _NAMED else ""
     return f"{len(texts)} of {every} times: " + "; ".join(texts[:_NAMED]) + more
 

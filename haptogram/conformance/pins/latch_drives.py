@@ -96,7 +96,11 @@ class LatchDriveClauseJudge:
     def _judge(
         self, one: DriveAfterLatch, offset: float | None, steps: int, findings: PinClauseFindings
     ) -> None:
-        """Judge the pin drive after one latch, and add the findings."""
+        """Judge the pin drive after one latch, and add the findings.
+
+        *offset* is the phase in rad by which all pins are ahead of the codes, known to *steps*
+        codes; None: unknown.
+        """
         record, shown, elements = self.record, one.shown, list(self.record.pins)
         where = time_by_pins(record, one.latch.at)
         lost = ""
@@ -123,7 +127,10 @@ class LatchDriveClauseJudge:
             findings.paths.add((shown.clause, shown.path))
 
     def _drive_after(self, latch: ReportedLatch, settled: float) -> DriveAfterLatch | None:
-        """Return the pin drive measured after a latch; None if it lasted too short."""
+        """Return the pin drive from *settled* periods after a latch on.
+
+        None if it lasted less than 3 periods from then, or if it is unknown which drive is due.
+        """
         shown = latch.drive
         if shown is None or latch.until - latch.at <= settled + latch.within + SHORTEST:
             return None
@@ -148,9 +155,11 @@ class LatchDriveClauseJudge:
         return DriveAfterLatch(latch, shown, seen, meant, tuple(gone), is_sounding, high - low)
 
     def _drift(self, low: float, high: float) -> FloatArray:
-        """Return a quadratic fit of the reference element's phase from *low* to *high*.
+        """Return a quadratic fit (3,) of the reference element's phase from *low* to *high*.
 
-        Where an element replaces the carrier clock, the analyser's clock error turns all phases.
+        In rad over periods since *low*, for polyval; [0] without such an element or 40 pulses of
+        it. Where an element replaces the carrier clock, the analyser's clock error turns all
+        phases.
         """
         if self.record.reference_element is None:
             return np.zeros(1)
@@ -164,10 +173,10 @@ class LatchDriveClauseJudge:
     def _wrong(
         self, one: DriveAfterLatch, offset: float | None, steps: int
     ) -> tuple[NDArray[np.bool_], bool]:
-        """Return a mask of differing pins, and whether any phase could be compared.
+        """Return a mask (E,) of differing pins, and whether any phase could be compared.
 
-        The phase common to all pins is removed first: *offset*, known to *steps* steps of a code,
-        or that of the reference element.
+        The phase common to all pins is removed first: *offset* in rad, known to *steps* steps of a
+        code, or that of the reference element. None: phases are not compared.
         """
         size = self._amplitude_limit(one)
         sizes = np.abs(np.abs(one.seen) - np.abs(one.meant)) > size
@@ -187,21 +196,24 @@ class LatchDriveClauseJudge:
         return bad, is_compared
 
     def _amplitude_limit(self, one: DriveAfterLatch) -> float:
-        """Return the allowed error of an amplitude: of the capture, plus rounding of the codes."""
+        """Return the error allowed in an amplitude (0 to 1): of the capture, and of rounding."""
         return self.limits.amplitude + one.shown.steps / _FULL
 
     def _audible(self, one: DriveAfterLatch) -> NDArray[np.bool_]:
-        """Return a mask (E,) of pins with enough amplitude to compare their phase."""
+        """Return a mask (E,) of pins with an amplitude, due and seen, above its allowed error.
+
+        Others have no phase to compare, nor have those whose phase is free.
+        """
         audible: NDArray[np.bool_] = np.minimum(
             np.abs(one.seen), np.abs(one.meant)
         ) > self._amplitude_limit(one)
         return audible & ~one.shown.free[list(self.record.pins)]
 
     def _offset(self, drives: Sequence[DriveAfterLatch]) -> tuple[float | None, int]:
-        """Return the common phase between pins and codes, and its uncertainty in steps.
+        """Return the phase in rad common to all pins, and its uncertainty in steps of a code.
 
         The phase is constant until the next reset; a drive that the board computed may be off by
-        one step. None if there is only one phase: nothing can be compared.
+        one step. (None, 0) if there is only one phase: nothing can be compared.
         """
         angles: dict[int, list[FloatArray]] = {}
         for one in drives:

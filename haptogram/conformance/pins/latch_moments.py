@@ -33,9 +33,11 @@ class LatchMomentClauseJudge:
     def _moments(
         self, latch: ReportedLatch, before: float
     ) -> tuple[dict[int, float], dict[int, float]]:
-        """Return the last old and first new pulse, by element, of pins that show the latch.
+        """Return the last old and first new pulse of pins that show the latch, by element.
 
-        Empty if the drive before or after the latch was too short to be known.
+        In periods, as is *before*, the latch before. Pins whose drive hardly changes (by 0.06 of
+        the full one or less) are left out. Empty if the drive before or after the latch lasted less
+        than 3 periods.
         """
         settled = SETTLED + latch.within
         low = max(before + settled, latch.at - LONGEST)
@@ -68,7 +70,10 @@ class LatchMomentClauseJudge:
         first: dict[int, float],
         findings: PinClauseFindings,
     ) -> None:
-        """Judge that all pins change together, and at the time at which the latch is due."""
+        """Judge that all pins change within 1.25 periods, and 2 from when the latch is due.
+
+        *after* and *first*: the last old and the first new pulse, in periods, by element.
+        """
         record = self.pulses.record
         begin, end = min(first.values()), max(after.values())
         where = time_by_pins(record, latch.at)
@@ -94,7 +99,8 @@ class LatchMomentClauseJudge:
     ) -> None:
         """Add a finding on a change *late* periods off: broken, kept, or within clock error.
 
-        A clock that is known worse than a period cannot show that a board is in time.
+        Broken is beyond 2 periods and *within*, what the clock may be wrong by. A clock that is
+        known worse than a period cannot show that a board is in time. *than* ends the text.
         """
         length = duration_by_pins(self.pulses.record, abs(late))
         side = "later" if late > 0.0 else "earlier"

@@ -29,7 +29,7 @@ class LatchClausePulses:
 
     @cached_property
     def _of_elements(self) -> dict[int, _Pulses]:
-        """Return the fundamental (complex amplitude) of each pulse of each element."""
+        """Return centres in periods and complex fundamentals of the pulses of each element."""
         return {
             element: fundamentals_of_run_drives(pin) for element, pin in self.record.pins.items()
         }

@@ -62,7 +62,11 @@ def _judge_ramp_clause(
     changes: Sequence[tuple[float, float, int | None]],
     findings: PinClauseFindings,
 ) -> None:
-    """Judge that the pins fall along a straight line during a ramp, and never rise."""
+    """Judge that the pins fall along a straight line from *begin* to *end*, and never rise.
+
+    In periods. *changes*: (asked for, in force, ceiling or None) of ceilings set meanwhile. Pins
+    without a steady drive before it are not judged.
+    """
     record = dialogue.record
     per_ms = record.carrier_hz * 1e-3
     louder, off_line, seen = [], [], 0
@@ -113,12 +117,12 @@ def _judge_ramp_clause(
 
 
 def _ramp_left_by_clause(times: FloatArray, begin: float, end: float) -> FloatArray:
-    """Return the share of the amplitude that the straight line leaves."""
+    """Return the share, 1 to 0, that the straight line from *begin* to *end* leaves at *times*."""
     left: FloatArray = np.clip((end - times) / (end - begin), 0.0, 1.0)
     return left
 
 
 def _ramp_rises(sizes: FloatArray, error: FloatArray) -> bool:
-    """Return True if the amplitude increases beyond the measurement error."""
+    """Return True if a size is above an earlier one by more than the *error* of both."""
     least = np.minimum.accumulate(sizes + error)
     return bool((sizes - error > least).any())

@@ -213,7 +213,10 @@ class DrivesOfPinDialogue:
 
     @cached_property
     def _array(self) -> TransducerArray | None:
-        """Return the array that the board describes, by grid or elements; None if by neither."""
+        """Return the array that the board describes, by grid or elements; None if by neither.
+
+        By elements it is None, too, if one of them was not captured.
+        """
         identity = self.identity
         assert identity is not None  # model() has seen to it
         if identity.grid_nx and identity.grid_ny:
@@ -227,7 +230,7 @@ class DrivesOfPinDialogue:
         return array_of_geometry([shown[number] for number in sorted(shown)])
 
     def _frames_of_stream(self) -> dict[tuple[int, int], list[ReportedDrive]]:
-        """Return the frames of the stream by session and unwrapped number."""
+        """Return the drives sent as stream frames, by (session, unwrapped number)."""
         newest: dict[int, int] = {}
         found: dict[tuple[int, int], list[ReportedDrive]] = {}
         for frame in self._dialogue.to_board:
@@ -244,7 +247,11 @@ class DrivesOfPinDialogue:
     def _of_stream(
         self, session: int, index: int, crc: int | None, at: float
     ) -> ReportedDrive | None:
-        """Return the drive sent for a latch, by its CRC-32 or as the only one; None: unsure."""
+        """Return the drive sent with *session* and *index* for a latch; None: unsure which.
+
+        It has the CRC-32 *crc* or is the only one. It is unsure, too, if unreadable bytes before
+        the latch at *at* may have been another.
+        """
         sent = self._stream.get((session, index), [])
         exact = [one for one in sent if crc is not None and self._crc(one) == crc]
         if exact:
@@ -254,7 +261,7 @@ class DrivesOfPinDialogue:
         return sent[0] if is_alone else None
 
     def _crc(self, drive: ReportedDrive) -> int | None:
-        """Return the CRC-32 of a drive's codes; None if they are invalid."""
+        """Return the CRC-32 of a drive's codes; None if invalid or computed by the board."""
         try:
             parts = m.drive_codes(drive.message, self.count)
         except RemoteProtocolError:
@@ -262,11 +269,11 @@ class DrivesOfPinDialogue:
         return None if parts is None else zlib.crc32(b"".join(parts))
 
     def _is_doubtful(self, begin: float, end: float) -> bool:
-        """Return True if the capture has unreadable bytes that may have changed the drive."""
+        """Return True if a byte from 1 s before *begin* to *end* (in periods) is unreadable."""
         return self._dialogue.next_unread(begin - self._dialogue.record.carrier_hz) < end
 
     def _of_playback(self, key: m.LatchKey, at: float) -> ReportedDrive | None:
-        """Return the stored drive that a playback latched; None: upload or PLAY unseen."""
+        """Return the stored drive that a playback latched at *at*; None: upload or PLAY unseen."""
         plays = [(f, p) for f, p in self._plays if f.arrival < at and p.sequence == key.sequence]
         stored = [
             one

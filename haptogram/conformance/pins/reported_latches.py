@@ -124,7 +124,10 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ReportedLatch]:
 
 
 def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Reported]:
-    """Yield the latches reported by trace events, while every latch has one."""
+    """Yield (time, frame, time of the next) of latches with a trace event, while every one has.
+
+    Times are in carrier periods; a latch beside a lost event is left out.
+    """
     events = []
     for frame in dialogue.to_host:
         is_report = isinstance(frame.message, m.Trace | m.TracePlayback | m.TraceDrive)
@@ -146,7 +149,10 @@ def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Ite
 
 
 def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Reported]:
-    """Yield the latches reported by READ_DRIVE, where trace events are off."""
+    """Yield (time, frame, time of the request) of latches that READ_DRIVE reports.
+
+    Times are in carrier periods; only where trace events are off.
+    """
     requests = {
         (frame.header.session, frame.header.seq): frame.arrival
         for frame in dialogue.requests(m.MessageType.READ_DRIVE)
@@ -164,7 +170,7 @@ def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> 
 
 
 def _due_time(dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame) -> float | None:
-    """Return the capture time at which a latch is due; None: at once, late or unknown."""
+    """Return when a latch is due, in carrier periods; None: at once, late or unknown."""
     is_late = frame.header.flags & m.Flag.LATE or isinstance(frame.message, m.DriveReply)
     if found.due_us is None or is_late:
         return None  # a read-back does not say whether the latch was late
@@ -175,7 +181,7 @@ def _due_time(dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame) -> 
 def _shown_drive(
     found: ReportedDrive, asked: DrivesOfPinDialogue, configs: ConfigurationsByPins, at: float
 ) -> ShownDrive | None:
-    """Return the drive due at the pins, corrected and limited; None if it is not known."""
+    """Return the drive due at the pins at *at*, corrected and limited; None if it is not known."""
     known, correction = configs.at(at), configs.correction(at)
     if known is None or correction is None:
         return None
@@ -200,7 +206,7 @@ def _shown_drive(
 
 
 def _lost_event_times(dialogue: PinDialogue) -> list[float]:
-    """Return the capture times before which an event frame is missing or damaged."""
+    """Return the times, in carrier periods, before which an event is missing or damaged."""
     events = [frame for frame in dialogue.to_host if frame.header.type in m.EVENT_RANGE]
     missing = [
         after.begin
@@ -212,7 +218,10 @@ def _lost_event_times(dialogue: PinDialogue) -> list[float]:
 
 
 def _unlatched_change_intervals(dialogue: PinDialogue) -> list[tuple[float, float]]:
-    """Return when the output may change without a latch: requests, faults, resets, lost bytes."""
+    """Return (begin, end) in which the output may change without a latch, in carrier periods.
+
+    By requests, faults, resets and unreadable bytes; the last one is (inf, inf).
+    """
     found = [frame.arrival for frame in dialogue.requests(*_OF_OUTPUT)]
     found += dialogue.unread_to_board  # it may have been one of them
     asked: list[tuple[float, float]] = []

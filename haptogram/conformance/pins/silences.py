@@ -104,7 +104,10 @@ def judge_silence_clauses(dialogue: PinDialogue, findings: PinClauseFindings) ->
 def _pins_sounding_against_clause(
     record: PinRecord, begin: float, until: float
 ) -> dict[int, tuple[float, float]]:
-    """Return the first and the last pulse that each pin begins from *begin* to *until*."""
+    """Return when each pin's first and last pulse begins, from *begin* to *until*, by element.
+
+    In carrier periods; without the pins that begin none.
+    """
     found = {}
     for element, pin in record.pins.items():
         low, high = np.searchsorted(pin.rises, [begin, until])
@@ -126,7 +129,7 @@ def _silence_clauses_due(dialogue: PinDialogue) -> Iterator[SilenceDue]:
 def _silence_until_arm(
     dialogue: PinDialogue, cause_at: float, begin: float, clause: str, cause: str
 ) -> SilenceDue:
-    """Return the silence expected from an event until the next ARM."""
+    """Return the silence due from *begin* to the first ARM after its cause at *cause_at*."""
     until, doubt = dialogue.next_arm(cause_at), dialogue.next_unread(cause_at)
     return SilenceDue(cause_at, begin, until, clause, cause, doubt)
 
@@ -147,7 +150,10 @@ def _silence_clauses_after_requests(dialogue: PinDialogue) -> Iterator[SilenceDu
 
 
 def _last_computing_time(dialogue: PinDialogue, until: float) -> float:
-    """Return when the POINTS received by *until* are computed (HG-5.7), *until* at least."""
+    """Return when the POINTS received by *until* are computed (HG-5.7), *until* at least.
+
+    Both times are in carrier periods of the capture.
+    """
     point_us = 0
     ready = until
     for frame, reply in dialogue.said(m.HelloReply):

@@ -208,7 +208,10 @@ class PortAccess:
         return open_access_port(self.open, self.boot_timeout_s)
 
     def _set_lines(self, states: dict[str, bool], then: dict[str, bool] | None = None) -> None:
-        """Set control lines of the port, such as DTR; then, after a pulse, set them back."""
+        """Set control lines of the port, such as DTR; 0.1 s later set those of *then*.
+
+        Nothing if *states* is empty; no second step if *then* is None.
+        """
         if not states:
             return
         try:
@@ -248,7 +251,11 @@ def access_fault_raiser(
 def _run_command_for_access(
     option: str, command: str, timeout_s: float, environment: Mapping[str, str] = _NO_VARIABLES
 ) -> None:
-    """Run a shell command of the user; :class:`ConfigurationError` if it fails."""
+    """Run a shell command of the user, given by *option*, with *environment* added.
+
+    :class:`ConfigurationError` if it fails, or takes longer than *timeout_s*, which counts as 1 s
+    at least.
+    """
     try:
         done = subprocess.run(
             command,

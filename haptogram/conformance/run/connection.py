@@ -184,7 +184,7 @@ class SuiteConnection:
             self.lost = why
 
     def _connect(self, transport: Transport, *, booted: bool) -> BoardClient:
-        """Open a client on a transport."""
+        """Open a client on a transport; *booted*: the board starts anew with it."""
         wire = RawFrameClient(transport, self._limits, baudrate=self.baudrate)
         self._connected_us = wire.now_us()
         self._board, self._transport = BoardClient(wire, self._random, booted=booted), transport
@@ -207,7 +207,7 @@ class SuiteConnection:
         self._transport = None
 
     def _answers(self) -> bool:
-        """Return True if a board of this version answers; else note why not."""
+        """Return True if a board of this version answers one of 3 HELLOs; else note why not."""
         self.lost = ""
         if self.board.clock.booted:
             self.board.link.expect_boot(self._access.boot_timeout_s)

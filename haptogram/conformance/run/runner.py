@@ -167,7 +167,10 @@ class SuiteRunner:
         yield from (place for place, case in enumerate(cases) if case.judges_all)
 
     def _is_wrap_near(self, case: Case) -> bool:
-        """Return True if the device clock wraps within the time that a case needs."""
+        """Return True if the clock's wrap is as far off as a case needs, or up to 1.8 s more.
+
+        A slow line or host takes three times as long to get there.
+        """
         until_us = self._connection.until_wrap_us
         is_slow = self._lead_factor > 1 or self._connection.baudrate < 10 * _LEAST_BAUD
         before_us = case.before_wrap_us * (3 if is_slow else 1)
@@ -224,9 +227,10 @@ class SuiteRunner:
         )
 
     def _attempt(self, case: Case) -> _Outcome:
-        """Run a case, with up to two retries if the host was delayed and the case did not pass.
+        """Run a case, with up to two retries if it did not pass while the host was delayed.
 
-        A retry, and each case after it, leaves more time between a frame and its t_apply.
+        Delayed is over 5 ms. A retry, and each case after it, leaves more time between a frame and
+        its t_apply.
         """
         tried: list[_Outcome] = []
         for number in range(_TRIES):
@@ -241,7 +245,7 @@ class SuiteRunner:
         return _combined_attempts(tried)
 
     def _try(self, case: Case) -> _Outcome:
-        """Run a case once; skip a case beyond the selected depth."""
+        """Run a case once; NOT_OBSERVED without a run if it is beyond the selected depth."""
         if case.body is None:
             return _Outcome(Behaviour.NOT_OBSERVED, case.summary)
         depth = case.least_depth(virtual=self._access.virtual)
@@ -349,7 +353,11 @@ class SuiteRunner:
     def _timer_outcome(
         self, board: BoardClient, timer: str, ended: CaseEndedError
     ) -> CaseEndedError:
-        """Return how a case ends that takes longer than *timer*, which cannot be extended."""
+        """Return how a case ends that takes longer than *timer*, which cannot be extended.
+
+        NOT_OBSERVED in virtual time; else inconclusive, as if the host was held up. The text of
+        *ended* is kept.
+        """
         config = board.config
         length_ms = config.hold_ms if timer == "hold" else config.host_timeout_ms
         board.wire.note_held_up(1000 * length_ms)
@@ -401,7 +409,7 @@ class SuiteRunner:
 
     @property
     def _is_slow(self) -> bool:
-        """Return True if the line is too slow for the times of SPEC.md to be measured."""
+        """Return True if the line carries under 95 % of 115 200 Bd: too slow to measure times."""
         return self._connection.baudrate < _MEASURED_SHARE * _LEAST_BAUD
 
     def _on_slow_line(self, found: str) -> str:
@@ -463,7 +471,7 @@ def _is_shown(behaviour: Behaviour) -> bool:
 
 
 def _not_run_result(case: Case, clause: Clause, why: str) -> CaseResult:
-    """Return the inconclusive result of a case that did not run."""
+    """Return the inconclusive result of a case that did not run; *why* is its text."""
     evidence = case.evidence if case.body else Evidence.WIRE
     return CaseResult(
         case.id, case.clause, clause.text, case.summary, Behaviour.INCONCLUSIVE, evidence, why

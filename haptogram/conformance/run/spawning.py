@@ -25,7 +25,7 @@ _KEPT_BYTES: Final = 1 << 16
 
 
 class _SpawnAccessOutput:
-    """The beginning and the end of the text that a process prints.
+    """The first and the last 64 KiB of the text that a process prints.
 
     A thread reads everything: a full pipe would stop the board.
     """
@@ -37,7 +37,7 @@ class _SpawnAccessOutput:
         self._thread.start()
 
     def _drain(self) -> None:
-        """Read the output of the program to its end; keep the first and the last bytes."""
+        """Read the output of the program to its end; keep the first and the last 64 KiB."""
         with self._stream as stream:
             while data := os.read(stream.fileno(), _KEPT_BYTES):
                 room = _KEPT_BYTES - len(self._first)
@@ -137,7 +137,10 @@ class SpawnAccess:
         return self._output
 
     def _wait_for_port(self, output: _SpawnAccessOutput) -> str:
-        """Return the port that the program prints; raise if it ends or prints none in time."""
+        """Return the port that the program prints; raise if it ends, or prints none in time.
+
+        In time is within `boot_timeout_s`.
+        """
         assert self._process is not None  # _start has set it
         end_s = time.monotonic() + self.boot_timeout_s
         while True:
@@ -176,7 +179,7 @@ class SpawnAccess:
 
 
 def _end_process_group(process: subprocess.Popen[bytes]) -> None:
-    """Terminate a process with all its children; kill them if they do not end."""
+    """Terminate a process with all its children; kill them if they have not ended in 5 s."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(process.pid, number)

@@ -139,12 +139,12 @@ class FrameAnnotator:
             yield Annotated(self._begin, self._size, "", f"no frame: {fault}", fault)
 
     def _keep(self, piece: bytes) -> None:
-        """Add bytes to the current frame: keep no more than an encoded frame has, count all."""
+        """Add bytes to the current frame: keep up to 4097 of them, count all."""
         self._partial += piece[: MAX_ENCODED_BYTES + 1 - len(self._partial)]
         self._size += len(piece)
 
     def _close(self) -> Iterator[Annotated]:
-        """Yield the annotation of a complete frame."""
+        """Yield the annotation of the complete frame; nothing if it is empty."""
         piece, size = self._partial, self._size
         begin, self._begin = self._begin, self._begin + size + len(DELIMITER)
         self._partial, self._size = b"", 0

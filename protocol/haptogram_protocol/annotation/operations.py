@@ -62,7 +62,10 @@ class OperationAnnotator:
             yield Annotated(self._advance(size), size, "", text, fault)
 
     def _take(self, found: list[Operation] | list[Reply]) -> Iterator[Annotated]:
-        """Yield the annotation of each operation or reply; the first has the bytes and errors."""
+        """Yield the annotation of each operation or reply; the first has the errors.
+
+        It has all bytes but one for each that follows, as far as they suffice.
+        """
         behind = min(len(found) - 1, self._size - 1)
         sizes = [self._size - behind] + [1] * behind + [0] * (len(found) - 1 - behind)
         fault = self._new_errors_text()
@@ -76,7 +79,7 @@ class OperationAnnotator:
             fault = ""
 
     def _advance(self, size: int) -> int:
-        """Return where the present piece begins; the next one begins *size* bytes later."""
+        """Return the offset of the present piece; the next one begins *size* bytes later."""
         begin = self._begin
         self._begin += size
         self._size -= size
@@ -104,13 +107,13 @@ def _inner_operation_names(value: Any) -> Iterator[str]:
 
 
 def _fields_text(fields: Mapping[str, Any]) -> str:
-    """Return the fields in one line."""
+    """Return the fields in one line, such as " first 0, codes 16"; '' if there are none."""
     words = [f"{name} {_value_text(value)}" for name, value in fields.items()]
     return f" {', '.join(words)}" if words else ""
 
 
 def _value_text(value: Any) -> str:
-    """Return a value as text; long ones are cut."""
+    """Return a value as text; of lists the first 8 items, of hex text the first 8 bytes."""
     if isinstance(value, str) and len(value) > 2 * _SHOWN:
         return f"{value[: 2 * _SHOWN]}... ({len(value) // 2} bytes)"
     if isinstance(value, list):

@@ -124,7 +124,10 @@ class BoardConnection(ConnectionInbox):
         self._start_sequences(0)
 
     def _start_sequences(self, control_seq: int) -> None:
-        """Reset the sequence numbers of stream, requests and events for a new session."""
+        """Reset sequence numbers for a new session; requests count on from *control_seq*.
+
+        Stream frames begin at FIRST_STREAM_SEQ, events at 0; the remembered reply is forgotten.
+        """
         self._stream_expected = m.FIRST_STREAM_SEQ  # unwrapped
         self._control_newest = control_seq
         self._event_seq = 0
@@ -172,7 +175,7 @@ class BoardConnection(ConnectionInbox):
         return self._drop(frame, "unknown_type")
 
     def _drop(self, frame: ReceivedFrame, reason: str) -> FrameDropped:
-        """Count a dropped frame and return its event."""
+        """Count a dropped frame in the counter *reason* and return its event."""
         self.count(reason)
         return FrameDropped(reason, frame.t_rx_us, frame.in_session)
 
@@ -214,7 +217,7 @@ class BoardConnection(ConnectionInbox):
         )
 
     def _take_index(self, seq: int) -> int | None:
-        """Return the unwrapped number, and count a gap before it; None if it was used.  HG-5.5."""
+        """Return *seq* unwrapped, and count a gap before it; None if it was used.  HG-5.5."""
         ahead = (seq - self._stream_expected) & 0xFFFF
         if ahead >= COPY_AHEAD:
             return None
@@ -276,7 +279,10 @@ class BoardConnection(ConnectionInbox):
         return self._request(frame, hello, new_session=True)
 
     def _judge_control_seq(self, frame: ReceivedFrame) -> FrameDropped | None:
-        """Answer a repetition from memory, refuse a used number; return None for a new request."""
+        """Answer a repetition from memory, refuse a used number; return the drop in both cases.
+
+        None for a new request.
+        """
         seq = frame.header.seq
         if frame.header.type in _IDEMPOTENT:
             return None
@@ -290,7 +296,10 @@ class BoardConnection(ConnectionInbox):
     def _request(
         self, frame: ReceivedFrame, message: m.Message, *, new_session: bool = False
     ) -> RequestReceived:
-        """Count a request, use up its number, and return its event."""
+        """Count a request, use up its number, and return its event.
+
+        *new_session*: it is a HELLO that opens one.
+        """
         self.count("requests")
         header = frame.header
         self._take_control_seq(frame)
@@ -320,7 +329,10 @@ class BoardConnection(ConnectionInbox):
         *,
         is_remembered: bool = False,
     ) -> FrameDropped:
-        """Send ERROR for a request; the board never sees it."""
+        """Send ERROR with *code* and detail *number* for a request; the board never sees it.
+
+        *is_remembered*: a repetition of the request gets the same ERROR.
+        """
         error = m.Error(request=frame.header.type, code=code, detail=number)
         session = 0 if code is m.ErrorCode.STALE_SESSION else self.session
         wire = self._response(error, frame.header.seq, self.departure_us(frame.t_rx_us), session)
@@ -425,7 +437,7 @@ class BoardConnection(ConnectionInbox):
             yield self._frames.popleft()
 
     def _answer(self, request: RequestReceived, message: m.Message, now_us: int) -> None:
-        """Queue the response to a request; remember it for repetitions."""
+        """Queue the response to a request; remember it for repetitions unless it is idempotent."""
         wire = self._response(message, request.seq, now_us)
         if request.message.TYPE not in _IDEMPOTENT:
             self._answered = _Answered(request.seq, request.crc, wire)
@@ -434,13 +446,13 @@ class BoardConnection(ConnectionInbox):
     def _response(
         self, message: m.Message, seq: int, now_us: int, session: int | None = None
     ) -> bytes:
-        """Return the frame of a response or event."""
+        """Return the frame of a response or event; its session is the open one if None is given."""
         session = self.session if session is None else session
         body = m.build_body(message, flags=0, seq=seq, time_us=now_us, session=session)
         return encode_frame(body, self._stuff)
 
     def _queue(self, wire: bytes, limit: int) -> bool:
-        """Queue a whole frame; return False without room for it (HG-9.6)."""
+        """Queue a whole frame; return False if more than *limit* bytes would wait (HG-9.6)."""
         has_room = self.output_bytes + len(wire) <= limit
         if has_room:
             self._frames.append(wire)

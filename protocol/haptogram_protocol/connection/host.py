@@ -197,7 +197,10 @@ class HostConnection(ConnectionInbox):
     def _send(
         self, message: m.Message, now_us: int, *, session: int, flags: int = 0, time_us: int = 0
     ) -> int:
-        """Queue a request with the next number, to be sent again until answered."""
+        """Queue a request, to be sent again until answered; return its sequence number.
+
+        *session*, *flags* and *time_us* are for its header.
+        """
         seq = self._control_seq
         body = m.build_body(message, flags=flags, seq=seq, time_us=time_us, session=session)
         wire = encode_frame(body, self._stuff)
@@ -247,7 +250,7 @@ class HostConnection(ConnectionInbox):
         return self._judge(body, t_rx_us)
 
     def _drop(self, reason: str, t_rx_us: int) -> events.FrameDropped:
-        """Count a dropped frame and return its event."""
+        """Count a dropped frame in the counter *reason* and return its event."""
         self.counters[reason] += 1
         return events.FrameDropped(reason, t_rx_us)
 
@@ -267,7 +270,10 @@ class HostConnection(ConnectionInbox):
         return self._drop("unknown_type", t_rx_us)
 
     def _judge_event(self, header: m.Header, message: m.Message, t_rx_us: int) -> events.HostEvent:
-        """Return an event, with how many before it were lost; drop a stale one or a copy."""
+        """Return an event, with how many before it were lost.
+
+        Drop a copy, and one of another session.
+        """
         if header.session != self.session:
             return self._drop("stale_session", t_rx_us)
         ahead = m.signed_difference(header.seq, self._event_expected, 16)
@@ -280,7 +286,10 @@ class HostConnection(ConnectionInbox):
     def _judge_response(
         self, header: m.Header, message: m.Message, t_rx_us: int
     ) -> events.HostEvent:
-        """Return a response as reply or refusal of its request; drop a copy or a stale one."""
+        """Return a response as reply or refusal of its request.
+
+        Drop a copy, one that no request waits for, and one of another session.
+        """
         waiting = self._pending.get(header.seq)
         if waiting is None or not _is_answer_to(message, waiting.request):
             return self._drop("duplicate", t_rx_us)
@@ -300,7 +309,10 @@ class HostConnection(ConnectionInbox):
         )
 
     def _is_of_session(self, header: m.Header, message: m.Message, waiting: PendingRequest) -> bool:
-        """Return True if a response belongs to this session.  HG-3.7."""
+        """Return True if a response is of this session, or need not be (to MUTE). HG-3.7.
+
+        *waiting* is the request that it answers.
+        """
         if isinstance(message, m.HelloReply):
             return message.nonce == self.session
         anywhere = waiting.request in (m.MessageType.MUTE, m.MessageType.HELLO)
@@ -308,7 +320,7 @@ class HostConnection(ConnectionInbox):
         return anywhere or stale or header.session == self.session
 
     def _greeted(self, reply: m.HelloReply) -> m.HelloReply | m.Error:
-        """Open the link, or refuse a board of another major version."""
+        """Open the link and return the reply; ERROR for a board of another major version."""
         if reply.major != m.VERSION_MAJOR:
             return m.Error(m.MessageType.HELLO, m.ErrorCode.VERSION, reply.major)
         self.link_state = next_link_state(self.link_state, LinkInput.HELLO_ANSWERED)

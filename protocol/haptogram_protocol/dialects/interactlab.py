@@ -129,7 +129,10 @@ class InteractlabBoardEnd:
         return b""
 
     def _find_start(self, data: bytes, at: int) -> int:
-        """Return the index of the next frame's first byte; count bytes before it as outside."""
+        """Return the index of the next frame's first byte, or the length of *data*.
+
+        Bytes before it are counted as outside of a frame.
+        """
         match = _START.search(data, at)
         start = match.start() if match else len(data)
         if start > at:
@@ -137,7 +140,7 @@ class InteractlabBoardEnd:
         return start
 
     def _read(self, frame: bytes) -> QueueFrame:
-        """Decode a whole frame; count bits and duties without a meaning."""
+        """Decode a whole frame; count start bits within it and duties above the full one."""
         side = frame.translate(_SIDE)
         values = frame.translate(_LOW_BITS)
         duties = values[CHANNELS:]
@@ -204,7 +207,7 @@ class InteractlabDisplay(Display):
 
 
 def _check_interactlab_operation(message: QueueFrame) -> None:
-    """Refuse a frame with values beyond their bits."""
+    """Refuse a frame with values beyond their bits: phases and duties 7, colour 24, divider 8."""
     for name, values in (("phases", message.phases), ("duties", message.duties)):
         if len(values) != CHANNELS or max(values) >= _BIT:
             raise LocalProtocolError(f"{name}: {CHANNELS} values of 0 to 127, not {values.hex()}")
@@ -214,12 +217,12 @@ def _check_interactlab_operation(message: QueueFrame) -> None:
 
 
 def _bits_to_int(bits: bytes) -> int:
-    """Return the integer of bits, least significant first."""
+    """Return the integer of bits, each a byte of 0 or 1, least significant first."""
     return sum(bit << place for place, bit in enumerate(bits))
 
 
 def _set_frame_bits(frame: bytearray, where: slice, value: int) -> None:
-    """Write an integer into the marker bits of a frame, least significant first."""
+    """Write an integer into the marker bits of the bytes *where*, least significant first."""
     for place, at in enumerate(range(where.start, where.stop)):
         frame[at] |= (value >> place & 1) * _BIT
 

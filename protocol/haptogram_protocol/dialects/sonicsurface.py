@@ -70,7 +70,7 @@ TACTILE_CORRECTION: Final = bytes.fromhex(
 
 
 class _TactileDisplay(FpgaDisplay):
-    """The tactile firmware: codes that its correction brings onto the step that is meant."""
+    """The tactile firmware: it is sent codes that its own correction turns into those meant."""
 
     level = math.sin(math.pi * TACTILE_WIDTH / TACTILE_STEPS)
     mounting = tuple(-added / OFF for added in TACTILE_CORRECTION)

@@ -135,7 +135,7 @@ class Autd3Device:
         return min((time for time in times if time is not None), default=None)
 
     def _do(self, operation: Operation, now_ns: int) -> operations.ErrorCode:
-        """Execute an operation; return its error code."""
+        """Execute an operation; return its error code, NONE if it was accepted."""
         if error := operations.autd3_refusal(operation):
             return error
         doers: dict[type, Callable[[Any, int], operations.ErrorCode]] = {
@@ -153,12 +153,12 @@ class Autd3Device:
         return operations.ErrorCode.NONE if known else operations.ErrorCode.NOT_SUPPORTED_TAG
 
     def _clear(self, *_: object) -> operations.ErrorCode:
-        """Reset the device as at power-up."""
+        """Reset the device as at power-up; return NONE, no error."""
         self._power_up()
         return operations.ErrorCode.NONE
 
     def _silence(self, operation: operations.Silencer, _: int) -> operations.ErrorCode:
-        """Set the silencer's limits; return an error if the sampling is too fast for them."""
+        """Set the silencer's limits; return an error if segments are sampled too fast for them."""
         limits = Autd3Limits.of(operation, self._limits)
         error = autd3_silencer_refusal(limits, self._sequences.divider, self._modulation.divider)
         if not error:
@@ -166,7 +166,10 @@ class Autd3Device:
         return error
 
     def _write_gain(self, operation: operations.Gain, now_ns: int) -> operations.ErrorCode:
-        """Write one drive to a segment; latch it at once if the operation says so."""
+        """Write one drive to a segment; latch it at once if the operation says so.
+
+        Returns the error that refuses it, or NONE.
+        """
         segment = operation.segment
         if error := autd3_segment_refusal(segment):
             return error
@@ -177,7 +180,10 @@ class Autd3Device:
         return self._sequences.show(segment, operations.TransitionMode.IMMEDIATE, 0, now_ns)
 
     def _write_foci(self, operation: operations.FociSTM, now_ns: int) -> operations.ErrorCode:
-        """Add a part of a sequence of foci; after the last part, write it to its segment."""
+        """Add a part of a sequence of foci; after the last part, write it to its segment.
+
+        Returns the error that refuses it, or NONE.
+        """
         memory, segment = self._sequences, operation.segment
         error = autd3_segment_refusal(segment)
         if operation.start is not None and not error:
@@ -202,7 +208,7 @@ class Autd3Device:
         return memory.show(segment, start.transition_mode, start.transition_value, now_ns)
 
     def _begin_foci(self, segment: int, start: operations.FociStart) -> operations.ErrorCode:
-        """Begin a sequence of foci, or return the error that refuses it."""
+        """Begin a sequence of foci; return the error that refuses it, or NONE."""
         if not 1 <= start.foci_of_pattern <= MAX_FOCI_OF_PATTERN or not start.sound_speed:
             self._counters["sequences_impossible"] += 1  # the FPGA would divide by zero
             return operations.ErrorCode.NOT_SUPPORTED_TAG
@@ -216,7 +222,10 @@ class Autd3Device:
     def _write_modulation(
         self, operation: operations.Modulation, now_ns: int
     ) -> operations.ErrorCode:
-        """Add a part of a modulation; after the last part, write it to its segment."""
+        """Add a part of a modulation; after the last part, write it to its segment.
+
+        Returns the error that refuses it, or NONE.
+        """
         memory, segment, start = self._modulation, operation.segment, operation.start
         if start is not None:
             error = memory.refusal(
@@ -239,7 +248,10 @@ class Autd3Device:
         return memory.show(segment, begun.transition_mode, begun.transition_value, now_ns)
 
     def _swap(self, operation: operations.SwapSegment, now_ns: int) -> operations.ErrorCode:
-        """Show another segment of drives or modulation; return the error that refuses it."""
+        """Show another segment of drives or modulation; return the error that refuses it.
+
+        NONE if nothing refuses it.
+        """
         segment, mode = operation.segment, operation.transition_mode
         if operation.tag is operations.Tag.GAIN_SWAP:
             mode = operations.TransitionMode.IMMEDIATE

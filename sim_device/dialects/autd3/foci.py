@@ -105,6 +105,6 @@ def read_autd3_foci(packed: bytes, foci_of_pattern: int, sound_speed: int) -> Au
 
 
 def _signed_autd3_words(words: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Return the lowest 18 bits as a signed number."""
+    """Return the lowest 18 bits of each word as a signed number."""
     bits = (words & np.uint64((1 << _BITS) - 1)).astype(np.int64)
     return bits - ((bits >> (_BITS - 1)) << _BITS)

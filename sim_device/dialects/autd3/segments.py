@@ -59,7 +59,7 @@ class Autd3Sampling:
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """A segment that starts in a period, or never."""
+    """A segment that starts in carrier period *period*; None: never."""
 
     segment: int
     period: int | None
@@ -134,18 +134,21 @@ class Autd3SwapChain:
         return min((time for time in times if time is not None), default=None)
 
     def _next_step(self) -> int | None:
-        """Return the period of the next change of segment, queued or due; None if there is none."""
+        """Return the carrier period of the next change of segment, queued or due; None: none."""
         if self._waiting is not None:
             return self._waiting.period
         return self._ends if self._ends is not None else self._turns
 
     def _next_turn(self, period: int) -> int | None:
-        """Return the period in which alternating segments change; None if they do not."""
+        """Return the carrier period, after *period*, in which alternating segments change.
+
+        None if segments do not alternate.
+        """
         sampling = self._samplings[self._segment]
         return sampling.next_lap(period) if self._alternates else None
 
     def _start(self, segment: int, period: int) -> None:
-        """Switch to *segment* in *period*, and compute when its repetitions end."""
+        """Switch to *segment* in carrier period *period*, and compute when its repetitions end."""
         sampling = self._samplings[segment]
         self._waiting, self._has_ended = None, False
         self._segment, self._offset = segment, sampling.index(period)
@@ -154,7 +157,11 @@ class Autd3SwapChain:
 
 
 def _start_of_segment(sampling: Autd3Sampling, mode: int, value_ns: int, period: int) -> int | None:
-    """Return the carrier period in which a queued segment starts; None if its mode sets none."""
+    """Return the carrier period after *period* in which a queued segment starts.
+
+    *sampling* is its own, *value_ns* the time for the mode SYSTEM_TIME. None if the *mode* sets no
+    period.
+    """
     if mode == TransitionMode.SYNC_INDEX:
         return sampling.next_lap(period)
     if mode == TransitionMode.SYSTEM_TIME:

@@ -129,7 +129,7 @@ class Autd3Unit(LatchingUnit):
         return []
 
     def _write(self, operation: messages.Write, t_us: int) -> Reply:
-        """Give each device its frame; refuse another number of frames."""
+        """Give each device its frame; return a refusal unless there are as many frames."""
         if refused := self._refuse_number(len(operation.frames)):
             return refused
         now_ns = self._boot_period * PERIOD_NS + (t_us - self._boot_us) * _NS_PER_US
@@ -139,7 +139,7 @@ class Autd3Unit(LatchingUnit):
         return messages.Accepted()
 
     def _refuse_number(self, asked: int) -> messages.Autd3Refused | None:
-        """Return a refusal unless a client has opened as many devices as there are; else None."""
+        """Return a refusal if *asked*, a number of devices, is not that of the board; else None."""
         if asked == len(self._devices):
             return None
         self.counters["devices_differ"] += 1
@@ -148,7 +148,10 @@ class Autd3Unit(LatchingUnit):
         )
 
     def _latch_if_changed(self, period: int, cause: str | None = None) -> None:
-        """Latch the outputs of the devices in *period*, if they have changed."""
+        """Latch the outputs of the devices in carrier period *period*, if they have changed.
+
+        They count as changed if *cause* is given; None: it is found out.
+        """
         was_due = self._changes is not None and self._changes <= period
         if self._asked is not None and self._asked <= period:
             self._asked = None
@@ -173,7 +176,10 @@ class Autd3Unit(LatchingUnit):
         return None
 
     def _latch(self, outputs: list[Output], period: int, cause: str) -> bool:
-        """Latch *outputs*; return False if a step of index or modulation changes no pulse."""
+        """Latch *outputs* in carrier period *period*, with *cause*; return True.
+
+        False, without a latch, if a step of index or modulation changes no pulse.
+        """
         self._outputs = outputs
         pulses = self._pulses_of(tuple(outputs))
         if pulses == self._pulses and cause in ("index", "modulation"):

@@ -53,7 +53,10 @@ class SimulatedCapture:
             write_vcd_head(self._file, names, _LINES[1:])
 
     def _end_of_file_ns(self) -> int:
-        """Return when to continue the capture in the file, 0 if empty; refuse another file."""
+        """Return when to continue the capture in the file: 1 ms after its end, 0 if empty.
+
+        ConfigurationError if the file is there and no capture.
+        """
         size = self._file.seek(0, os.SEEK_END)
         self._file.seek(max(0, size - 100))
         last = _LAST_TIME.search(self._file.read())
@@ -83,7 +86,7 @@ class SimulatedCapture:
                 self._changes.append((int(since), int(levels, 16) & self._all))
 
     def _end_periods(self, count: int) -> None:
-        """Write the last changes of pins in *count* whole periods, with the clock."""
+        """Append the last pin changes and the carrier for *count* whole periods."""
         edges: list[tuple[int, str]] = []
         for number in range(count):
             if number < 2:
@@ -95,7 +98,7 @@ class SimulatedCapture:
             self._edges += [(begin_ns + since_ns, text) for since_ns, text in edges]
 
     def _edges_to(self, high: int) -> str:
-        """Return VCD text of the pins whose level *high* changes; keep the levels."""
+        """Return VCD text of the pins whose level *high* (a bit for each) changes; store *high*."""
         changed, self._high = high ^ self._high, high
         edges = ""
         while changed:

@@ -80,7 +80,7 @@ class SimulatedPins:
         self._words(self._rest)  # a capture takes them down before the period ends
 
     def _repeat(self, block: bytes) -> Generator[ShownDrive, None, bytes]:
-        """Take the periods that a block says are as the last one; return the rest of the block."""
+        """Yield drives of periods that *block* says are as the last; return the rest of *block*."""
         while block.startswith(SAME):
             line, _, block = block.partition(b"\n")
             more = count_of_same(line)
@@ -91,7 +91,7 @@ class SimulatedPins:
         return block
 
     def _take_period(self, block: bytes) -> Iterator[ShownDrive]:
-        """Decode a period; yield a drive that was there twice, or the mean of many unequal ones."""
+        """Decode a period; yield a drive that was there twice, or the mean of 8 unequal ones."""
         self.periods += 1
         if self._is_steady and block == self._block:
             return
@@ -112,13 +112,16 @@ class SimulatedPins:
             yield from self._show(mean, _UNSTEADY)
 
     def _show(self, weights: ComplexArray, periods: int) -> Iterator[ShownDrive]:
-        """Yield the drive of the last *periods*, if it differs from the one before."""
+        """Yield the drive of the last *periods*, if it differs from the one before.
+
+        It differs if a weight (C,) is off by more than a 128th of full drive.
+        """
         if np.abs(weights - self._shown).max() > _ALIKE:
             self._shown = weights
             yield ShownDrive((self.periods - periods) * self.period_ns, _pulses_of(weights))
 
     def _weights_of(self, block: bytes) -> ComplexArray:
-        """Return the fundamental of each pin in a period, which starts at the current levels."""
+        """Return the complex fundamentals (C,) of the pins in a period, from present levels on."""
         words = self._words(block)
         if not words:
             return np.zeros(self.count, np.complex128)
@@ -132,7 +135,7 @@ class SimulatedPins:
         return weights
 
     def _words(self, block: bytes) -> list[list[bytes]]:
-        """Return the words of each change; refuse malformed or out-of-order lines."""
+        """Return the words of each change; ValueError for malformed or out-of-order lines."""
         words = [line.split() for line in block.splitlines() if line.strip()]
         form, before_ns = (3, b"P", self._digits, b"", True), 0
         for word in words:
@@ -148,7 +151,7 @@ class SimulatedPins:
         return words
 
     def _read_levels(self, words: list[bytes]) -> NDArray[np.int8]:
-        """Return the (M, C) levels in hex numbers."""
+        """Return the levels of C pins at M changes, (M, C), from hex numbers *words*."""
         odd = "0" * (self._digits % 2)
         data = bytes.fromhex("".join(odd + word.decode("ascii") for word in words))
         bits = np.unpackbits(np.frombuffer(data, np.uint8).reshape(len(words), -1), axis=1)

@@ -144,7 +144,7 @@ class SimulatorProcess:
         return self._process.ask(text, _is_complete_answer)
 
     def _read_sent(self, line: bytes, until_ns: int) -> SentByte:
-        """Parse the line of a byte that the board sent; refuse a time out of order."""
+        """Parse the line of a byte that the board sent; refuse a time beyond *until_ns* or past."""
         try:
             word, t_ns, value = line.split()
             sent = SentByte(int(t_ns), int(value, 16))
@@ -156,7 +156,7 @@ class SimulatorProcess:
         return sent
 
     def _number(self, text: bytes, line: bytes) -> int:
-        """Parse a whole number in a line of the simulator, or raise."""
+        """Parse *text* as a whole number, or raise, showing the *line* of the simulator."""
         try:
             return int(text)
         except ValueError:
@@ -194,12 +194,12 @@ def count_of_same(line: bytes) -> int:
 
 
 def _is_complete_hello(answer: bytearray) -> bool:
-    """Return True if the hello is complete, or the answer is none."""
+    """Return True if the hello is complete, or the first line is no hello."""
     return (b"\n" in answer and not answer.startswith(b"hello ")) or _is_complete_answer(answer)
 
 
 def _is_complete_answer(answer: bytearray) -> bool:
-    """Return True if the last line is a full stop."""
+    """Return True if the last line begins with a full stop and a space, and has ended."""
     if not answer.endswith(b"\n"):
         return False
     return answer.startswith(b". ", answer.rfind(b"\n", 0, -1) + 1)

@@ -144,7 +144,10 @@ class SimulatedUnit:
         self._process.close()
 
     def _run(self, until_ns: int, *, stops: bool = False) -> None:
-        """Run the process to *until_ns*; with *stops* no further than the first byte it sends."""
+        """Run the process to *until_ns*; with *stops* no further than the first byte it sends.
+
+        Pin changes become latches; sent bytes are kept until they are taken.
+        """
         while not self._is_lost and self._process.now_ns < until_ns:
             self._is_lost = True  # unless it answers
             text, sent = self._process.grant(until_ns)
@@ -167,7 +170,10 @@ class SimulatedUnit:
         capture.write(self._process.now_ns)
 
     def _take_pins(self, text: bytes) -> None:
-        """Append latches for changes of pins; end the process if its periods are miscounted."""
+        """Append latches for changes of pins; end the process if its periods are miscounted.
+
+        Their number must be that of the whole carrier periods that have passed.
+        """
         for t_ns, pulses in self._pins.take(text):
             self._latches.append(PulseLatch(self._us_at(t_ns), pulses, PINS))
         if self._pins.halved and not self._has_warned:
@@ -185,7 +191,7 @@ class SimulatedUnit:
         return self._boot_ns + round((t_us - self._boot_us) * _NS_PER_US)
 
     def _us_at(self, t_ns: int) -> int:
-        """Return the device time at which *t_ns* of the simulator has passed."""
+        """Return the device time at which the simulator's clock shows *t_ns*."""
         return self._boot_us - (self._boot_ns - t_ns) // _NS_PER_US
 
     def _power_up_drive(self, unit: Unit) -> PulseDrive:

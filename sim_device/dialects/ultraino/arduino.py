@@ -65,7 +65,10 @@ class Mega64Chain(ArduinoChain):
 def _arduino_emulation(
     dialect: Dialect, firmware: slots.ArduinoFirmware, options: type[ArduinoChain] = ArduinoChain
 ) -> Emulation:
-    """Return the emulation of an Arduino firmware, with units of one or more boards."""
+    """Return the emulation of an Arduino firmware, with units of one or more boards.
+
+    *options*: class of the options that a unit takes.
+    """
 
     def unit(options: ArduinoChain, now_us: int) -> Unit:
         if not isinstance(options, Mega64Chain):

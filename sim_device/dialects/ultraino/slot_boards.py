@@ -103,11 +103,11 @@ class SlotBoards(LatchingUnit):
         return []
 
     def _period(self, t_us: int) -> int:
-        """Return the number of the carrier period at a device time."""
+        """Return the number of the carrier period at *t_us*, counted from power-up."""
         return (t_us - self._boot_us) // PERIOD_US
 
     def _set_pattern(self, operation: operations.SetPattern, _: int) -> None:
-        """Write slots of a pattern to the hidden buffer of a board."""
+        """Write levels of a pattern, step by step of the period, to a board's hidden buffer."""
         pattern = self._next[operation.board, operation.pattern].reshape(-1)
         pattern[: len(operation.slots)] = np.frombuffer(operation.slots, np.uint8)
 
@@ -140,7 +140,11 @@ class SlotBoards(LatchingUnit):
         self._latches.append(PulseLatch(t_us, pulses, cause, index=pattern))
 
     def _levels(self, slots: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Return the (steps, channels of all boards) levels of (boards, steps, ports) *slots*."""
+        """Return the levels (steps, channels of all boards) of the outputs in a carrier period.
+
+        *slots* (boards, steps, ports) has a byte for each port of 8 pins. With staggered ports the
+        steps are processor cycles.
+        """
         if self._firmware.connected:
             slots = slots & np.frombuffer(self._firmware.connected, np.uint8)
         outputs = np.unpackbits(slots, axis=2, bitorder="little").astype(np.bool_)
@@ -235,12 +239,12 @@ class ArduinoPlaylist:
 
     @property
     def _left(self) -> int:
-        """Return how many periods the present pattern has left, at least 1."""
+        """Return how many carrier periods the present pattern has left, at least 1."""
         return (self.durations[self._pattern] - self._passed - 1) % _COUNTER + 1
 
     @property
     def _is_constant(self) -> bool:
-        """True if only the first pattern is ever shown."""
+        """Return True if only the first pattern is ever shown."""
         return not (self.pointer or self._pattern) and self._is_last(0)
 
     def _is_last(self, pattern: int) -> bool:
@@ -257,7 +261,7 @@ class ArduinoPlaylist:
             self.pointer += 1
 
     def _cycle(self) -> int:
-        """Return the length of the playlist in periods."""
+        """Return the length of the playlist in carrier periods."""
         periods, pattern = self.durations[0] or _COUNTER, 0
         while not self._is_last(pattern):
             pattern += 1
@@ -326,7 +330,7 @@ class UnsteadyUnit(LatchingUnit):
             self._keep(latch)
 
     def _keep(self, latch: PulseLatch) -> None:
-        """Append a latch with the present state of the carrier."""
+        """Append a latch with the present state of the carrier; count it if that is halved."""
         if self._carrier is CarrierState.HALVED:
             self.counters[_HALVED] += 1
         self._shown = dataclasses.replace(latch, carrier=self._carrier)

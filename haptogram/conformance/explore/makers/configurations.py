@@ -137,7 +137,10 @@ class RandomConfigs(DialogueMaker):
         )
 
     def _lengths(self, slots: tuple[int, ...], part: float) -> list[int]:
-        """Return timer lengths (ms) that end after each number of slots, if any may; a long one."""
+        """Return timer lengths in ms: so many *slots* and *part* of one each, and a long one.
+
+        The long one, 6.6 s or more, is alone if no timer may end.
+        """
         never = [self._random.choice(_NEVER_MS)]
         if not self.with_timers:
             return never
@@ -157,5 +160,5 @@ class RandomConfigs(DialogueMaker):
 
 
 def _in_slots_ms(number: int, part: float) -> int:
-    """Return the duration in ms of *number* slots and a *part* of one."""
+    """Return the duration in ms of *number* slots of 40 ms and a *part*, 0 to 1, of another."""
     return round(_SLOT_MS * (number + part))

@@ -81,7 +81,10 @@ def play_values(identity: m.HelloReply) -> Iterator[FieldValue]:
 
 
 def _numbers(record: Record, base: int) -> Iterator[tuple[int, int, int]]:
-    """Yield value, offset in the body and size of each field, records within records included."""
+    """Yield (value, offset in the body, size in bytes) of each field of *record*, at *base*.
+
+    Fields of records within it count too; those in _NOT_ANY do not.
+    """
     for name, field in record.WIRE.items():
         if field.record is not None:
             yield from _numbers(getattr(record, name), base + field.offset)

@@ -136,7 +136,10 @@ class RandomFrames(DialogueMaker):
         return DialogueAction(0, f"HELLO {which}", body)
 
     def _ahead_us(self, at: At) -> int:
-        """Return how many µs ahead a frame is due: *at* slots, a named case, or (None) anything."""
+        """Return how many µs ahead a frame is due.
+
+        *at* is a number of slots of 40 ms, the name of a case, or None: anything.
+        """
         horizon_us = self._identity.max_horizon_us
         if at is None:  # its time counts for nothing
             return self._pick((0, -3 * SLOT_US, 8 * SLOT_US, 1 << 31, self._across(1 << 32)))
@@ -151,7 +154,7 @@ class RandomFrames(DialogueMaker):
         return named[at] if at in named else self._limit_us()
 
     def _limit_us(self) -> int:
-        """Return a time ahead in µs at a limit or 1 µs before: horizon, late window, half clock."""
+        """Return a time ahead in µs at a limit or 1 µs before: horizon, late window, 2^31 µs."""
         horizon_us, lead_us = self._identity.max_horizon_us, self._identity.latch_lead_us
         windows = [lead_us - window_us for window_us in LATE_WINDOWS_US] * 3
         edge = self._pick((horizon_us + 1, *windows, 1, 2**31 - 1, -(2**31)))

@@ -105,7 +105,7 @@ class RandomStream(RandomFrames):
         return type(made)(self._pick(wrong))
 
     def _codes(self) -> bytes:
-        """Return phases and amplitudes; often only a part differs from the frame before."""
+        """Return N phase and N amplitude codes; often only a part differs from the frame before."""
         codes, count = self._random.randbytes(2 * self._count), self._count
         if self._random.random() < _PART_SHARE:
             one, before = self._across(2 * count), self._before
@@ -119,7 +119,7 @@ class RandomStream(RandomFrames):
         return codes
 
     def _points(self, number: int) -> m.Message:
-        """Return a POINTS message of random points, as many as the board takes."""
+        """Return a POINTS message of *number* random points, fewer if the board takes fewer."""
         return m.Points(tuple(self.point() for _ in range(min(number, self._most_points))))
 
     def point(self) -> m.FocalPoint:
@@ -135,7 +135,7 @@ class RandomStream(RandomFrames):
         return m.FocalPoint(x_um, y_um, z_um, level, phase)
 
     def _element(self) -> tuple[int, int]:
-        """Return x and y of a random transducer of the grid, in whole micrometres."""
+        """Return x and y of a random transducer in whole µm, from the centre of the grid."""
         identity, across = self._identity, self._across
         x_um, y_um = (
             (2 * across(n) - n + 1) * identity.pitch_um // 2

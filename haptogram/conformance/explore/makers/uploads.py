@@ -93,14 +93,14 @@ class RandomUploads(RandomStream):
         return [kind for kind, weight in weights.items() for _ in range(weight)]
 
     def _data(self, kind: m.UploadKind, points: int) -> bytes:
-        """Return random data for an upload: codes or points of some frames, one correction."""
+        """Return random data of *kind*: 1 to 3 frames of codes or *points* points; 1 correction."""
         frames = 1 if kind is m.UploadKind.CORRECTION else self._across(1, STORED_FRAMES + 1)
         if kind is not m.UploadKind.POINTS:
             return self._random.randbytes(frames * self._count)
         return b"".join(self.point().pack() for _ in range(frames * points))
 
     def _pieces(self, data: bytes) -> list[m.Message]:
-        """Return upload chunks of random offset and size from *data*."""
+        """Return 6 upload chunks of random offset and size from *data*."""
         pieces: list[m.Message] = []
         for _ in range(_PIECES):
             start = self._across(len(data))

@@ -151,7 +151,7 @@ class SceneInputs:
         }
 
     def _steps_of_playbacks(self) -> _Makers:
-        """Return the actions that start a playback, by name; none if the board has no playback."""
+        """Return the makers of actions that start a playback, by name; {} without playback."""
         makers = self.makers
         if not makers.plays:
             return {}
@@ -187,7 +187,7 @@ class SceneInputs:
         }
 
     def _configured(self, config: m.Config) -> list[DialogueAction]:
-        """Return DISARM, SET_CONFIG and ARM as actions."""
+        """Return DISARM, SET_CONFIG with *config* and ARM as actions."""
         return [
             self.makers.frame(message) for message in (m.Disarm(), m.SetConfig(config), m.Arm())
         ]
@@ -205,7 +205,10 @@ class SceneInputs:
         return found
 
     def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> DialogueAction:
-        """Return a stream frame due *at*, each field of *choices* set to one of its values."""
+        """Return a stream frame due *at* slots of 40 ms, or a named time, ahead.
+
+        Each field of *choices* is set to one of its values there.
+        """
         return self.frame(at, **{name: self._pick(values) for name, values in choices.items()})
 
     # --- requests --------------------------------------------------------------------------------
@@ -216,7 +219,7 @@ class SceneInputs:
         return {name: partial(self._plain, make) for name, make in messages}
 
     def _playbacks(self) -> _Makers:
-        """Return the builders of playback requests, by name."""
+        """Return the builders of playback requests, by name; {} without playback."""
         makers = self.makers
         found: _Makers = {
             "PLAY": makers.any_play,
@@ -226,7 +229,7 @@ class SceneInputs:
         return found if makers.plays else {}
 
     def _plain(self, make: Callable[[], m.Message]) -> DialogueAction:
-        """Return the action that sends a request."""
+        """Return the action that sends the request from *make*."""
         return self.makers.frame(make())
 
     def _configs(self) -> _Makers:
@@ -240,7 +243,7 @@ class SceneInputs:
         return {name: partial(self._config, make) for name, make in changes.items()}
 
     def _config(self, make: Callable[[], m.Config]) -> DialogueAction:
-        """Return a SET_CONFIG as an action."""
+        """Return a SET_CONFIG with the configuration from *make* as an action."""
         return self.makers.frame(m.SetConfig(make()))
 
     # --- what is odd about a request -------------------------------------------------------------
@@ -271,11 +274,11 @@ class SceneInputs:
         return self.makers.defective(self.makers.messages()[name](), *defects)
 
     def _any_with(self, defect: str) -> DialogueAction:
-        """Return a random request with the given defect."""
+        """Return a random request with the defect of this name in DEFECTS."""
         return self.defective(self._pick(list(self.makers.messages())), defect)
 
     def _unknown(self, kind: int) -> DialogueAction:
-        """Return a frame of an unknown message type."""
+        """Return a frame of the unknown message type *kind*, with a payload of random size."""
         size = self._pick((0, 1, 20, 256, 1000, _LARGEST - 1, _LARGEST))
         payload = self._pick((b"\0", b"U")) * size  # the one is stuffed, the other not
         session = self._pick((0, 0, *WRONG_SESSIONS))
@@ -287,7 +290,7 @@ class SceneInputs:
         )
 
     def _damaged(self, damage: int) -> DialogueAction:
-        """Return a stream frame or a PING with the given kind of damage."""
+        """Return a stream frame or a PING whose bytes are damaged; *damage* numbers the kind."""
         action = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
         return action._replace(name=f"damage {damage}", damage=damage)
 
@@ -320,7 +323,7 @@ class SceneInputs:
 
 
 def _alone(make: Callable[[], DialogueAction]) -> list[DialogueAction]:
-    """Return a list of one action."""
+    """Return a list of the one action from *make*."""
     return [make()]
 
 

@@ -101,7 +101,7 @@ class RandomScenes(SceneMaker):
     # --- with timers that end ------------------------------------------------------------------
 
     def _renewals(self) -> ActionSlots:
-        """Return slots in which frames do or do not renew a short lease, an ARM after each."""
+        """Return slots of 40 ms in which 4 inputs renew a short lease or not; ARM after each."""
         found = self._inputs.slots("timers 1 - -")
         for _ in range(_RENEWALS):
             (name,) = self._next("renewals", lambda: ((name,) for name in self._inputs.names))
@@ -109,14 +109,14 @@ class RandomScenes(SceneMaker):
         return found[:-1]
 
     def _timed_pair(self) -> ActionSlots:
-        """Return slots: a state in which timers run, one input, then silence."""
+        """Return slots of 40 ms: a state in which timers run, one input, 3 or 6 silent ones."""
         return [
             *self._pair("states with timers", self.timed),
             *self._silent(self._random.choice(_SILENT)),
         ]
 
     def _watched(self) -> ActionSlots:
-        """Return slots that set one field in a timed state, and read back after each change.
+        """Return slots of 40 ms: one field set in a timed state, all read back in each of 8.
 
         Neither setting nor reading may end the ramp of a hold.
         """
@@ -135,9 +135,9 @@ class RandomScenes(SceneMaker):
         return found
 
     def _filled(self) -> ActionSlots:
-        """Return slots: a running output, then the same input in each.
+        """Return slots of 40 ms: a running output, then the same input in 4 to 7 of them.
 
-        One of them often has another input.
+        In half of the scenes one of them has another input.
         """
         rows = [row for row in _RUNNING if self._inputs.knows(row)]
         row, filler = self._next("fillers", lambda: product(rows, _FILLERS))
@@ -155,24 +155,27 @@ class RandomScenes(SceneMaker):
     # --- without ---------------------------------------------------------------------------------
 
     def _quick_pair(self) -> ActionSlots:
-        """Return slots: a state without timers, one input, and sometimes frames after it."""
+        """Return slots of 40 ms: a state without timers, one input, and in half of them frames."""
         found = self._pair("states", self.quick)
         if self._random.random() < _GOES_ON:
             found += self._inputs.slots("ARM + frames")
         return found
 
     def _pair(self, kind: str, states: list[str]) -> ActionSlots:
-        """Return slots: a state, one input; over time each state meets each group of inputs."""
+        """Return slots of 40 ms: a state of *states*, then one input.
+
+        Over time every state meets every group of inputs; *kind* names the list of these pairs.
+        """
         groups = self._inputs.groups
         state, group = self._next(kind, lambda: product(states, groups))
         return [*self._state(state), self._inputs.named(self._random.choice(groups[group]))]
 
     def _late_until_status(self) -> ActionSlots:
-        """Return a late frame, then silence until a STATUS reports its margin."""
+        """Return slots of 40 ms: a late frame, then 7 silent ones, for a STATUS with its margin."""
         return self._inputs.slots("ARM + a late frame" + " |" * _STATUS_SLOTS)
 
     def _long(self) -> ActionSlots:
-        """Return scenes that overflow 8- and 10-bit counters, or a 16-bit byte count."""
+        """Return a scene that overflows 8- and 10-bit counters, or a 16-bit byte count."""
         rows = ["traces + a long PLAY", "a ring + a long PLAY"]
         rows += ["traces + a long upload + a short PLAY"] * self._makers.conditions.exact
         (row,) = self._next("long", lambda: ((row,) for row in rows))
@@ -181,12 +184,12 @@ class RandomScenes(SceneMaker):
         return [*slots, *self._silent(_LONG_SLOTS)]
 
     def _defects(self) -> ActionSlots:
-        """Return scenes of malformed requests."""
+        """Return 6 slots of 40 ms with one malformed request each."""
         names = (self._next("defects", self._inputs.defects) for _ in range(_DEFECTS))
         return [[self._inputs.defective(*name)] for name in names]
 
     def _values(self) -> ActionSlots:
-        """Return slots with random field values in stream frames, each followed by a probe."""
+        """Return 3 slots of stream frames with random field values, each before one that reads."""
         conditions = self._makers.conditions
         most = _BYTES // (64 + 2 * conditions.identity.transducers)
         number = max(1, min(_VALUE_FRAMES[conditions.exact], most))
@@ -197,5 +200,5 @@ class RandomScenes(SceneMaker):
         return found
 
     def _silent(self, slots: int) -> ActionSlots:
-        """Return slots without any action."""
+        """Return so many *slots* of 40 ms without any action."""
         return [list[DialogueAction]() for _ in range(slots)]

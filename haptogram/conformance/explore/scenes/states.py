@@ -61,5 +61,5 @@ class SceneMaker:
         self.timed = [state for state, row in TIMED_STATES.items() if inputs.knows(row)]
 
     def _state(self, state: str) -> ActionSlots:
-        """Return the actions that bring the board into a state."""
+        """Return the actions, slot by slot of 40 ms, that bring the board into the state named."""
         return self._inputs.slots((QUICK_STATES | TIMED_STATES)[state])

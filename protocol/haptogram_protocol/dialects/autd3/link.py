@@ -100,7 +100,7 @@ class Autd3BoardEnd:
         raise no_dialect_bytes_for(message, _WIRE)
 
     def _read_all(self, received: bytes, found: list[Operation]) -> None:
-        """Decode all complete messages in *received*."""
+        """Append all complete messages in *received* to *found*; keep the rest for later."""
         at = 0
         self._needed = 1
         while at < len(received) and not self._ended:
@@ -299,7 +299,7 @@ class Autd3HostEnd:
         return struct.pack("<BI", kind, len(message.devices)) + b"".join(poses)
 
     def _read(self, received: bytes, at: int) -> tuple[Reply | None, int]:
-        """Parse a reply at *at*; return it and its size, or None if it is incomplete."""
+        """Parse a reply at *at*; return it and its size, or (None, 0) if it is incomplete."""
         if received[at] == _ERROR:
             return self._read_refusal(received, at)
         devices = self._due[0]

@@ -99,7 +99,10 @@ def _autd3_head(
 def _packed_autd3_head(
     head: tuple[int, ...], start: Any, first: struct.Struct, later: struct.Struct
 ) -> bytes:
-    """Return the packed head of a part; the first part has the start parameters too."""
+    """Return the packed head of a part; by *first* with the start parameters, else by *later*.
+
+    *start* is None for a part after the first.
+    """
     return later.pack(*head) if start is None else first.pack(*head, *dataclasses.astuple(start))
 
 
@@ -167,7 +170,7 @@ def _pack_autd3_foci(operation: operations.FociSTM) -> bytes:
 
 
 def _autd3_flags(operation: operations.Modulation | operations.FociSTM) -> int:
-    """Return the flags of a part: begin, end and update."""
+    """Return the flags of a part as bits: begin, end and update."""
     begins = operation.start is not None
     return _BEGIN * begins | _END * operation.end | _UPDATE * operation.update
 

@@ -128,7 +128,10 @@ class FpgaBoardEnd:
     # --- frames ----------------------------------------------------------------------------------
 
     def _count_command(self, operation: Operation) -> None:
-        """Count a begin, select or swap in its own way; any other as a byte of the frame."""
+        """Count a begin, select or swap in its own way; any other as a byte of the frame.
+
+        Outside of a frame any other is not counted.
+        """
         if (count := self._counts.get(type(operation))) is not None:
             count(operation)
         elif self._frames.frame_bytes:
@@ -185,7 +188,11 @@ class FpgaBoardEnd:
     # --- codes -----------------------------------------------------------------------------------
 
     def _take_codes(self, codes: bytes, found: list[Operation]) -> None:
-        """Collect *codes* for the next channels; emit a run at the last channel."""
+        """Collect *codes* for the next channels; append a run that is complete to *found*.
+
+        A run, one operation, ends at the last channel. Codes that no board listens to are counted
+        and dropped.
+        """
         cursor, channels = self._cursor, self._rules.channels
         self._frames.frame_bytes += len(codes)
         if not cursor.listening:
@@ -205,7 +212,10 @@ class FpgaBoardEnd:
                 self._emit_run(found)
 
     def _count_codes(self, codes: bytes, at: int) -> None:
-        """Count *codes* out of range, before a start byte, or beyond the last channel."""
+        """Count *codes* out of range, before a start byte, or beyond the last channel.
+
+        The first of them is for channel *at*.
+        """
         rules, frames, cursor = self._rules, self._frames, self._cursor
         if strange := codes.translate(None, self._fitting[cursor.kind]):
             self.counters["codes_out_of_range"] += len(strange)

@@ -68,7 +68,7 @@ class PatternMemory:
         return is_short
 
     def _emit_pattern(self, halves: bytearray, found: list[Operation]) -> None:
-        """Append a pattern of half bytes to *found* as slots, a whole byte each two."""
+        """Append the pattern of *halves* to *found*: two half bytes are one of its bytes."""
         digits = halves.translate(_HIGH_NIBBLE).decode("ascii")
         slots = bytes.fromhex(digits + "0" * (len(digits) % 2))
         found.append(operations.SetPattern(self._board, self.patterns, slots))
@@ -192,7 +192,10 @@ class ArduinoBoardEnd:
         raise no_dialect_bytes_for(message, self._firmware.wire)
 
     def _take_halves(self, hops: int, halves: bytes, found: list[Operation]) -> None:
-        """Store half bytes at the board *hops* along the chain; beyond the last, forward them."""
+        """Store half bytes at the board *hops* along the chain; beyond the last, forward them.
+
+        Those beyond the chain or the board's memory are counted.
+        """
         if hops > self._boards:
             self.counters["bytes_beyond_chain"] += len(halves)
             found += [_FORWARDS[byte - self._boards] for byte in halves]
@@ -204,7 +207,7 @@ class ArduinoBoardEnd:
             self._patterns = whole
 
     def _swap(self, found: list[Operation]) -> None:
-        """Emit a swap; count frames that it leaves short, replaced or without their durations."""
+        """Append a swap to *found*; count frames cut short, replaced, or without durations."""
         if (replaced := self.uncommitted - 1) > 0:
             self._count_replaced(replaced)
         if self._restart(found):
@@ -223,7 +226,7 @@ class ArduinoBoardEnd:
             self.counters["halves_beyond_memory"] -= beyond
 
     def _restart(self, found: list[Operation]) -> bool:
-        """Reset all boards to slot 0; return True if a pattern was incomplete."""
+        """Let all boards write their first pattern next; return True if one was incomplete."""
         self._patterns = self._commanded = self._patterns_by_then = 0
         are_short = [memory.restart(found) for memory in self._memories]  # every one restarts
         return any(are_short)
@@ -242,7 +245,7 @@ class ArduinoBoardEnd:
         found.append(_FORWARDS[line_bytes.COMMAND[0]])
 
     def _take_durations(self, part: bytes, found: list[Operation]) -> None:
-        """Collect bytes of durations; count those beyond the memory."""
+        """Collect bytes of durations; count and drop those beyond the memory."""
         room = line_bytes.BYTES_OF_DURATION * self._firmware.durations - len(self._durations)
         if len(part) > room:
             self.counters["durations_beyond_memory"] += len(part) - room
@@ -250,7 +253,7 @@ class ArduinoBoardEnd:
         found += [_FORWARDS[byte] for byte in part]
 
     def _end_durations(self, found: list[Operation]) -> None:
-        """Emit the collected durations, if any."""
+        """Append the collected durations to *found*; nothing if there are none."""
         if not self._durations:
             return
         if len(self._durations) % line_bytes.BYTES_OF_DURATION:
@@ -262,6 +265,6 @@ class ArduinoBoardEnd:
         self._uncommitted = True
 
     def _pass_on_strange(self, part: bytes, found: list[Operation]) -> None:
-        """Forward unknown bytes along the chain, decremented by each board."""
+        """Count unknown bytes and forward them along the chain, each less 1 a board."""
         self.counters["bytes_strange"] += len(part)
         found += [_FORWARDS[byte - self._boards] for byte in part]

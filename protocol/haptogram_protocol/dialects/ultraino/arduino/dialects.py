@@ -14,13 +14,16 @@ from .slots import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoFirm
 
 
 def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
-    """Return the bytes of one pattern for each board, its durations, their commit and the swap."""
+    """Return the bytes of one pattern for each of *boards*, its durations, commit and swap."""
     durations = 2 * BYTES_OF_DURATION + len(COMMAND) if firmware.durations else 0
     return firmware.half_bytes * boards + durations + len(SWAP)
 
 
 def _arduino_dialect(firmware: ArduinoFirmware, title: str, layout: str) -> Dialect:
-    """Return the dialect of an Arduino firmware, with the pattern of its frames."""
+    """Return the dialect of an Arduino firmware, with an expression that its frames match.
+
+    *title* describes it; *layout* names the array that it drives.
+    """
     ours = PARTS[1].removesuffix(b"+")
     pattern = b"(?<!%b)(?:%b{%d})+" % (ours, ours, firmware.half_bytes)
     others = b"(?:%b{%d})*" % (OTHER_HOPS, firmware.half_bytes)

@@ -51,7 +51,10 @@ class ArduinoHostEnd(OneWayHostEnd):
         raise no_dialect_bytes_for(message, firmware.wire)
 
     def _pattern(self, message: SetPattern) -> bytes:
-        """Return the bytes that write slots of a pattern to one board of the chain."""
+        """Return the bytes that write a pattern to one board of the chain.
+
+        LocalProtocolError if there is no such board, or its memory is shorter than the pattern.
+        """
         if not 0 <= message.board < self._boards:
             raise LocalProtocolError(f"board {message.board}; the chain has {self._boards}")
         if len(message.slots) > self._firmware.pattern_bytes:
