@@ -486,19 +486,22 @@ def test_samples_that_are_missing_beside_an_element_as_reference_fail_no_board(h
     def left(times):
         return (times < missing[0]) | (times > missing[1])
 
-    def earlier(times):
-        return np.where(times > missing[1], times - 4000.0, times)[left(times)]
+    def earlier(times, kept):
+        return np.where(times > missing[1], times - 4000.0, times)[kept]
 
-    pins = {
-        element: dataclasses.replace(
-            pin, rises=earlier(pin.rises)[:-1], falls=earlier(pin.falls)[:-1]
+    pins = {}
+    for element, pin in record.pins.items():
+        count = min(len(pin.rises), len(pin.falls)) - 1
+        rises, falls = pin.rises[:count], pin.falls[:count]
+        whole = left(rises) & left(falls)  # no pulse is cut in two
+        pins[element] = dataclasses.replace(
+            pin, rises=earlier(rises, whole), falls=earlier(falls, whole)
         )
-        for element, pin in record.pins.items()
-        if left(pin.rises).sum() == left(pin.falls).sum()
-    }
     lines = {
         name: dataclasses.replace(
-            line, values=line.values[left(line.times)], times=earlier(line.times)
+            line,
+            values=line.values[left(line.times)],
+            times=earlier(line.times, left(line.times)),
         )
         for name, line in (("to_board", record.to_board), ("to_host", record.to_host))
     }
