@@ -72,7 +72,7 @@ def _capture_elements_rows(document: dict[str, Any]) -> Iterator[str]:
 
 
 def _capture_latches_rows(document: dict[str, Any]) -> Iterator[str]:
-    """Yield a heading and a line for each latch: time, channels, and within how many µs."""
+    """Yield a heading and a line for each latch: time, channels, and in how many µs they change."""
     yield f"{'latch':<7}{'at ms':>12}{'channels':>10}{'within µs':>11}"
     period_us = 1e6 / document["carrier_hz"]
     for number, latch in enumerate(document["latches"]):

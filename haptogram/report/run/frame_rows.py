@@ -101,9 +101,9 @@ def _timing_text(frame: verification.FrameVerdict) -> str:
 
 
 def _relative_error(frame: verification.FrameVerdict) -> float | None:
-    """Return the error as a share of its bound, on the axis where that is largest.
+    """Return the greatest position error of the axes x, y and z, each as a share of its bound.
 
-    None if it was not measured on any axis.
+    The sign is dropped; None if no axis was measured.
     """
     if frame.measured_m is None or frame.bound_mm is None:
         return None

@@ -133,8 +133,9 @@ class LiveViewerScene:
     ) -> None:
         """Append a latch to the scene, and count it: latched, muted, no single focus.
 
-        *drive* None: it is not known. *timing* says if it was late; *received_us* when the frame
-        came (None: not known). Refuses a drive of another number of elements.
+        *drive* None: it is not known. *field* is what was found in it; *timing* says if it was
+        late; *received_us* when the frame came (None: not known). ValueError for a drive of another
+        number of elements than the array.
         """
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")

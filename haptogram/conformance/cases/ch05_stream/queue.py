@@ -237,10 +237,10 @@ def every_order_of_times_in_a_period(board: BoardClient) -> None:
 def _judge_orders(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """FAILED unless the last accepted of several frames for one carrier period is latched.
+    """FAILED unless, of several frames for one carrier period, the last accepted one is latched.
 
-    There is a carrier period for each of *orders*; kinds of frames take turns, from the *turn*-th.
-    If not all fit in the board's horizon, each half is judged alone.
+    Each of *orders* is such a period, and ranks the times of its frames; their kinds take turns,
+    from the *turn*-th.  If not all fit in the board's horizon, each half is judged alone.
     """
     kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
     messages = [[next(kinds).make() for _ in order.ranks] for order in orders]

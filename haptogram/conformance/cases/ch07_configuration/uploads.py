@@ -332,7 +332,7 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
 
 
 def _replaced_forms(board: BoardClient) -> Iterator[tuple[uploads.UploadForm, int]]:
-    """Yield upload forms and frame counts such that each form follows itself and every other."""
+    """Yield upload forms, with a number of frames, so that each follows itself and every other."""
     found = uploads.upload_forms(board, _REPLACED, sorted({1, board.most_points}))
     forms = [form for form in found if form.target]
     pairs = list(zip(forms, (2, 3, 1), strict=False))

@@ -222,9 +222,9 @@ def _run_out_lease(board: BoardClient) -> None:
 
 
 def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> tuple[int, int]:
-    """Send copies of *good* due *ahead_us* from now; return the device time now, and how many.
+    """Send copies of *good* due *ahead_us* from now; return that time in µs, and how many are sent.
 
-    The time is in µs.  Those that come only when a timer may have ended are not sent.
+    The time is the device's; copies that come only when a timer may have ended are not sent.
     """
     base_us = board.clock.device_us()
     frames = (board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us)
@@ -333,7 +333,7 @@ def every_request_keeps_margins(board: BoardClient) -> None:
 
 
 def _check_margins_behind(board: BoardClient, messages: list[m.Message]) -> None:
-    """FAILED unless STATUS still has the margins of three frames after asking *messages*."""
+    """FAILED unless STATUS has the margins of three frames even after the requests *messages*."""
     board.hello()
     board.arm()
     board.status()
