@@ -314,7 +314,7 @@ def _source_blocks_from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[byt
 
 
 def _recording_as_source(path: Path) -> Source:
-    """Return the bytes of a recording as a source to decode; ConfigurationError for "-"."""
+    """Return the bytes of a recording as a source; ConfigurationError for standard input."""
     from haptogram.evidence.recordings.reader import Recording
 
     if path == _STDIN:
@@ -328,7 +328,7 @@ def _recording_as_source(path: Path) -> Source:
 def _recorded_source_chunks(recording: Recording, source: Source) -> Iterator[RecordedChunk]:
     """Yield the bytes of a recording with their sender, and the ns since its first entry.
 
-    At the end the defect of the file, such as that it was cut off, is put into *source*.
+    At the end *source* gets a note on damage to the file, such as that it was cut off.
     """
     from haptogram.evidence.recordings.channels import TO_BOARD, TO_HOST
 

@@ -107,7 +107,7 @@ def _changed_replay_options(
 
 
 def _check_replay_array(options: Mapping[str, Any], array: str) -> None:
-    """ConfigurationError if *array* has not as many transducers as the array in *options*."""
+    """Raise ConfigurationError if *array* has more or fewer transducers than that of *options*."""
     from haptogram.acoustics import TransducerArray
 
     BoardConfig.of(array=array)  # refuses a grid that none is

@@ -78,7 +78,7 @@ def _conformance_failure_lines(
 
 
 def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
-    """Yield a line for each failed recovery: after which cases, which did not fail themselves.
+    """Yield a line for each failed recovery, with cases before it that did not fail themselves.
 
     A case failed if its result alone gives exit status 1.
     """

@@ -144,9 +144,9 @@ def _check_of_lost(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_held_up(run: verification.RunVerdict) -> Check:
-    """Return the check that the host delayed no frame; delayed ones are noted.
+    """Return the check that the host delayed no frame: delayed ones are noted.
 
-    They make it inconclusive if too few frames are verified and the run fails for nothing else.
+    If too few frames are verified and the run is inconclusive, they make the check so too.
     """
     held_up = _frames_with(run, verification.FrameStatus.HELD_UP)
     outcome, message = Outcome.PASSED, "none"

@@ -252,7 +252,7 @@ def _judge_burst_of_mutes(
 
 
 def _is_line_time_zero(board: BoardClient) -> bool:
-    """Return True, in mid carrier period, if 4096 bytes come within one such period.
+    """Wait for mid carrier period and return True, if 4096 bytes come within one such period.
 
     Return False at once on a slower line and at a wall clock.
     """

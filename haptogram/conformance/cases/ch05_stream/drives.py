@@ -262,7 +262,7 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
 
 
 def _judge_latched_foci(board: BoardClient, mode: Mode, targets_m: Sequence[_Target]) -> None:
-    """FAILED unless the drives latched from frames for *targets_m* focus there, by read-back.
+    """FAILED unless the drives that frames latch, read back, focus on *targets_m*.
 
     *targets_m* are (x, y, z); *mode*: the frames are PHASES, DRIVES or POINTS.  The first judgement
     compiles code for seconds, in which a hold would expire: it comes after the last latch.

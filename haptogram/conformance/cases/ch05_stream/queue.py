@@ -239,8 +239,8 @@ def _judge_orders(
 ) -> None:
     """FAILED unless, of several frames for one carrier period, the last accepted one is latched.
 
-    Each of *orders* is such a period, and ranks the times of its frames; their kinds take turns,
-    from the *turn*-th.  If not all fit in the board's horizon, each half is judged alone.
+    Each of *orders* ranks the times of the frames for one period; kinds of frames take turns, from
+    the *turn*-th.  If not all fit in the board's horizon, each half is judged alone.
     """
     kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
     messages = [[next(kinds).make() for _ in order.ranks] for order in orders]
@@ -272,7 +272,7 @@ def _judge_orders(
 def _judge_shorter_burst(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """Judge each half of *orders* alone: all of them do not fit in the board's horizon.
+    """Judge each half of *orders* as :func:`_judge_orders` does, as all do not fit in the horizon.
 
     NOT-OBSERVED if there is only one.
     """

@@ -283,7 +283,10 @@ def _judge_arm_behind_effect(
 
 
 def _effect_case(clause: str, variant: str) -> Case:
-    """Return the case of a clause that judges its events in every state of output and playback."""
+    """Return the case *variant* of a clause: its events, in every state of output and playback.
+
+    FAILED if an event changes more of the held state than is due.
+    """
     asked = [e for e in _EVENTS if (e.clause, e.variant) == (clause, variant)]
 
     def body(board: BoardClient) -> None:
@@ -460,7 +463,7 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
 
 
 def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -> None:
-    """Judge the end of the output, with up to two retries if the host was late."""
+    """Judge *end* in the state *moment*, with up to two retries if the host was late."""
     for _ in range(_TRIES - 1):
         with contextlib.suppress(HeldUpError):
             _judge_end_of_output(board, end, moment)

@@ -135,7 +135,10 @@ def _run_out_hold(board: BoardClient) -> None:
 
 
 def _check_last_latch_stays(board: BoardClient, name: str) -> None:
-    """FAILED if an event without a latch changes the last latch in STATUS or read-back."""
+    """FAILED if an event that latches nothing changes the last latch in STATUS or read-back.
+
+    *name* says in a finding how that latch came about.
+    """
     before = _read_last_latch(board)
     for what, do in _events_without_latch(board):
         do()
