@@ -85,7 +85,7 @@ class _Found:
 
 
 def _recognised_source(source: Source) -> tuple[str, str]:
-    """Return the wire that the first bytes look like, and a doubt ("" if there is none).
+    """Return the wire that the first bytes look like, and a sentence on a doubt ("" if none).
 
     Haptogram's own wire is taken if no board's wire looks like them.
     """

@@ -62,7 +62,7 @@ def _run_frame_place_text(frame: verification.FrameVerdict) -> str:
 
 
 def _run_frame_row(frames: Sequence[verification.FrameVerdict]) -> dict[str, Any]:
-    """Return a row for frames with the same fault: the worst of them, and the numbers of all."""
+    """Return a row for frames with the same fault: figures of the worst, numbers of the others."""
     frame = verification.worst_frame_of(frames)
     others = [str(other.number) for other in frames if other is not frame]
     named = ", ".join([*others[:_NAMED], *(["..."] if len(others) > _NAMED else [])])

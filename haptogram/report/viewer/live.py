@@ -105,7 +105,7 @@ class LiveViewerScene:
         )
 
     def _latch(self, seen: Observation) -> None:
-        """Show a latch of the Haptogram wire, on time or late."""
+        """Show a latch of a board with the Haptogram wire, and count it if it was late."""
         self._counters["late"] += seen.late
         self._show(
             seen.output,
@@ -116,7 +116,7 @@ class LiveViewerScene:
         )
 
     def _pulses(self, seen: PulseObservation) -> None:
-        """Show a latch of a board of another dialect."""
+        """Show a latch of a board of another dialect, and add what that board counted."""
         # As fine as a page draws; the verdict knows the pulses themselves.
         drive = Drive.from_weights(saturated_weights(seen.weights))
         self._counters += Counter(seen.counted)

@@ -160,7 +160,7 @@ class WatchReport:
         yield parts.Section("Board", [parts.Table((), rows)])
 
     def _row(self, seen: WatchedLatch) -> tuple[str, ...]:
-        """Return the table row of one latch."""
+        """Return the table row of a latch: number, time in s, cause, pattern, verdict, defects."""
         latch, verdict = seen.latch, seen.verdict
         return (
             str(latch.number),

@@ -203,7 +203,7 @@ def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
 
 
 def _time_behind_burst_us(board: BoardClient) -> int:
-    """Return a device time 0.4 s from now, when a burst has arrived."""
+    """Return the device time 0.4 s from now, by when a burst that is sent now has arrived."""
     return board.clock.device_estimate_us() + _AHEAD_US
 
 

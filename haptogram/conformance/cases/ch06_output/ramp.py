@@ -207,7 +207,7 @@ def every_ceiling_of_ramps(board: BoardClient) -> None:
 
 
 def _judge_output_ramp(board: BoardClient, ceiling: int, ramp_ms: int, *, plays: bool) -> None:
-    """Let the hold expire; FAILED unless the amplitudes fall straight to 0 in *ramp_ms*.
+    """Let the hold expire; FAILED unless the amplitudes fall linearly to 0 in *ramp_ms*.
 
     *ceiling* limits them before; *plays*: they are of a playback, else of the stream.
     """
@@ -436,7 +436,10 @@ def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
 
 
 def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
-    """FAILED unless the ramp ends once, on time and with the reason of the expired timer."""
+    """FAILED unless the ramp of *pair* ends once, on time, with the reason of the right timer.
+
+    That is the one that expires first or, if this is renewed in the ramp, the other one.
+    """
     since = board.link.mark()
     with board.counting(timeouts=1):
         begins_us, both_us = _begin_ramp_of_pair(board, pair)

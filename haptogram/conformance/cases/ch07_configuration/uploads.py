@@ -76,7 +76,7 @@ def refuses_uploads_of_broken_size(board: BoardClient) -> None:
 
 
 def _judge_sizes(board: BoardClient, form: uploads.UploadForm) -> None:
-    """FAILED unless uploads of 1 to 3 whole frames are accepted and sizes between are refused."""
+    """FAILED unless uploads of 1 to 3 whole frames are accepted, and other sizes are refused."""
     most, unit = board.identity.max_upload_bytes, form.frame_bytes
     for frames in range(1, 1 + _FRAMES if form.target else 2):
         if frames * unit <= most:

@@ -247,7 +247,7 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
 
 
 def _requests_that_renew(board: BoardClient, *, plays: bool) -> list[m.Message]:
-    """Return the valid requests except DISARM, PLAY and, while a sequence plays, STOP."""
+    """Return the valid requests to send but DISARM, PLAY and, if *plays* (a sequence), STOP."""
     ends = (m.Disarm, m.Play, m.Stop) if plays else (m.Disarm, m.Play)
     valid = valid_requests_to_send(board, STORED + plays)
     return [message for message in valid if not isinstance(message, ends)]
