@@ -84,7 +84,7 @@ LM: Final = Acting("with the modulation lm", lambda s: _acts_on_modulation(s) ==
 
 
 def _acts_on_modulation(settings: Any) -> str | None:
-    """Return the kind of modulation (am, lm, stm), on which options act; None without one."""
+    """Return the modulation in *settings* (am, lm, stm) for which options act; None without one."""
     kind: str | None = settings.kind if hasattr(settings, "kind") else settings.modulation
     return kind
 

@@ -64,7 +64,7 @@ def run_budget(arguments: argparse.Namespace) -> int:
 
 
 def _run_own_budget(config: BudgetConfig) -> int:
-    """Print the measured budget of each frame format; return 1 if phases miss the rate, else 0."""
+    """Print the measured budget of each frame format; return 1 if PHASES miss the rate, else 0."""
     from haptogram.campaigns.bench import frame_budget
 
     wake_ns = frame_budget.measure_budget_wake_ns(config.rate_hz)
@@ -80,9 +80,10 @@ def _run_own_budget(config: BudgetConfig) -> int:
 
 
 def _run_dialect_budget(arguments: argparse.Namespace) -> int:
-    """Print how many frames per second the line of other boards carries.
+    """Print how many frames per second the line of another maker's board carries, by baud.
 
-    Returns 1 if that is less than the rate that was asked for, at the first baud; else 0.
+    Returns 1 if the rate that was asked for is higher at the first baud (--baud, else the dialect's
+    first), else 0. ConfigurationError for a board without a serial line or --baud.
     """
     from haptogram.driver.line.budget import highest_line_rate_hz, line_transmission_ns
     from haptogram_protocol.dialects.table import DIALECTS
@@ -161,7 +162,10 @@ def _budget_table(budgets: list[frame_budget.FrameBudget], wake_ns: int) -> str:
 
 
 def _answer_budget(baudrate: int) -> str:
-    """Return a table of a PING's round trip and the clock's uncertainty, by USB latency timer."""
+    """Return a table of a PING's longest round trip, by setting of the USB latency timer.
+
+    Its second column is half of that, the uncertainty of the board's clock.
+    """
     from haptogram.driver.line.budget import frame_bytes_on_line, line_round_trip_ns
     from haptogram.report.formats.console import console_table
     from haptogram_protocol.messages import Ping, Pong

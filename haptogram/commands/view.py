@@ -196,7 +196,7 @@ def _wants_view_in_browser(wish: bool | None) -> bool:
 
 
 def _view_address(text: str) -> tuple[str, int]:
-    """Return IPv4 address and port of a text ADDRESS:PORT; refuse any other."""
+    """Return IPv4 address and port of a text ADDRESS:PORT; ConfigurationError for any other."""
     host, _, port = text.rpartition(":")
     try:
         ipaddress.IPv4Address(host)

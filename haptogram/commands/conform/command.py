@@ -88,7 +88,7 @@ def run_conform(arguments: argparse.Namespace, virtual: Virtual) -> int:
 
 
 def _refuse_unknown_clause(name: str, cases: Sequence[Case]) -> NoReturn:
-    """Raise the error that names the clause or case most like *name*."""
+    """Raise ConfigurationError for an unknown *name*, with the clause or case most like it."""
     from haptogram.conformance.cases import select
 
     known = [*dict.fromkeys(case.clause for case in cases), *(case.id for case in cases)]

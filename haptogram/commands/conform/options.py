@@ -215,7 +215,7 @@ def check_conform_arguments(arguments: argparse.Namespace) -> None:
 
 
 def _check_conform_regex(text: str) -> None:
-    """Refuse a --port-regex that is invalid or has no group."""
+    """Raise ConfigurationError if a --port-regex is invalid or has no group."""
     try:
         groups = re.compile(text).groups
     except re.error as error:

@@ -139,7 +139,7 @@ def read_field_drive_file(path: Path, count: int, phase_bits: int) -> acoustics.
 def _field_drive_file_codes(where: str, cells: list[str]) -> tuple[int, int]:
     """Return the phase and amplitude code in the *cells* of a row of a drive file.
 
-    Raises, naming the row *where*, if they are not two whole numbers.
+    ConfigurationError, naming the row *where*, if they are not two whole numbers.
     """
     try:
         phase, amplitude = (int(np.int64(cell)) for cell in cells)
@@ -196,7 +196,10 @@ def describe_field_levels(arguments: argparse.Namespace, scene: FieldScene) -> I
 
 
 def _describe_ear_in_field(arguments: argparse.Namespace, scene: FieldScene) -> Iterator[str]:
-    """Yield the levels of the ultrasound at --ear-mm; refuse a place within the array."""
+    """Yield the levels of the ultrasound at --ear-mm.
+
+    ConfigurationError for a place within the array.
+    """
     engine, lag = acoustics.choose_engine(scene.model), acoustics.Resonator.from_bandwidth()
     ear = metres_of_position(arguments.ear_mm)
     distance_m = math.dist(ear, scene.model.array.centre_m)

@@ -134,7 +134,7 @@ def describe_field_scene(scene: FieldScene) -> Iterator[str]:
 def _describe_field_place(
     engine: NumpyEngine, scene: FieldScene, place_m: tuple[float, float, float]
 ) -> str:
-    """Return a line on the RMS pressure at a place; of a sequence, as a slow sensor has it.
+    """Return a line on the RMS pressure at a place; of a sequence, averaged over its frames.
 
     A level in dB SPL follows, unless the pressure is 0.
     """
@@ -210,5 +210,5 @@ def _describe_field_peak(engine: NumpyEngine, weights: ArrayLike, target: FloatA
 
 
 def _extent_text(size_m: float) -> str:
-    """Return a length in mm as text, or that it goes on beyond the searched volume."""
+    """Return a length in mm as text; if infinite, that it goes beyond the searched volume."""
     return f"{size_m * 1e3:.1f}" if math.isfinite(size_m) else "(beyond what was looked at)"

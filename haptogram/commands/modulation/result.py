@@ -94,7 +94,10 @@ class ModulationResult:
 
 
 def _modulation_frequency_in(frames: FocusFrames, config: ModulationConfig) -> float | None:
-    """Return the frequency in Hz that gives whole periods in a pass; None if unmodulated."""
+    """Return the frequency in Hz, nearest the one asked for, that has whole periods in a pass.
+
+    A pass is one run through *frames*; None if they are not modulated.
+    """
     if config.modulation is None:
         return None
     return round(frames.duration_s * config.modulation_hz) / frames.duration_s
@@ -179,7 +182,10 @@ def _describe_felt_spectrum(felt: ModulationResult) -> Iterator[str]:
 
 
 def _felt_line_name(frequency_hz: float, felt: ModulationResult) -> str:
-    """Return what makes a spectral line: modulation, frame rate, its images; "" if none does."""
+    """Return the cause of a spectral line: modulation or a multiple, frame rate, or an image.
+
+    An image is the frame rate plus or minus the modulation or a multiple; "" if nothing fits.
+    """
     if felt.frequency_hz is None:
         return ""
     order = frequency_hz / felt.frequency_hz

@@ -54,7 +54,10 @@ def run_capture(arguments: argparse.Namespace) -> int:
 
 
 def _capture_elements_rows(document: dict[str, Any]) -> Iterator[str]:
-    """Yield a heading and a line for each captured element; dashes for one without pulses."""
+    """Yield a heading and a line for each captured element: edges, duty, period and jitter.
+
+    There are dashes for an element without pulses.
+    """
     titles = f"{'channel':<12}{'element':>8}{'edges':>10}{'duty':>18}"
     yield f"{titles}{'period µs':>12}{'jitter ns':>11}"
     for row in document["elements"]:
@@ -72,7 +75,7 @@ def _capture_elements_rows(document: dict[str, Any]) -> Iterator[str]:
 
 
 def _capture_latches_rows(document: dict[str, Any]) -> Iterator[str]:
-    """Yield a heading and a line for each latch: time, channels, and within how many µs."""
+    """Yield a heading and a line for each latch: time, channels, and in how many µs they change."""
     yield f"{'latch':<7}{'at ms':>12}{'channels':>10}{'within µs':>11}"
     period_us = 1e6 / document["carrier_hz"]
     for number, latch in enumerate(document["latches"]):

@@ -85,7 +85,7 @@ class _Found:
 
 
 def _recognised_source(source: Source) -> tuple[str, str]:
-    """Return the wire that the first bytes look like, and a doubt ("" if there is none).
+    """Return the wire that the first bytes look like, and a sentence on a doubt ("" if none).
 
     Haptogram's own wire is taken if no board's wire looks like them.
     """
@@ -275,7 +275,7 @@ def _opened_byte_source(path: Path) -> contextlib.AbstractContextManager[IO[byte
 
 
 def _read_byte_source(file: IO[bytes], path: Path, size: int) -> bytes:
-    """Return up to *size* bytes of *file*; an error names *path*."""
+    """Return up to *size* bytes of *file*; ConfigurationError, naming *path*, if it fails."""
     with reading_file(path):
         return file.read(size)
 
@@ -290,9 +290,9 @@ def _source_blocks(file: IO[bytes], path: Path) -> Iterator[bytes]:
 
 
 def _source_blocks_from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[bytes]:
-    """Yield the bytes that hex digits in *blocks* are, without prefixes and separators.
+    """Yield the bytes that hex text in *blocks* stands for, without prefixes and separators.
 
-    Raises at the first character that is no hex text.
+    ConfigurationError, naming *path*, at the first character that is no hex text.
     """
     rest, place = b"", 0  # what is not yet understood, and where it begins
     for block in itertools.chain(blocks, [b""]):
@@ -314,7 +314,7 @@ def _source_blocks_from_hex(blocks: Iterator[bytes], path: Path) -> Iterator[byt
 
 
 def _recording_as_source(path: Path) -> Source:
-    """Return the bytes of a recording as a source to decode; refuse standard input."""
+    """Return the bytes of a recording as a source; ConfigurationError for standard input."""
     from haptogram.evidence.recordings.reader import Recording
 
     if path == _STDIN:
@@ -326,9 +326,9 @@ def _recording_as_source(path: Path) -> Source:
 
 
 def _recorded_source_chunks(recording: Recording, source: Source) -> Iterator[RecordedChunk]:
-    """Yield the bytes of a recording with sender and time since its first entry.
+    """Yield the bytes of a recording with their sender, and the ns since its first entry.
 
-    At the end the recording's note is put into *source*.
+    At the end *source* gets a note on damage to the file, such as that it was cut off.
     """
     from haptogram.evidence.recordings.channels import TO_BOARD, TO_HOST
 

@@ -90,7 +90,7 @@ def _changed_replay_options(
 ) -> dict[str, Any]:
     """Return the recorded board's options, changed by --healthy, --mutant and --array.
 
-    Refuses to run a recorded mutant of the user's own code unless an option names it.
+    ConfigurationError for a recorded mutant of the user's own code, unless an option names it.
     """
     if arguments.healthy:
         options = {name: value for name, value in options.items() if name not in _FAULTY}
@@ -107,7 +107,7 @@ def _changed_replay_options(
 
 
 def _check_replay_array(options: Mapping[str, Any], array: str) -> None:
-    """Refuse an array with another number of transducers than that of the recording."""
+    """Raise ConfigurationError if *array* has more or fewer transducers than that of *options*."""
     from haptogram.acoustics import TransducerArray
 
     BoardConfig.of(array=array)  # refuses a grid that none is

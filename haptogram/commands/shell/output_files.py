@@ -86,7 +86,7 @@ class CommandOutputs:
             self.provenance = Provenance.of_run(settings.command_line, stamp)
 
     def _check_formats(self, *, pictures: bool) -> None:
-        """Refuse, before the run, a picture or page that cannot be written.
+        """Raise ConfigurationError, before the run, if a picture or page cannot be written.
 
         *pictures*: the page draws some, for which matplotlib is needed.
         """
@@ -211,7 +211,7 @@ class CommandOutputs:
 
 
 def _input_files_of(settings: object) -> Iterator[tuple[str, Path]]:
-    """Yield option and path of each file that the command reads; "this command" without option."""
+    """Yield option and path of each file that the command reads; "this command" if positional."""
     for name, is_file in INPUTS.items():
         value = getattr(settings, name, None)
         for path in value if isinstance(value, list | tuple) else [value]:

@@ -183,9 +183,10 @@ def baud_of_verified_port(port: str, baud: int, *, is_named: bool) -> int | None
 def _usual_dialect_rates(
     config: VerifyConfig, boards: DialectBoardsUnderTest, *, names_baud: bool
 ) -> dict[str, Any]:
-    """Return the line's baud and the highest whole frame rate it carries, as settings.
+    """Return the settings *baud* and *rate_hz*: the highest whole frame rate that the line carries.
 
-    The rate is 1 to 1000 Hz; 100 Hz, and no baud, for a board without a serial line.
+    The baud is that of *config* if *names_baud*, else the dialect's first. The rate is 1 to 1000
+    Hz; 100 Hz, and no baud, for a board without a serial line.
     """
     from haptogram.driver.line.budget import highest_line_rate_hz
 

@@ -170,7 +170,8 @@ def _measured_by_verify(
 ) -> RunRecord:
     """Display the object on the board and return the record of the run.
 
-    *writer* (None: no recording) takes the bytes; *progress* and *settling* are its bars.
+    *writer* (None: no recording) takes the bytes; *progress* counts the frames, and *settling* what
+    the board has still to tell after them.
     """
     from haptogram.evidence.run_record import measure_run, measure_run_of_dialect
 

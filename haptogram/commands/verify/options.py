@@ -101,7 +101,10 @@ _OF_A_RUN: Final = {"record", "view", *options_of(VerifyConfig)} - {
 
 
 def _acts_on_a_run(row: Acting | None) -> Acting:
-    """Return the option's row (None: it always acts), limited to runs without --from-recording."""
+    """Return *row*, which says when an option acts, limited to runs without --from-recording.
+
+    None: it acts on every run.
+    """
     where = "on a run (a recording has its own; not with --from-recording)"
     if row is None:
         return Acting(where, lambda s: s.from_recording is None)

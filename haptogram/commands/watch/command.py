@@ -120,7 +120,10 @@ def run_watch(arguments: argparse.Namespace, replay: Replay) -> int:
 
 
 def _check_watch_source(arguments: argparse.Namespace) -> None:
-    """Refuse contradictory or missing sources; give the words of --as-device to the client."""
+    """Raise ConfigurationError for contradictory or missing sources.
+
+    With --as-device, all words that follow become the client's command line, and none the source.
+    """
     if arguments.as_device:
         arguments.client = [w for w in (arguments.source, *arguments.client) if w is not None]
         arguments.source = None
@@ -295,7 +298,7 @@ def _shows_no_pattern(result: WatchResult) -> bool:
 
 
 def _why_watch_is_incomplete(end: Record) -> str | None:
-    """Return why latches are missing by the record *end*; None if none are."""
+    """Return why latches are missing, by the source's last record, *end*; None if none are."""
     if end.get("cut"):
         return f"the capture was cut off: {end['cut']}"
     if not end["clean"]:

@@ -59,7 +59,7 @@ def make_watch_expectation(
 
 
 def _read_expected_frames(path: Path) -> list[Foci]:
-    """Return the foci (mm) of each expected frame from a CSV file; refuse one without foci.
+    """Return the foci (mm) of each expected frame from a CSV file; ConfigurationError without foci.
 
     Rows with the same value of *frame* are foci of one frame; without that column each is one.
     """
@@ -83,7 +83,10 @@ def _read_expected_frames(path: Path) -> list[Foci]:
 
 
 def _expected_watch_focus(where: str, cells: list[str]) -> tuple[float, float, float]:
-    """Return x, y and z of a row in mm; raise, naming *where*, if they are not 3 within ± 10 m."""
+    """Return x, y and z of a row in mm.
+
+    ConfigurationError, naming the row *where*, if they are not 3 numbers within ± 10 m.
+    """
     try:
         x, y, z = (float(cell) for cell in cells)
     except ValueError as error:

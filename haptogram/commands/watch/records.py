@@ -99,7 +99,8 @@ class WatchedRecords:
     def _is_over(self, records: list[Record] | None) -> bool:
         """Return True if the source has ended; else wait 50 ms and return False.
 
-        *records* None: no more will come. Raises if it ends, or 5 s pass, without any record.
+        *records* None: no more will come. ConfigurationError if it ends, or 5 s pass, without any
+        record.
         """
         until_s = self._patient_until_s
         is_late = until_s is not None and time.monotonic() > until_s
@@ -147,7 +148,10 @@ def reader_of_watched(
 
 
 def _captured_to_watch(arguments: argparse.Namespace, replay: Replay) -> WatchedRecords:
-    """Return the latches in a capture of the pins, with the array of the board of *replay*."""
+    """Return the latches in a capture of the pins, as records to watch.
+
+    *replay* gives the board that the options assume, whose array is taken.
+    """
     from haptogram.evidence.captures.channel_map import ChannelMap
     from haptogram.evidence.captures.files import read_capture
     from haptogram.evidence.captures.pin_record import pin_record_of_capture
@@ -172,7 +176,7 @@ def _watched_board_settings(arguments: argparse.Namespace) -> BoardConfig:
 
 
 def _read_watched_bytes(source: str) -> bytes:
-    """Return the bytes of a client; refuse more than a run of minutes has, as of /dev/zero."""
+    """Return the client's bytes in a file; ConfigurationError if more than a run of minutes has."""
     with reading_file(source), Path(source).open("rb") as file:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
@@ -184,7 +188,7 @@ def _read_watched_bytes(source: str) -> bytes:
 
 
 def _refuse_watched_client_bytes(source: str) -> None:
-    """Raise if *source* is a file of client bytes; name the option for their dialect.
+    """Raise ConfigurationError if *source* is a file of client bytes; name the likely --dialect.
 
     A back door, an empty file and what is no file are let pass.
     """

@@ -144,7 +144,10 @@ def _bench_clocks_text(result: Result) -> str:
 
 
 def _bench_misses_rows(result: Result) -> Iterator[tuple[str, ...]]:
-    """Yield how many frames were late by each limit (µs) at port and board, and by which causes."""
+    """Yield a row for each limit of lateness (µs), at port and at board: late frames and causes.
+
+    The last cell counts those for which the control loop stalled too.
+    """
     for place, found in result["misses"].items():
         for miss in found:
             causes = (f"{cause} {n}" for cause, n in miss["by_cause"].items() if n)

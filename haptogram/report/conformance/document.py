@@ -128,7 +128,7 @@ def _case_findings(suite: SuiteResult) -> Iterator[Finding]:
 
 
 def _cases_not_judged(suite: SuiteResult) -> list[CaseResult]:
-    """Return the inconclusive cases that are no failure."""
+    """Return the inconclusive cases, except those that count as failures."""
     found = (result for result in suite.results if result.behaviour is Behaviour.INCONCLUSIVE)
     return [result for result in found if not result.is_failure]
 

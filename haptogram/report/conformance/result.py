@@ -17,7 +17,7 @@ FORMAT: Final = "haptogram-conformance/1"
 
 
 def _recovery_as_json(recovery: Recovery | None) -> dict[str, Any] | None:
-    """Return a recovery as JSON object; None stays None."""
+    """Return a recovery (clean, frames, text) as JSON object; None stays None."""
     if recovery is None:
         return None
     return {"clean": recovery.clean, "frames": recovery.frames, "text": recovery.text}

@@ -78,9 +78,9 @@ def _conformance_failure_lines(
 
 
 def _conformance_unclean_lines(failures: Sequence[CaseResult]) -> Iterator[str]:
-    """Yield each recovery that failed after cases which did not fail themselves, with these.
+    """Yield a line for each failed recovery, with cases before it that did not fail themselves.
 
-    A case did not fail if its result alone would not be exit status 1.
+    A case failed if its result alone gives exit status 1.
     """
     found: dict[str, list[str]] = {}
     for result in failures:
@@ -106,7 +106,7 @@ def _conformance_case_lines(result: CaseResult) -> Iterator[str]:
 
 
 def _named_cases(cases: Sequence[str]) -> str:
-    """Return the names of up to 3 cases, or the number of more."""
+    """Return up to 3 names of cases, joined by commas; of more cases only their number."""
     return ", ".join(cases) if len(cases) <= _NAMED else f"{len(cases)} cases"
 
 
@@ -227,10 +227,10 @@ def folded_transcript(result: CaseResult) -> Iterator[str]:
 
 
 def _cited_frames(result: CaseResult) -> list[_Frame]:
-    """Return the frame of the board that a finding speaks of, its request and its likely cause.
+    """Return the frames behind a finding: the board's frame, its request, and the likely cause.
 
-    They are the frames with the most words of the finding, in the order of the transcript; what the
-    transcript lacks is left out.
+    Frame of the board and cause are those that share most words with the finding.  They are in the
+    order of the transcript; what that lacks is left out.
     """
     frames = _frames_of(result.transcript)
     done = _NOT_DONE.sub("", result.detail)
@@ -251,7 +251,10 @@ def _cited_frames(result: CaseResult) -> list[_Frame]:
 
 
 def _request_of(answer: _Frame | list[_Frame], host: Sequence[_Frame]) -> list[_Frame]:
-    """Return the last host frame before *answer* with its sequence number; [] if there is none."""
+    """Return the last host frame before *answer* with its sequence number, in a list.
+
+    [] if there is none, or if *answer* is the empty list that stands for no frame.
+    """
     seq = _SEQ.match(answer.text) if isinstance(answer, _Frame) else None
     if seq is None or not isinstance(answer, _Frame):
         return []

@@ -245,9 +245,9 @@ def _draw_plane_image(axes: Axes, plane: PicturePlane, values: NDArray[Any]) -> 
 
 
 def _draw_elements(axes: Axes, places: FloatArray) -> None:
-    """Draw the elements at *places* (N, 2) in mm on an upright plane, and widen the picture.
+    """Draw the elements at *places* (N, 2), across and up in mm, and extend the picture to them.
 
-    Nothing if they are over half a picture's height away.
+    Left out are elements beside the picture, or over half its height above or below it.
     """
     left, right = axes.get_xlim()
     low, high = axes.get_ylim()
@@ -272,7 +272,7 @@ def _plane_picture_size(plane: PicturePlane) -> tuple[float, float]:
 
 
 def _marked_plane_picture(plane: PicturePlane, targets_m: ArrayLike) -> list[list[float]]:
-    """Return the targets (m) within 2.5 mm of the plane; [] if they are over 200."""
+    """Return the targets (x, y, z in m) within 2.5 mm of the plane; [] if those are over 200."""
     targets = np.asarray(targets_m, dtype=np.float64).reshape(-1, 3)
     distance = np.abs(targets[:, plane.normal_axis] - plane.through_m[plane.normal_axis])
     shown: list[list[float]] = targets[distance <= _NEAR_M].tolist()

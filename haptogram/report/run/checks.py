@@ -92,7 +92,10 @@ def run_checks(
 
 
 def _check_of_fault(run: verification.RunVerdict, fault: _Fault) -> Check:
-    """Check that no judged frame shows one kind of fault; not judged if there is no such frame."""
+    """Return the check that no judged frame shows *fault*: failed if one does.
+
+    Not judged if there is no judged frame.
+    """
     found = [frame for frame in run.frames if fault.shows(frame)]
     besides = sum(frame.status in fault.besides for frame in run.frames)
     judged = run.counts[fault.seen_in] - besides
@@ -110,7 +113,10 @@ def _check_of_fault(run: verification.RunVerdict, fault: _Fault) -> Check:
 
 
 def _check_of_unexpected(run: verification.RunVerdict) -> Check:
-    """Check that only intended frames were latched; not judged without any latch."""
+    """Return the check that only intended frames were latched: failed if one was not intended.
+
+    Not judged without any latch.
+    """
     keys, outcome, message = run.unexpected, Outcome.PASSED, "none"
     if keys:
         outcome = Outcome.FAILED
@@ -122,7 +128,10 @@ def _check_of_unexpected(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_lost(run: verification.RunVerdict) -> Check:
-    """Check that the board has lost no frame; not judged if no latch could be seen."""
+    """Return the check that the board has lost no frame: failed if it is known that it did.
+
+    Not judged if no latch could be seen.
+    """
     lost = _frames_with(run, verification.FrameStatus.LOST)
     reasons = [reason for reason in run.reasons if verification.LOST_BY_BOARD in reason]
     outcome, message = Outcome.PASSED, "none is known to be"
@@ -135,9 +144,9 @@ def _check_of_lost(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_held_up(run: verification.RunVerdict) -> Check:
-    """Check that the host delayed no frame; delayed ones are noted.
+    """Return the check that the host delayed no frame: delayed ones are noted.
 
-    They decide the verdict only if too few frames are verified.
+    If too few frames are verified and the run is inconclusive, they make the check so too.
     """
     held_up = _frames_with(run, verification.FrameStatus.HELD_UP)
     outcome, message = Outcome.PASSED, "none"
@@ -163,7 +172,7 @@ def _check_of_late(run: verification.RunVerdict) -> Check:
 
 
 def _check_of_share_verified(run: verification.RunVerdict) -> Check:
-    """Check that the asked share of frames was verified; if not, the run is inconclusive.
+    """Return the check that the asked share of frames was verified: else inconclusive.
 
     It is only noted if the run fails anyway.
     """
@@ -181,9 +190,9 @@ def _check_of_share_verified(run: verification.RunVerdict) -> Check:
 def _check_of_complete_run(
     run: verification.RunVerdict, cut_short: str | None, seconds: float | None
 ) -> Check:
-    """Check that the run came to its end; *cut_short* says why it did not, None: it did.
+    """Return the check that the run came to its end: else inconclusive.
 
-    *seconds* is how long it took.
+    *cut_short* says why it did not (None: it did); *seconds* is how long it took.
     """
     outcome, message = Outcome.PASSED, "it came to its end"
     if cut_short is not None:

@@ -140,7 +140,10 @@ def _run_key_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, str]
 
 
 def _run_properties(result: Mapping[str, Any]) -> dict[str, str]:
-    """Return the settings of the run as texts, by dotted names, but those that are None or []."""
+    """Return verdict, seed, settings, board and environment of the run as texts, by dotted names.
+
+    Values that are None or [] are left out.
+    """
     names = ("verdict", "evidence", "seed", "frames", "faults", "configuration", "board")
     named = {name: result[name] for name in names if name in result}
     return {

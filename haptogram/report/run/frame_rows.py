@@ -62,7 +62,7 @@ def _run_frame_place_text(frame: verification.FrameVerdict) -> str:
 
 
 def _run_frame_row(frames: Sequence[verification.FrameVerdict]) -> dict[str, Any]:
-    """Return a row for frames with the same fault: the worst of them, and the numbers of all."""
+    """Return a row for frames with the same fault: figures of the worst, numbers of the others."""
     frame = verification.worst_frame_of(frames)
     others = [str(other.number) for other in frames if other is not frame]
     named = ", ".join([*others[:_NAMED], *(["..."] if len(others) > _NAMED else [])])
@@ -101,9 +101,9 @@ def _timing_text(frame: verification.FrameVerdict) -> str:
 
 
 def _relative_error(frame: verification.FrameVerdict) -> float | None:
-    """Return the error as a share of its bound, on the axis where that is largest.
+    """Return the greatest position error of the axes x, y and z, each as a share of its bound.
 
-    None if it was not measured on any axis.
+    The sign is dropped; None if no axis was measured.
     """
     if frame.measured_m is None or frame.bound_mm is None:
         return None

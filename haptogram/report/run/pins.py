@@ -168,9 +168,9 @@ def draw_pin_elements(one: Mapping[str, Any]) -> Figure:
 def _draw_pin_values(
     axes: Any, table: Mapping[str, Any], name: str, spread: str, limit: float | None
 ) -> None:
-    """Draw the column *name* of each element with its *spread*; mark values beyond the limit.
+    """Draw the column *name* of *table*, a value for each element, with the error bars *spread*.
 
-    None for *limit*: no value is marked.
+    Values beyond plus or minus *limit* are marked; None: no value is marked.
     """
     values = table[name]
     off = np.zeros(len(values), np.bool_) if limit is None else np.abs(values) > limit

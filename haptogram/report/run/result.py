@@ -121,7 +121,7 @@ def write_run_json(path: Path, result: Mapping[str, Any]) -> None:
 
 
 def _plain_run_result(value: Any) -> Any:
-    """Return *value* in JSON's own types: JSON knows no numpy, no tuple and no NaN."""
+    """Return *value* in JSON's own types: arrays and tuples as lists, NaN and infinity as None."""
     match value:
         case np.generic() | np.ndarray():
             return _plain_run_result(value.tolist())

@@ -158,7 +158,10 @@ def _soak_total_rows(tally: SoakTally) -> list[tuple[str, str]]:
 
 
 def _soak_fault_rows(tally: SoakTally) -> list[tuple[str, ...]]:
-    """Return a row for each kind of fault, under :data:`_FAULT_HEAD`."""
+    """Return a row for each kind of fault: injected, detected, harmless, and how it was found.
+
+    Columns are those of :data:`_FAULT_HEAD`.
+    """
     rows = []
     for kind, found in tally.found().items():
         counts = (str(tally.faults[kind][state]) for state in STATES)

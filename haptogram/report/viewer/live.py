@@ -105,7 +105,7 @@ class LiveViewerScene:
         )
 
     def _latch(self, seen: Observation) -> None:
-        """Show a latch of the Haptogram wire, on time or late."""
+        """Show a latch of a board with the Haptogram wire, and count it if it was late."""
         self._counters["late"] += seen.late
         self._show(
             seen.output,
@@ -116,7 +116,7 @@ class LiveViewerScene:
         )
 
     def _pulses(self, seen: PulseObservation) -> None:
-        """Show a latch of a board of another dialect."""
+        """Show a latch of a board of another dialect, and add what that board counted."""
         # As fine as a page draws; the verdict knows the pulses themselves.
         drive = Drive.from_weights(saturated_weights(seen.weights))
         self._counters += Counter(seen.counted)
@@ -133,8 +133,9 @@ class LiveViewerScene:
     ) -> None:
         """Append a latch to the scene, and count it: latched, muted, no single focus.
 
-        *drive* None: it is not known. *timing* says if it was late; *received_us* when the frame
-        came (None: not known). Refuses a drive of another number of elements.
+        *drive* None: it is not known. *field* is what was found in it; *timing* says if it was
+        late; *received_us* when the frame came (None: not known). ValueError for a drive of another
+        number of elements than the array.
         """
         if drive is not None and drive.count != self.model.array.count:
             raise ValueError(f"{drive.count} codes, the array has {self.model.array.count}")

@@ -61,7 +61,10 @@ def viewer_scene_of_recording(path: Path) -> RecordedScene:
 
 
 def _recorded_scene_of(recording: Recording) -> RecordedScene:
-    """Return the scene of a recording, whose verdicts may hold anything."""
+    """Return what to show of a recording: its judged frames or, without verdicts, all latches.
+
+    Without a record of the board's output, the drives are those that the host sent.
+    """
     path, board = recording.path, recording.board
     judged = _viewer_frames_judged(recording)
     if board is None:
@@ -114,7 +117,8 @@ def _sent_scene(
 ) -> tuple[ViewerScene, list[str]]:
     """Return the scene, with the sent drives, of a recording without the board's output.
 
-    *judged* frames are shown if there are any; refuses a recording that does not tell the array.
+    With it comes a line that counts the frames; they are the *judged* ones, if any.
+    ConfigurationError if the recording does not tell the array.
     """
     path = recording.path
     model = model_of_recorded_answers(recording)
@@ -138,9 +142,9 @@ def _sent_scene(
 
 
 def _viewer_frames_sent(model: AcousticModel, sent: Iterable[SentFrame]) -> Iterator[ViewerFrame]:
-    """Yield the frames without an observed latch, with the focus of the drive that was sent.
+    """Yield *sent* frames for the view, each with the focus found in its own drive.
 
-    After 20 failed searches no focus is looked for.
+    Once 20 searches have found no single focus, no more are made.
     """
     reconstructor, searches = Reconstructor(model), _MOST_SEARCHES
     for number, frame in enumerate(sent):

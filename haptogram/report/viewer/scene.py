@@ -98,7 +98,10 @@ def other_axes_of_viewer(
 
 
 def _viewer_constants(model: AcousticModel) -> dict[str, Any]:
-    """Return the constants of array and medium that the field needs."""
+    """Return what the page needs to compute the field, by name with unit, beside the elements.
+
+    Wavelength, absorption, source strength, sides of rectangular elements, steps of the codes.
+    """
     rectangle = _viewer_rectangle(model)
     return {
         "sides_mm": [1e3 * rectangle.width_m, 1e3 * rectangle.height_m] if rectangle else [],

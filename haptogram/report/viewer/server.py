@@ -145,7 +145,7 @@ class _ViewHandler(http.server.BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
 
     def _answer(self, content: bytes | None, kind: str) -> None:
-        """Send *content* with the headers of the view; 404 without content."""
+        """Send *content*, of MIME type *kind*, with the headers of the view; None: status 404."""
         if content is None:
             self.send_error(HTTPStatus.NOT_FOUND)
             return
@@ -168,7 +168,10 @@ def _query_frame_count(query: str) -> int:
 
 
 def _view_headers(page: str) -> dict[str, str]:
-    """Return headers whose security policy allows only the page's own script and style."""
+    """Return HTTP headers whose security policy allows only the inline script and style of *page*.
+
+    *page* is the whole HTML text.
+    """
     sources: dict[str, list[str]] = {"script": [], "style": []}
     for name, content in _INLINE.findall(page):
         digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()

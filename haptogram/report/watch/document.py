@@ -135,9 +135,9 @@ class WatchReport:
         )
 
     def _latch_sections(self) -> Iterator[parts.Section]:
-        """Yield a table of the last latches and one of the board; nothing without a page.
+        """Yield a table of the last latches and one of the board; nothing without an HTML page.
 
-        Columns from the verdict on that no row has are left out.
+        The last columns, from the verdict on, are left out if no row has them.
         """
         if not self._has_page:
             return
@@ -160,7 +160,7 @@ class WatchReport:
         yield parts.Section("Board", [parts.Table((), rows)])
 
     def _row(self, seen: WatchedLatch) -> tuple[str, ...]:
-        """Return the table row of one latch."""
+        """Return the table row of a latch: number, time in s, cause, pattern, verdict, defects."""
         latch, verdict = seen.latch, seen.verdict
         return (
             str(latch.number),
@@ -206,7 +206,7 @@ def _shown_watched_frame(seen: WatchedLatch) -> ViewerFrame:
 def _watch_findings(
     result: WatchResult, verdicts: Sequence[FrameVerdict]
 ) -> Iterator[parts.Finding]:
-    """Yield the diagnoses, wrong and unjudged frames in groups, and what is missing, as errors."""
+    """Yield diagnoses, wrong and unjudged frames in groups, and missing latches, as errors."""
     for diagnosis in result.diagnoses:
         yield parts.Finding(parts.Level.ERROR, str(diagnosis.defect), str(diagnosis))
     wrong = [verdict for verdict in verdicts if verdict.status in WRONG]
@@ -220,7 +220,10 @@ def _watch_findings(
 
 
 def _watch_frame_check(verdict: FrameVerdict) -> parts.Check:
-    """Check that a latch has its expected foci; inconclusive if it was not verified."""
+    """Return the check that a latch has its expected foci: failed if it has others.
+
+    Inconclusive if it was not verified.
+    """
     outcome = parts.Outcome.PASSED
     if verdict.status in WRONG:
         outcome = parts.Outcome.FAILED
@@ -231,7 +234,7 @@ def _watch_frame_check(verdict: FrameVerdict) -> parts.Check:
 
 
 def _watch_defect_check(result: WatchResult, defect: Defect) -> parts.Check:
-    """Check that one kind of defect was not found."""
+    """Return the check that *defect* was not found: failed, with each diagnosis, if it was."""
     found = [str(diagnosis) for diagnosis in result.diagnoses if diagnosis.defect is defect]
     outcome = parts.Outcome.FAILED if found else parts.Outcome.PASSED
     message, *more = found or ["not found"]
@@ -239,7 +242,10 @@ def _watch_defect_check(result: WatchResult, defect: Defect) -> parts.Check:
 
 
 def _watch_seen_check(result: WatchResult, seconds: float | None) -> parts.Check:
-    """Check that no latch is missing; inconclusive if one is, or none was seen."""
+    """Return the check that no latch is missing; inconclusive if one is, or none was seen.
+
+    *seconds* is how long the watch took.
+    """
     count = sum(result.kinds.values())
     missing = result.missing or ("" if count else "no latch of a client was seen")
     outcome = parts.Outcome.INCONCLUSIVE if missing else parts.Outcome.PASSED

@@ -242,5 +242,5 @@ def is_difference_of_board(played: Played, replay: Callable[[], Played | None]) 
 
 
 def _is_same_difference(one: Played, other: Played) -> bool:
-    """Return True if two differences have the same words: numbers may differ."""
+    """Return True if two differences have the same text once all digits are left out."""
     return re.sub(r"\d+", "", one.difference) == re.sub(r"\d+", "", other.difference)

@@ -99,9 +99,10 @@ def _runs_to_stuff(most: int) -> list[int]:
 
 
 def _runs_before_full_ends(shown: int, room: int) -> list[int]:
-    """Return run lengths < *room* that end a frame of *shown* codes near a full COBS block.
+    """Return lengths < *room* of a zero-free run that lets a frame end near a full COBS block.
 
-    A zero follows the run; the codes and the CRC behind it are 253 to 255 or 508 bytes.
+    The frame holds *shown* codes: the run, one zero, and codes that are 253 to 255 or 508 bytes
+    with the CRC.
 
     Examples
     --------
@@ -157,7 +158,10 @@ def every_drive_is_stuffed(board: BoardClient) -> None:
 
 
 def _ask_with_stuffing(board: BoardClient, count: int, name: str) -> m.DriveReply:
-    """Return the READ_DRIVE reply for *count* elements; FAILED if it is missing or damaged."""
+    """Return the READ_DRIVE reply for *count* elements; *name* is the request in a finding.
+
+    FAILED if the reply is missing, damaged or stuffed in another way than COBS allows.
+    """
     wire, seq = board.link.request_wire(m.ReadDrive(m.DriveKind.LATCHED, 0, count))
     since = board.link.mark()
 
@@ -173,7 +177,7 @@ def _ask_with_stuffing(board: BoardClient, count: int, name: str) -> m.DriveRepl
 
 
 def _check_stuffing(pieces: list[ReceivedByClient], name: str) -> None:
-    """FAILED unless each frame is stuffed in the one way that COBS allows."""
+    """FAILED unless each frame is stuffed in the one way of COBS; *name* begins the finding."""
     for piece in pieces:
         check(not piece.fault, f"{name}: {piece.fault}")
         check_equal(piece.piece, cobs_encode(piece.unstuffed), f"{name} is stuffed in another way")

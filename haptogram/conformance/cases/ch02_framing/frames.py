@@ -210,7 +210,10 @@ def line_is_silent_before_hello(board: BoardClient) -> None:
 
 
 def _paused_bytes(board: BoardClient) -> Iterator[Paused]:
-    """Yield requests, stream frames of every kind and malformed frames: name, counter, builder."""
+    """Yield requests, stream frames and malformed frames: name, counter, function that builds it.
+
+    The counter is the one in STATUS that the frame increments.
+    """
     link = board.link
     yield "PING", "requests", lambda: link.request_wire(m.Ping(7))[0]
     if board.has(m.Feature.SEQUENCE_PHASES):

@@ -122,7 +122,10 @@ def _judge_answers_in_burst(board: BoardClient, name: str, *wires: bytes) -> Non
 def _judge_answer_in_burst(
     board: BoardClient, name: str, sent: m.Message, answer: ReceivedByClient
 ) -> None:
-    """FAILED unless a request gets its response; ARM and PLAY may be refused as MUTED."""
+    """FAILED unless *answer* is the response to *sent*; *name* begins the finding.
+
+    ARM and PLAY may be refused as MUTED; MUTE has to report MUTED, and HELLO its nonce.
+    """
     got, text = answer.message, f"{name} is answered by {board.link.answer_text(answer)}"
     if isinstance(got, m.Error) and isinstance(sent, m.Arm | m.Play):
         check_fields(got, name, code=m.ErrorCode.BAD_STATE, detail=OutputState.MUTED)
@@ -135,7 +138,10 @@ def _judge_answer_in_burst(
 
 
 def _judge_silence_behind_mute(board: BoardClient) -> None:
-    """FAILED unless the board is MUTED, silent, and stays so for 5 ms or two playback periods."""
+    """FAILED unless the board, after a MUTE, is MUTED with no drive, and latches nothing soon.
+
+    Soon is within 5 ms or, if longer, two playback periods.
+    """
     muted: dict[str, object] = {"state": OutputState.MUTED, "reason": MuteReason.MUTE, "queued": 0}
     before = board.check_status("behind MUTE", **muted).counters
     latching.check_silent(board, "behind MUTE")
@@ -246,7 +252,7 @@ def _judge_burst_of_mutes(
 
 
 def _is_line_time_zero(board: BoardClient) -> bool:
-    """Return True, in mid carrier period, if 4096 bytes come within one such period.
+    """Wait for mid carrier period and return True, if 4096 bytes come within one such period.
 
     Return False at once on a slower line and at a wall clock.
     """

@@ -296,7 +296,7 @@ class _Frame:
 
 
 def _frame_with_defects(board: BoardClient, frame: _Frame, defects: Iterable[str]) -> _Frame:
-    """Return *frame* with defects, by name: a wrong type, session, flags, length or number."""
+    """Return *frame* with *defects*: "type", "session", "flags", "length" or "number" is wrong."""
     draw, stream = board.random, frame.kind in m.STREAM_RANGE
     used = board.link.stream_next - 1 if stream else board.link.seq
     varies = frame.kind == m.UploadChunk.TYPE
@@ -315,7 +315,10 @@ def _frame_with_defects(board: BoardClient, frame: _Frame, defects: Iterable[str
 
 
 def _detail_of_defect(board: BoardClient, frame: _Frame, defect: str, right: _Frame) -> int:
-    """Return the detail due in an ERROR for *defect* in *frame*; *right* is it without defects."""
+    """Return the detail due in an ERROR for *defect* in *frame*, such as the right length.
+
+    *right* is the frame without defects.
+    """
     kind = m.MESSAGES[right.kind]
     return {
         "type": frame.kind,

@@ -250,7 +250,7 @@ def values_are_little_endian(board: BoardClient) -> None:
 
 
 def _check_counted_values(board: BoardClient) -> None:
-    """FAILED unless the frame counter grows by one per request."""
+    """FAILED unless the counter *frames* in STATUS grows by 1 from one request to the next."""
     first, second = board.status().counters.frames, board.status().counters.frames
     check((second - first) & 0xFFFFFFFF == 1, f"frames: {first:#x}, one request later {second:#x}")
 

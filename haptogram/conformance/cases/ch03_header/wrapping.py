@@ -157,7 +157,7 @@ def _advance_to_number(board: BoardClient, number: int) -> None:
 def _wrong_latch_numbers(
     board: BoardClient, since: int, mode: m.TraceMode, index: int
 ) -> dict[str, int]:
-    """Return the reports of the last latch whose number is not *index* modulo 2^32, by name.
+    """Return each report, by name, that has another number of the last latch than *index* mod 2^32.
 
     Reports are STATUS, read-back and, unless *mode* is OFF, the trace from received frame *since*
     on (-1: it shows no latch).  Empty: all are right.
@@ -172,7 +172,10 @@ def _wrong_latch_numbers(
 
 
 def _judge_numbers_across(board: BoardClient, least_bits: int, most_bits: int) -> None:
-    """FAILED unless frame numbers beside 2^*least_bits* to 2^*most_bits* are reported in full."""
+    """FAILED unless STATUS, read-back and trace report frame numbers across 2^n unwrapped.
+
+    n is *least_bits* to *most_bits*; the gap counter has to count the numbers left out.
+    """
     mode = latching.ask_for_board_latches_if_supported(board)
     board.arm()
     latching.latch_now(board)

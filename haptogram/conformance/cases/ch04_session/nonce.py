@@ -311,7 +311,10 @@ def every_repeated_hello_reply_stays(board: BoardClient) -> None:
 
 
 def _paths_of_sessions(board: BoardClient) -> dict[str, str]:
-    """Return titles of the orders in which to open sessions after A, by name: BA is B, then A."""
+    """Return the orders in which to open sessions after A, each with a title: "BA" is B, then A.
+
+    At a wall clock that is the only one.
+    """
     return _PATHS if board.wire.is_virtual else {"BA": _PATHS["BA"]}
 
 
@@ -405,9 +408,10 @@ def every_possession_ends_with_session(board: BoardClient) -> None:
 def _judge_possession(
     board: BoardClient, path: str, judge: Callable[[BoardClient], None], ahead_us: int = 0
 ) -> None:
-    """Let a session latch, queue, trace and upload; open the sessions of *path*; call *judge*.
+    """In a session latch, queue, trace and upload; open the sessions of *path*, then call *judge*.
 
-    The queued frame is due as soon as the line allows, and *ahead_us* later.
+    *path* has a letter for each session.  The queued frame is due *ahead_us* after the earliest
+    time that the line allows.
     """
     if board.has(m.Feature.TRACE_RING | m.Feature.CONFIG):
         board.configure(trace_mode=m.TraceMode.RING)

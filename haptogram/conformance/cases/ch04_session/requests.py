@@ -196,7 +196,10 @@ def _fill_ring(board: BoardClient) -> None:
 def _judge_remembered_reply(
     board: BoardClient, messages: Iterable[m.Message], betweens: dict[str, Between]
 ) -> None:
-    """FAILED unless each of *messages*, repeated after each of *betweens*, has its cached reply."""
+    """FAILED unless each of *messages*, repeated after each of *betweens*, has its cached reply.
+
+    *betweens* are functions, by name, that send something between request and repetition.
+    """
     for message in messages:
         board.arm()
         first = board.link.ask_at_once(message)
@@ -442,7 +445,7 @@ def _uses_of_later_numbers(board: BoardClient) -> Iterator[NumberUse]:
 
 
 def _remembered_use(message: m.Message) -> NumberUse:
-    """Return a request whose reply the board caches for repetition."""
+    """Return *message* as a request that uses its number and whose reply the board caches."""
     header = {"flags": flags_at_once(message)}
     name = message.TYPE.name
     return NumberUse(name, message.TYPE, message.serialize(), header, True, True)
@@ -465,9 +468,10 @@ def every_newest_number_stays(board: BoardClient) -> None:
 
 
 def _judge_step(board: BoardClient, use: NumberUse, step: int) -> None:
-    """Send *use* numbered *step* (or < 0) from the newest; FAILED unless used numbers are refused.
+    """Send *use*, numbered *step* above the newest number; FAILED unless used numbers are refused.
 
-    Before that the reply remembered last, asked for again, has to be the same.
+    A negative *step* is below it.  First the request with the cached reply is repeated, and has to
+    get the same reply: *use*, or the PING before if the reply to *use* is not cached.
     """
     board.link.ask(m.Arm())
     delayed = board.link.seq

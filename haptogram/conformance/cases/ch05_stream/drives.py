@@ -262,7 +262,7 @@ def _model_of_streamed_points(board: BoardClient) -> AcousticModel:
 
 
 def _judge_latched_foci(board: BoardClient, mode: Mode, targets_m: Sequence[_Target]) -> None:
-    """Latch one frame per focus, read the drives back, then judge them.
+    """FAILED unless the drives that frames latch, read back, focus on *targets_m*.
 
     *targets_m* are (x, y, z); *mode*: the frames are PHASES, DRIVES or POINTS.  The first judgement
     compiles code for seconds, in which a hold would expire: it comes after the last latch.
@@ -316,8 +316,8 @@ def _random_point_to_stream(board: BoardClient) -> m.FocalPoint:
 def _errors_of_random_points(board: BoardClient, points: int) -> tuple[Errors, Errors]:
     """Latch drives of *points* random points; return the errors of phase and amplitude codes.
 
-    One error, in steps of a code, for each transducer of each drive; of phases only where the
-    amplitude is 1/16 of the full one or more.
+    An error is the latched code less the exact one, for each transducer of each drive; of phases
+    only where the amplitude is 1/16 of the full one or more.
     """
     from ...judge.focusing import judged_amplitude_errors, judged_phase_errors
 
@@ -333,7 +333,7 @@ def _errors_of_random_points(board: BoardClient, points: int) -> tuple[Errors, E
 
 
 def _check_errors(errors: Errors, name: str) -> None:
-    """FAILED if an error of a code is beyond 1.5 steps; *name* begins the finding."""
+    """FAILED if an error of either sign is over 1.5 steps of a code; *name* begins the finding."""
     worst = float(abs(errors).max())
     check(worst <= _WORST, f"{name} is off by {worst:.2f} steps before rounding")
 

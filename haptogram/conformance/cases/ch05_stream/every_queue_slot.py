@@ -77,7 +77,7 @@ def _arrival_of_frame_us(board: BoardClient) -> int:
 
 
 def _queued_codes_in_turn(kinds: list[StreamKind]) -> list[StreamKind]:
-    """Return the PHASES kinds of *kinds*, each behind those of DRIVES, which set amplitudes."""
+    """Return each PHASES kind of *kinds*, after the DRIVES kinds, which set other amplitudes."""
     graded = [kind for kind in kinds if kind.name == "DRIVES"]
     full = [kind for kind in kinds if kind.name.startswith("PHASES")]
     return [kind for each in full for kind in (*graded, each)]

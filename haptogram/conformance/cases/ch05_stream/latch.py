@@ -203,7 +203,7 @@ def _flush_in_a_burst(board: BoardClient, name: str) -> bytes:
 
 
 def _time_behind_burst_us(board: BoardClient) -> int:
-    """Return a device time 0.4 s from now, when a burst has arrived."""
+    """Return the device time 0.4 s from now, by when a burst that is sent now has arrived."""
     return board.clock.device_estimate_us() + _AHEAD_US
 
 
@@ -346,7 +346,10 @@ def every_pair_of_a_burst_takes_two_periods(board: BoardClient) -> None:
 
 
 def _check_one_latch_a_period(board: BoardClient, since: int, mode: m.TraceMode, text: str) -> None:
-    """FAILED if two latches from received frame *since* on are within half a carrier period."""
+    """FAILED if two latches from received frame *since* on are under half a carrier period apart.
+
+    *mode* is the trace mode that reports them; *text* begins the finding.
+    """
     times = sorted(latch.t_us for latch in latching.latches_received_from_board(board, since, mode))
     near = [b for a, b in itertools.pairwise(times) if 2 * (b - a) < board.clock.carrier_us]
     told = f"of {len(times)} latches {len(near)} are in the carrier period of another"

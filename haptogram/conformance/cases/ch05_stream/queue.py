@@ -237,10 +237,10 @@ def every_order_of_times_in_a_period(board: BoardClient) -> None:
 def _judge_orders(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """FAILED unless the last accepted of several frames for one carrier period is latched.
+    """FAILED unless, of several frames for one carrier period, the last accepted one is latched.
 
-    There is a carrier period for each of *orders*; kinds of frames take turns, from the *turn*-th.
-    If not all fit in the board's horizon, each half is judged alone.
+    Each of *orders* ranks the times of the frames for one period; kinds of frames take turns, from
+    the *turn*-th.  If not all fit in the board's horizon, each half is judged alone.
     """
     kinds = itertools.islice(itertools.cycle(stream_kinds(board)), turn, None)
     messages = [[next(kinds).make() for _ in order.ranks] for order in orders]
@@ -272,7 +272,7 @@ def _judge_orders(
 def _judge_shorter_burst(
     board: BoardClient, orders: list[PeriodOrder], turn: int, mode: m.TraceMode
 ) -> None:
-    """Judge each half of *orders* alone: all of them do not fit in the board's horizon.
+    """Judge each half of *orders* as :func:`_judge_orders` does, as all do not fit in the horizon.
 
     NOT-OBSERVED if there is only one.
     """

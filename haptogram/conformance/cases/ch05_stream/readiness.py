@@ -194,9 +194,10 @@ def _margins_around_borders_us(board: BoardClient) -> list[int]:
 def _judge_margins(
     board: BoardClient, kinds: Iterable[StreamKind], margins_us: Iterable[int]
 ) -> int:
-    """FAILED unless frames due *margins_us* after they are ready are latched or, if late, dropped.
+    """FAILED unless frames due *margins_us* after they are ready are latched or, too late, dropped.
 
-    They are dropped only beyond the late window; kinds that are never in time are left out.
+    A negative margin is late; too late is beyond the late window.  Kinds that are never in time are
+    left out.
 
     Returns
     -------
@@ -220,9 +221,9 @@ def _judge_margins(
 
 
 def _judge_margin(board: BoardClient, kind: str, message: m.Message, ahead_us: int) -> int:
-    """FAILED unless a frame due about *ahead_us* after it is ready is latched or, if late, dropped.
+    """FAILED unless a frame due some *ahead_us* after it is ready is latched or, too late, dropped.
 
-    It is dropped only beyond the late window.
+    Too late is beyond the late window; *kind* names the frame in a finding.
 
     Returns
     -------

@@ -78,7 +78,10 @@ def output_clock_crosses_the_wrap(board: BoardClient) -> None:
 
 
 def _clock_to_the_wrap_us(board: BoardClient) -> int:
-    """Return the µs until the device clock passes 2^32, in its first half those since, negative."""
+    """Return the µs until the device clock wraps at 2^32; negative in the first half of its range.
+
+    There it is the time since the last wrap.
+    """
     return -m.signed_difference(board.link.ping(0).t_rx_us, 0, 32)
 
 

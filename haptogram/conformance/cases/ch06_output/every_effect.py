@@ -145,7 +145,10 @@ def _drop_for_effect(counter: str) -> events.Event:
 
 
 def _input(clause: str, name: str, message: m.Message, **header: int) -> Effect:
-    """Return *message* as an event; the effect due is that of the table of HG-6.2."""
+    """Return an event that sends *message* with the given header fields, to judge *clause*.
+
+    *name* is for findings; the effect due is that of the table of HG-6.2.
+    """
     due = effects.effect_of_input(OutputInput[message.TYPE.name])
     return Effect(clause, name, lambda board: board.link.ask(message, **header), due)
 
@@ -165,7 +168,7 @@ def _timer(reason: MuteReason, happen: events.Event, needs: m.Feature, *where: s
 
 
 def _upload(name: str, happen: events.Event, due: effects.Due) -> Effect:
-    """Return an event of an upload, caused by *happen*; *due* returns its effect."""
+    """Return an event of an upload: *happen* causes it, *due* returns the effect due after it."""
     return Effect("HG-7.4/1", name, happen, due, _UPLOADS)
 
 
@@ -265,10 +268,10 @@ def _judge_effects(board: BoardClient, some: Sequence[Effect], situation: Situat
 def _judge_arm_behind_effect(
     board: BoardClient, effect: Effect, before: Held, config: m.Config
 ) -> None:
-    """FAILED if ARM after an event changes anything but the output state.
+    """FAILED if ARM after *effect* changes anything of the held state but the output state.
 
-    *before* is the held state.  Timers that the event has shortened are as in *config* again: on a
-    slow line the readings take longer than they last.
+    *before* is the held state behind *effect*.  If that changed the configuration, *config* is set
+    again first: short timers would expire during the readings on a slow line.
     """
     if board.config != config:
         board.config = config
@@ -280,7 +283,10 @@ def _judge_arm_behind_effect(
 
 
 def _effect_case(clause: str, variant: str) -> Case:
-    """Return the case of a clause that judges its events in every state of output and playback."""
+    """Return the case *variant* of a clause: its events, in every state of output and playback.
+
+    FAILED if an event changes more of the held state than is due.
+    """
     asked = [e for e in _EVENTS if (e.clause, e.variant) == (clause, variant)]
 
     def body(board: BoardClient) -> None:
@@ -432,7 +438,10 @@ _ENDS: Final = (
 
 
 def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
-    """FAILED unless *end*, sent in state *moment*, leads to the state due and nothing goes on."""
+    """FAILED unless *end*, sent in state *moment*, leads to the output state that is due.
+
+    Unless *end* is STOP, the output is silent then, and neither queue nor playback goes on.
+    """
     board.hello()
     board.configure(**{"hold_ms": 5000} | moment.config)
     is_over = end.event is not OutputInput.STOP
@@ -454,7 +463,7 @@ def _judge_end_of_output(board: BoardClient, end: End, moment: Moment) -> None:
 
 
 def _judge_end_of_output_in_time(board: BoardClient, end: End, moment: Moment) -> None:
-    """Judge the end of the output, with up to two retries if the host was late."""
+    """Judge *end* in the state *moment*, with up to two retries if the host was late."""
     for _ in range(_TRIES - 1):
         with contextlib.suppress(HeldUpError):
             _judge_end_of_output(board, end, moment)

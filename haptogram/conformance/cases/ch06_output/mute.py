@@ -69,7 +69,7 @@ def check_flushes(board: BoardClient, end: Callable[[], object]) -> None:
 
 
 def _check_request_ends(board: BoardClient, message: m.Message) -> None:
-    """FAILED unless a request flushes the queue and ends a playback."""
+    """FAILED unless the request *message* flushes the queue and, if supported, ends a playback."""
     end = partial(board.link.ask, message)
     check_flushes(board, end)
     if board.has(m.Feature.SEQUENCE_PHASES):

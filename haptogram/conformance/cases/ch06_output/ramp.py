@@ -207,7 +207,7 @@ def every_ceiling_of_ramps(board: BoardClient) -> None:
 
 
 def _judge_output_ramp(board: BoardClient, ceiling: int, ramp_ms: int, *, plays: bool) -> None:
-    """Let the hold expire; FAILED unless the amplitudes fall straight to 0 in *ramp_ms*.
+    """Let the hold expire; FAILED unless the amplitudes fall linearly to 0 in *ramp_ms*.
 
     *ceiling* limits them before; *plays*: they are of a playback, else of the stream.
     """
@@ -327,10 +327,10 @@ def every_undone_ramp_takes_the_new_ceiling(board: BoardClient) -> None:
 
 
 def _undo_ramp_with_settings(board: BoardClient, timer: str, first: int, then: int) -> None:
-    """FAILED unless a ceiling set in a ramp limits the output, also once the ramp is undone.
+    """FAILED unless a ceiling set in a ramp limits the output, be the ramp undone or going on.
 
-    *timer* begins the ramp under the ceiling *first*; then *then* is set.  With two timers expired
-    the ramp is not undone.
+    The expiry of *timer* begins the ramp under the ceiling *first*; then *then* is set.  A frame or
+    latch undoes the ramp of one timer; if hold and lease have both expired it goes on.
     """
     long = {"hold_ms": 5000, "host_timeout_ms": 10_000, "ramp_ms": _LONG_MS}
     short = {
@@ -410,10 +410,10 @@ class TimerPair:
 
 
 def _judge_timer_pairs(board: BoardClient, length_ms: int, *renewed_by: str) -> None:
-    """Judge the end of the ramp for the hold with each other timer, either of them first.
+    """FAILED unless the ramp ends right if the hold and another timer expire, either of them first.
 
-    *renewed_by*: what comes in the ramp, a frame or a latch; empty: nothing.  *length_ms* is the
-    length of the ramp, 2000 at most.
+    Right is once, on time, with the reason of the timer that caused it.  *renewed_by*: what comes
+    in the ramp, a frame or a latch; empty: nothing.  *length_ms* is its length, 2000 at most.
     """
     playback.send_phases_to_store_if_supported(board, _SEQUENCE, frames=1)
     others = timer_kinds(board, LEASE, UNATTENDED)
@@ -436,7 +436,10 @@ def _ramp_time_ms(board: BoardClient, length_ms: int) -> int:
 
 
 def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
-    """FAILED unless the ramp ends once, on time and with the reason of the expired timer."""
+    """FAILED unless the ramp of *pair* ends once, on time, with the reason of the right timer.
+
+    That is the one that expires first or, if this is renewed in the ramp, the other one.
+    """
     since = board.link.mark()
     with board.counting(timeouts=1):
         begins_us, both_us = _begin_ramp_of_pair(board, pair)
@@ -454,7 +457,10 @@ def _judge_end_of_ramp(board: BoardClient, pair: TimerPair) -> None:
 
 
 def _begin_ramp_of_pair(board: BoardClient, pair: TimerPair) -> tuple[int, int]:
-    """Start both timers; return device times in µs: the ramp's begin, and a frame's that renews."""
+    """Start both timers of *pair*; return when the ramp begins, and when a frame is to renew one.
+
+    Both are device times in µs.
+    """
     hold_ms = _ramp_time_ms(board, _SHORT_HOLD_MS if pair.is_hold_first else _LONG_HOLD_MS)
     other_ms = _ramp_time_ms(board, _OTHER_MS)
     settings: dict[str, Any] = {"hold_ms": hold_ms, "ramp_ms": pair.ramp_ms}

@@ -329,7 +329,10 @@ def recover_from_hardware_fault(board: BoardClient) -> None:
 
 
 def _faults_in_every_state(board: BoardClient) -> Iterator[tuple[str, int]]:
-    """Yield a fault raised in each state: name, number of the first frame received after ARM."""
+    """Raise a hardware fault in each output state; yield its name and a number.
+
+    The number is that of the first frame received after ARM.
+    """
     for name, bring in output_states(board):
         since = board.arm()
         bring(board)

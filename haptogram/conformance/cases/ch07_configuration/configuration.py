@@ -162,7 +162,10 @@ def no_value_outlives_a_reset(board: BoardClient) -> None:
 
 
 def _other_config_that_shows(board: BoardClient) -> m.Config:
-    """Return a configuration in which every field is another; its timers do not expire at once."""
+    """Return a configuration that differs from the board's in every field.
+
+    Its timers are long enough that they do not expire at once.
+    """
     hold_ms, lease_ms = board.config.hold_ms, board.config.host_timeout_ms
     return dataclasses.replace(
         other_config_than_judged(board),

@@ -349,7 +349,7 @@ def _store_mixed_frames(board: BoardClient, form: uploads.UploadForm, wanted: in
 def _judge_frames_of_long_playback(
     board: BoardClient, sequence: int, stored: list[bytes], name: str
 ) -> None:
-    """Play a sequence; FAILED unless latches are equal exactly where *stored* frames are.
+    """Play *sequence*; FAILED unless equal *stored* frames give equal latches, and others do not.
 
     The trace ring has to hold the last latches, as many as it keeps; *name* begins the finding.
     """

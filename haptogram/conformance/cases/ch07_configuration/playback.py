@@ -309,7 +309,7 @@ def every_number_of_loops_goes_on(board: BoardClient) -> None:
 
 
 def _playback_periods_us() -> list[int]:
-    """Return playback periods in µs: 2^b times 1, 100 or 1000, plus 10 ms; 200 ms to 32 bits."""
+    """Return playback periods in µs, 200 ms to 32 bits: 10 ms above 2^b times 1, 100 and 1000."""
     edges = {unit << width for unit in (1, 100, 1000) for width in _WIDTHS} | {0xFFFFFFF0}
     return sorted(edge + 10 * _MS for edge in edges if 200 * _MS <= edge < (1 << 32) - 10 * _MS)
 

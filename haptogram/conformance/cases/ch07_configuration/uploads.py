@@ -76,7 +76,7 @@ def refuses_uploads_of_broken_size(board: BoardClient) -> None:
 
 
 def _judge_sizes(board: BoardClient, form: uploads.UploadForm) -> None:
-    """FAILED unless uploads of 1 to 3 whole frames are accepted and sizes between are refused."""
+    """FAILED unless uploads of 1 to 3 whole frames are accepted, and other sizes are refused."""
     most, unit = board.identity.max_upload_bytes, form.frame_bytes
     for frames in range(1, 1 + _FRAMES if form.target else 2):
         if frames * unit <= most:
@@ -332,7 +332,7 @@ def every_size_of_chunks_is_taken(board: BoardClient) -> None:
 
 
 def _replaced_forms(board: BoardClient) -> Iterator[tuple[uploads.UploadForm, int]]:
-    """Yield upload forms and frame counts such that each form follows itself and every other."""
+    """Yield upload forms, with a number of frames, so that each follows itself and every other."""
     found = uploads.upload_forms(board, _REPLACED, sorted({1, board.most_points}))
     forms = [form for form in found if form.target]
     pairs = list(zip(forms, (2, 3, 1), strict=False))

@@ -69,7 +69,10 @@ def every_trace_undivided(board: BoardClient) -> None:
 
 
 def _latch_and_play(board: BoardClient, number: int) -> list[m.LatchKey]:
-    """Latch *number* frames, then play a sequence twice if supported; return the latch keys."""
+    """Latch *number* frames, then play a sequence twice if supported; return what identifies each.
+
+    That is the key of a latch: sequence, loop and index.
+    """
     due = [m.LatchKey(0, 0, latching.latch_now(board)) for _ in range(number)]
     if board.has(m.Feature.SEQUENCE_PHASES):
         playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
@@ -81,7 +84,7 @@ def _latch_and_play(board: BoardClient, number: int) -> list[m.LatchKey]:
 def _judge_traced_keys(
     board: BoardClient, since: int, mode: m.TraceMode, due: list[m.LatchKey]
 ) -> None:
-    """FAILED unless the traced latches have the keys *due*, in order.
+    """FAILED unless the traced latches have the keys *due* (sequence, loop, index), in order.
 
     They count from received frame *since* on.  In trace mode RING only the last ones are due, as
     many as the ring keeps.

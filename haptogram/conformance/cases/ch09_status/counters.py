@@ -61,7 +61,7 @@ def keeps_its_status_counters(board: BoardClient) -> None:
 
 
 def _check_nothing_clears_counters(board: BoardClient) -> None:
-    """Count frames of every kind; FAILED if requests or a session clear a counter."""
+    """Count frames of every kind; FAILED if a request or a new session clears a counter."""
     board.arm()
     latching.latch_now(board)
     board.link.stream(board.flat_phases(), seq=board.link.stream_next - 1)
@@ -222,9 +222,9 @@ def _run_out_lease(board: BoardClient) -> None:
 
 
 def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) -> tuple[int, int]:
-    """Send copies of *good* due *ahead_us* from now; return the device time now, and how many.
+    """Send copies of *good* due *ahead_us* from now; return that time in µs, and how many are sent.
 
-    The time is in µs.  Those that come only when a timer may have ended are not sent.
+    The time is the device's; copies that come only when a timer may have ended are not sent.
     """
     base_us = board.clock.device_us()
     frames = (board.link.stream_wire(good, base_us + ahead) for ahead in ahead_us)
@@ -236,9 +236,10 @@ def _send_ahead(board: BoardClient, good: m.Message, ahead_us: Sequence[int]) ->
 def _check_margins(
     status: m.StatusReply, number: int, least_us: int, mean_us: int, later_us: int
 ) -> None:
-    """FAILED unless STATUS_REPLY has the number, least and mean in µs of the margins that are due.
+    """FAILED unless STATUS_REPLY has number, least and mean, in µs, of the margins that are due.
 
-    Least and mean may be up to *later_us* less, by which the frames came later.
+    A margin is t_apply less the time at which a frame was ready.  Least and mean may be up to
+    *later_us* less, by which the frames came later.
     """
     check_fields(status, "STATUS_REPLY", margins=number)
     for name, got, due in (
@@ -252,7 +253,8 @@ def _check_margins(
 def _judge_margins_of(board: BoardClient, good: m.Message, margins: Sequence[int]) -> None:
     """FAILED unless STATUS reports the margins of the frames sent, and the next STATUS none.
 
-    Copies of *good* are sent that are due *margins* µs from now.
+    A margin is t_apply less the time at which a frame was ready.  The frames are copies of *good*,
+    due *margins* µs from now.
     """
     board.hello()
     board.arm()
@@ -333,7 +335,7 @@ def every_request_keeps_margins(board: BoardClient) -> None:
 
 
 def _check_margins_behind(board: BoardClient, messages: list[m.Message]) -> None:
-    """FAILED unless STATUS still has the margins of three frames after asking *messages*."""
+    """FAILED unless STATUS has the margins of three frames even after the requests *messages*."""
     board.hello()
     board.arm()
     board.status()

@@ -135,7 +135,10 @@ def _run_out_hold(board: BoardClient) -> None:
 
 
 def _check_last_latch_stays(board: BoardClient, name: str) -> None:
-    """FAILED if an event without a latch changes the last latch in STATUS or read-back."""
+    """FAILED if an event that latches nothing changes the last latch in STATUS or read-back.
+
+    *name* says in a finding how that latch came about.
+    """
     before = _read_last_latch(board)
     for what, do in _events_without_latch(board):
         do()
@@ -201,7 +204,10 @@ class _LastLatch:
 
 
 def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch:
-    """Latch by *path*; return key and phase codes of the last latch, *stored* if the path plays."""
+    """Latch by *path*; return key (sequence, loop, index) and phase codes of the last latch.
+
+    *stored* are the codes if *path* plays the stored sequence.
+    """
     registers = board.random_registers()
     path.latch(board, board.phases(registers))
     if path.plays:
@@ -210,7 +216,7 @@ def _latch_on_path(board: BoardClient, path: _Path, stored: bytes) -> _LastLatch
 
 
 def _latch_late(board: BoardClient, frame: m.Message) -> None:
-    """Send a frame that is ready 5 ms late, within the late window, and wait for its latch."""
+    """Send a frame due 5 ms before it is ready, within the late window; wait for its latch."""
     board.link.stream(frame, board.late_time_us(_LATE_US))
     board.clock.wait_latched()
 
@@ -253,7 +259,7 @@ def _await_end(board: BoardClient, since: int) -> None:
 
 
 def _paths_of_latches(board: BoardClient) -> Iterator[_Path]:
-    """Yield every way in which the board can latch a frame."""
+    """Yield the ways to latch: at once, timed, late, replacing or flushing another, playing."""
     yield _Path("a frame latched at once", latching.latch_now)
     yield _Path("a frame latched in time", latching.latch_in_time)
     if board.has(m.Feature.CONFIG):
@@ -302,7 +308,8 @@ def _judge_latch_on_path(
 ) -> None:
     """FAILED unless STATUS, read-back and trace all report the latch that *path* brings.
 
-    *stored* is the last frame of the sequence; *mode* OFF: there is no trace.
+    *stored* is the last frame of the sequence; *mode* OFF: there is no trace; *text* begins the
+    finding.
     """
     before, since = board.status(), board.link.mark()
     last = _latch_on_path(board, path, stored)
@@ -318,7 +325,10 @@ def _judge_latch_on_path(
 def _check_status(
     before: m.StatusReply, after: m.StatusReply, path: _Path, last: _LastLatch, text: str
 ) -> None:
-    """FAILED unless *after* reports the *last* latch, and counters grew by the frames of *path*."""
+    """FAILED unless *after* reports the *last* latch, and counters grew as *path* says.
+
+    *before* and *after* are STATUS before and after the latch; *text* begins the finding.
+    """
     index = before.last_seq if path.plays else last.key.index
     check_fields(after, f"{text}: STATUS_REPLY", last_seq=index)
     moved = after.last_latch_us != before.last_latch_us
@@ -328,7 +338,10 @@ def _check_status(
 
 
 def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, text: str) -> None:
-    """FAILED unless READ_DRIVE returns key and codes of *last*, and the latch time of *after*."""
+    """FAILED unless READ_DRIVE has key and phase codes of *last*, and the latch time of *after*.
+
+    *after* is STATUS behind the latch; *text* begins the finding.
+    """
     for kind in drive_kinds(board):
         due = {"key": last.key, "t_latch_us": after.last_latch_us}
         due |= {"data": latching.full_client_drive(last.registers)}
@@ -340,9 +353,10 @@ def _check_drives(board: BoardClient, after: m.StatusReply, last: _LastLatch, te
 def _check_traces(
     latches: list[latching.ClientLatch], path: _Path, last: _LastLatch, last_us: int, text: str
 ) -> None:
-    """FAILED unless the traced latches are late as due, and the last has its key and time.
+    """FAILED unless all latches of *path* are traced as LATE if it sends a late frame, else none.
 
-    Those of *path* are the last of *latches*; *last_us* is the time due.
+    They are the newest of *latches*; the last has to have the key (sequence, loop, index) of *last*
+    and the time *last_us*.  *text* begins the finding.
     """
     _, latched, late, _ = path.counted
     new = latches[-latched:]

@@ -86,7 +86,7 @@ def _offsets_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
 
 
 def _commits_beyond_limits(board: BoardClient) -> Iterator[_Beyond]:
-    """Begin an upload; yield commits of another target, and the ERROR due."""
+    """Begin an upload; yield commits that name another target, and the ERROR due."""
     _begin_upload_with_limits(board)
     for target in _values_beyond(_SEQUENCE, _SEQUENCE, _WIDTHS["target"]):
         commit = m.UploadCommit(target)

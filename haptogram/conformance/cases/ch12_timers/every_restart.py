@@ -247,7 +247,7 @@ def _renewals(board: BoardClient, *, plays: bool) -> Iterator[tuple[str, Callabl
 
 
 def _requests_that_renew(board: BoardClient, *, plays: bool) -> list[m.Message]:
-    """Return the valid requests except DISARM, PLAY and, while a sequence plays, STOP."""
+    """Return the valid requests to send but DISARM, PLAY and, if *plays* (a sequence), STOP."""
     ends = (m.Disarm, m.Play, m.Stop) if plays else (m.Disarm, m.Play)
     valid = valid_requests_to_send(board, STORED + plays)
     return [message for message in valid if not isinstance(message, ends)]
@@ -272,7 +272,10 @@ def _repeated_renewals(
 def _frame_that_renews(
     board: BoardClient, kind: int, payload: bytes, back: int | None = None, **header: Any
 ) -> bytes:
-    """Return a frame with the next number, or a request numbered *back* before the last one."""
+    """Return a frame of type *kind* with *payload*, the next number, and the given header fields.
+
+    If *back* is given, a request has the number *back* before that of the last request.
+    """
     if kind in m.STREAM_RANGE:
         return board.link.stream_raw(kind, payload, **header)
     seq = board.link.next_seq() if back is None else board.link.seq - back
@@ -378,9 +381,10 @@ def _lease_late_us(
     make: Callable[[BoardClient], Frames],
     names: Sequence[str],
 ) -> int:
-    """Return by how many µs the timer mutes late when the frames *names* of *make* come meanwhile.
+    """Return by how many µs a timer mutes late (negative: early) when frames come meanwhile.
 
-    They come at 0.4, 0.8 and 1.3 of its length; the mute is due after length and ramp.
+    They are the frames *names* of *make*, at 0.4, 0.8 and 1.3 of its length; the mute is due after
+    length and ramp.
     """
     frames = make(board)
     wires = [data for name in names for data in frames[name]]

@@ -300,7 +300,10 @@ def every_drop_on_both_sides_of_the_wrap(board: BoardClient) -> None:
 
 
 def _play_across_timer_wrap(board: BoardClient) -> None:
-    """Judge a playback from 30 ms after the clock's wrap on and, in virtual time, one across it."""
+    """FAILED unless a playback just after the clock's wrap, and one across it, latch as due.
+
+    They start 30 ms after and 30 ms before a wrap; at a wall clock only the first one is played.
+    """
     lead_us = board.clock.ready_us(100 * _MS + 2 * board.wire.limits.lead_us)
     for offset_us in (30 * _MS, -30 * _MS):
         playback.send_phases_to_store(board, _SEQUENCE, frames=_FRAMES)
@@ -371,9 +374,9 @@ def _time_of_all_ms(board: BoardClient) -> int:
 
 
 def _hold_late_us(board: BoardClient, names: Sequence[str]) -> int:
-    """Return by how many µs the hold mutes late when requests or dropped frames come in it.
+    """Return by how many µs the hold mutes late (negative: early) when dropped frames come in it.
 
-    *names* are the reasons of the drops, or requests; the hold counts from the latch.
+    *names* are the reasons of the drops, or stand for requests; the hold counts from the latch.
     """
     hold_ms = _length_of_hold_ms(board)
     board.hello()
