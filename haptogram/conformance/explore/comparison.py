@@ -183,7 +183,8 @@ class DialogueComparison:
     def _order(self) -> str:
         """Return a text if an event left before the response to the request behind it, else ''.
 
-        Such an event is STATE_CHANGED or PLAYBACK_ENDED.
+        Only STATE_CHANGED and PLAYBACK_ENDED count: they must not leave before the response to the
+        request that caused them (HG-4.11/5).
         """
         paired = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
         for event, ours, theirs in paired:
@@ -226,9 +227,10 @@ class DialogueComparison:
         return self._message(message, due.message)
 
     def _apart_us(self, key: m.LatchKey | None) -> int:
-        """Return the tolerance of a latch time: 0 if its frame had a time, else the clock's.
+        """Return by how many µs the board's time of a latch may differ from the virtual board's.
 
-        *key* is the latch; None: unknown, so the latter.
+        0 if the latched frame *key* had an exact time; else, and if *key* is None, what the board's
+        clock is uncertain by.
         """
         return 0 if key is not None and self.host.is_exact(key) else self.near_us
 

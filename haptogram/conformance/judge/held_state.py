@@ -73,7 +73,10 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
 
 
 def _upload_progress(board: BoardClient) -> object:
-    """Return the reply to a chunk without bytes (upload progress), or ("refused", error code)."""
+    """Return the reply to an empty UPLOAD_CHUNK, which tells how far the upload has come.
+
+    If the board refuses it: ("refused", error code).
+    """
     answer = board.link.ask(m.UploadChunk(0, b"")).message
     return ("refused", answer.code) if isinstance(answer, m.Error) else answer
 

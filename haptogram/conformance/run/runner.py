@@ -167,9 +167,10 @@ class SuiteRunner:
         yield from (place for place, case in enumerate(cases) if case.judges_all)
 
     def _is_wrap_near(self, case: Case) -> bool:
-        """Return True if the clock's wrap is as far off as a case needs, or up to 1.8 s more.
+        """Return True if the device clock's wrap is near enough to run a case that needs it.
 
-        A slow line or host takes three times as long to get there.
+        That is the time which the case takes before the wrap, to 1.8 s more; three times the former
+        on a slow line or host.
         """
         until_us = self._connection.until_wrap_us
         is_slow = self._lead_factor > 1 or self._connection.baudrate < 10 * _LEAST_BAUD
@@ -337,9 +338,9 @@ class SuiteRunner:
         return _Outcome(ended.behaviour, str(ended))
 
     def _expired_timer(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return the timer that expired unasked where timers cannot be set; '' if none did.
+        """Return the name of a timer that expired unasked where timers cannot be set, else ''.
 
-        The lease counts at wall-clock time alone: in virtual time every frame renews it.
+        A lease counts at a wall clock only: in virtual time every frame renews it.
         """
         reasons = {event.reason for _, event in board.link.events(m.StateChanged, 0)}
         timers = {MuteReason.HOLD_EXPIRED: "hold"}
@@ -413,7 +414,7 @@ class SuiteRunner:
         return self._connection.baudrate < _MEASURED_SHARE * _LEAST_BAUD
 
     def _on_slow_line(self, found: str) -> str:
-        """Return the text for a line too slow for a verdict."""
+        """Return a text that the line is too slow for a verdict, followed by what was *found*."""
         return (
             f"a line of {self._connection.baudrate} Bd is too slow for a verdict, "
             f"{_LEAST_BAUD} Bd are enough: {found}"

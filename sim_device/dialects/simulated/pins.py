@@ -91,7 +91,10 @@ class SimulatedPins:
         return block
 
     def _take_period(self, block: bytes) -> Iterator[ShownDrive]:
-        """Decode a period; yield a drive that was there twice, or the mean of 8 unequal ones."""
+        """Decode a carrier period; yield the drive once it was the same in two periods in turn.
+
+        After 8 periods that differ, their mean drive is yielded instead.
+        """
         self.periods += 1
         if self._is_steady and block == self._block:
             return
@@ -159,10 +162,10 @@ class SimulatedPins:
 
 
 def _pulses_of(weights: ComplexArray) -> PulseDrive:
-    """Return pulses with the fundamentals *weights*, at most half a period wide.
+    """Return pulses with the complex fundamentals *weights* (C,), at most half a period wide.
 
-    Phases that differ by whole codes are turned onto codes together: a common phase between two
-    codes would be rounded both ways.
+    If all phases are the same distance from a whole code, they are first shifted onto the codes:
+    else a common phase between two codes would be rounded up for some and down for others.
     """
     sizes = np.abs(weights)
     is_on = sizes > _SILENT

@@ -232,7 +232,7 @@ class ArduinoBoardEnd:
         return any(are_short)
 
     def _command(self, found: list[Operation]) -> None:
-        """Commit the durations; firmware that has none restarts its pattern instead."""
+        """Commit the durations; firmware without durations starts its pattern anew instead."""
         if self._firmware.durations:
             self._end_durations(found)
             self._commanded += self._patterns > self._patterns_by_then
