@@ -246,9 +246,9 @@ class Heartbeat:
                 self._worker.skip_fields()
 
     def _port_due_ns(self) -> int | None:
-        """Return when the port wants to be called again, by the board's slowed-down clock, in ns.
+        """Return when the port must be called although nothing comes, on the board's clock in ns.
 
-        None if it waits for nothing but bytes.
+        That clock is slowed down; None: it need not be called.
         """
         due_ns = self._port.due_ns
         return None if due_ns is None else round((due_ns - self._start_ns) / self._slow_down)

@@ -411,7 +411,7 @@ class Board:
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
         """Refuse a PLAY (RefusalError BAD_VALUE) whose unattended time or start is out of limits.
 
-        The start may be from *ready_us*, the earliest latch, to the horizon; None: at once.
+        *start_us* may be from *ready_us*, the earliest latch, to the horizon; None: at once.
         """
         limits = self.settings
         if not 1 <= unattended_ms <= limits.max_unattended_ms:

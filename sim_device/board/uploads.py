@@ -163,7 +163,7 @@ class BoardUploads:
             raise RefusalError(m.ErrorCode.TOO_LARGE, limit)
 
     def _frame_size(self, begin: m.UploadBegin) -> int:
-        """Return how many bytes a frame of the upload has: one a transducer, or of its points."""
+        """Return how many bytes a frame of the upload has: a code a transducer, or its points."""
         if begin.kind is m.UploadKind.POINTS:
             return begin.points_per_frame * m.FocalPoint.LAYOUT.size
         return self._settings.count

@@ -162,7 +162,10 @@ def _answer_name(frame: Annotated) -> str:
 
 
 def _sent_name(frame: Annotated) -> str:
-    """Return the name of a sent frame, with IMMEDIATE if so flagged; or why it has none."""
+    """Return the name of a sent frame, with IMMEDIATE if so flagged.
+
+    If its bytes cannot be decoded: why not.
+    """
     if frame.header is None:
         return frame.text
     return frame.name + " IMMEDIATE" * bool(frame.header.flags & m.Flag.IMMEDIATE)

@@ -178,7 +178,10 @@ class RequestClient:
         self.send(self.stream_wire(message, at_us, **header))
 
     def _put(self, wires: Sequence[bytes]) -> None:
-        """Send encoded frames and count them as unanswered; paced if above the receive window."""
+        """Send encoded frames and count their bytes as unanswered.
+
+        If they do not fit in the board's receive window, they are sent at the rate of the line.
+        """
         mark, data = self.mark(), b"".join(wires)
         self._unanswered_bytes += len(data)
         self.wire.send(data, paced=len(data) > self.rx_window)

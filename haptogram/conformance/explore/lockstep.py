@@ -192,8 +192,8 @@ class Lockstep:
     ) -> Played:
         """Play a dialogue, slot by slot of 40 ms, on board and virtual board.
 
-        It ends at the first difference. *base* has the counters of both before slot 0. *timed*:
-        timers end, so no slot is cut short.
+        It ends at the first difference. *base* has the counters of both boards before slot 0, the
+        board's first. *timed*: timers end in it, so no slot is cut short.
         """
         self._memory = DialogueMemory()
         self._session = host.session
@@ -369,9 +369,10 @@ class Lockstep:
             self._board.wire.send(piece)
 
     def _answered_us(self, host: DialogueHost, sent_us: int) -> list[int]:
-        """Return the device times at which the board began each reply of a slot (40 ms).
+        """Return the device times in µs at which the board began each reply of a slot (40 ms).
 
-        None is before *sent_us*. [] if the reply to its last request does not come within 1.5 s.
+        No time is before *sent_us*. [] if the reply to the slot's last request is missing after 1.5
+        s.
         """
         board = self._board
         seq = number_at_end_of_slot(host)
@@ -396,9 +397,10 @@ class Lockstep:
         return found[::-1]
 
     def _await_frames(self, due: list[FrameInDialogue], end_us: int) -> None:
-        """Wait until as many frames as *due* have come, at most to *end_us* and their line time.
+        """Wait until the board has sent as many frames as *due* holds.
 
-        At a wall clock 1.5 s longer.
+        At most to the device time *end_us*, plus their time on the line, plus 1.5 s at a wall
+        clock.
         """
         wire = self._board.wire
         number = _count_frames(frame.message for frame in due) - len(self._early)

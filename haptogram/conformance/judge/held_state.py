@@ -154,7 +154,7 @@ def _check_held_ring(
 ) -> None:
     """FAILED unless the newest record of the trace ring is of the last latch.
 
-    Not checked if the ring is empty, read in part, or the trace mode is another one.
+    Not checked if the ring is empty or was not read to its end, or the trace mode is not RING.
     """
     last = ring.records[-1] if ring.records else None
     if last is None or last.number + 1 != ring.next or config.config.trace_mode != m.TraceMode.RING:

@@ -444,7 +444,10 @@ def _contradictions(status: m.Status | m.StatusReply) -> Iterator[str]:
 
 
 def _wrong_records(reply: m.TraceReply) -> str:
-    """Return a text on wrong record numbers of the trace ring, or ""."""
+    """Return a text if record numbers of the trace ring do not rise or are outside it, else "".
+
+    It is from `oldest` to before `next`, both in *reply*.
+    """
     numbers = [record.number for record in reply.records]
     inside = all(reply.oldest <= number < reply.next for number in numbers)
     if reply.oldest <= reply.next and inside and numbers == sorted(set(numbers)):

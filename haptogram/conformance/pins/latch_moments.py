@@ -33,11 +33,11 @@ class LatchMomentClauseJudge:
     def _moments(
         self, latch: ReportedLatch, before: float
     ) -> tuple[dict[int, float], dict[int, float]]:
-        """Return the last old and first new pulse of pins that show the latch, by element.
+        """Return the last old and first new pulse, in periods, of each pin that shows the latch.
 
-        In periods, as is *before*, the latch before. Pins whose drive hardly changes (by 0.06 of
-        the full one or less) are left out. Empty if the drive before or after the latch lasted less
-        than 3 periods.
+        By element; *before* is the time of the latch before. Pins whose drive changes by 0.06 of
+        the full one or less are left out. Empty if the drive before or after lasted under 3
+        periods.
         """
         settled = SETTLED + latch.within
         low = max(before + settled, latch.at - LONGEST)

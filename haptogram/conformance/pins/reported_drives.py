@@ -249,8 +249,8 @@ class DrivesOfPinDialogue:
     ) -> ReportedDrive | None:
         """Return the drive that a stream frame carried for a latch; None if it is not sure which.
 
-        It is of *session* and frame *index*, and its CRC-32 is *crc* or it is the only one. In that
-        case bytes unreadable before the latch at *at* (periods) make it unsure.
+        It is of *session* and frame *index*, and has the CRC-32 *crc* or is the only one. The only
+        one is unsure if bytes before the latch at *at* (in carrier periods) were unreadable.
         """
         sent = self._stream.get((session, index), [])
         exact = [one for one in sent if crc is not None and self._crc(one) == crc]

@@ -131,8 +131,8 @@ def _silence_until_arm(
 ) -> SilenceDue:
     """Return the silence due from *begin* to the first ARM after *cause_at*.
 
-    *cause* says in words what happened at *cause_at* and why the output must be silent by *clause*.
-    Times are in carrier periods.
+    *cause* names what happened at *cause_at*; *clause* demands the silence. Times are in carrier
+    periods of the capture.
     """
     until, doubt = dialogue.next_arm(cause_at), dialogue.next_unread(cause_at)
     return SilenceDue(cause_at, begin, until, clause, cause, doubt)

@@ -151,7 +151,7 @@ class Autd3SwapChain:
         return sampling.next_lap(period) if self._alternates else None
 
     def _start(self, segment: int, period: int) -> None:
-        """Switch to *segment* in carrier period *period*, and compute when its repetitions end."""
+        """Switch to *segment* in carrier period *period*; compute the period when repeats end."""
         sampling = self._samplings[segment]
         self._waiting, self._has_ended = None, False
         self._segment, self._offset = segment, sampling.index(period)

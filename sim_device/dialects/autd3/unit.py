@@ -164,9 +164,9 @@ class Autd3Unit(LatchingUnit):
         self._changes = min((change for change in changes if change is not None), default=None)
 
     def _cause(self, outputs: list[Output]) -> str | None:
-        """Return why *outputs* differ from the last ones: the cause of new patterns, as "gain".
+        """Return why *outputs* differ from the last ones; None if they do not.
 
-        Else "index" or "modulation" if one of these has changed; None if nothing has.
+        It is the cause of new patterns, such as "gain", else "index" or "modulation".
         """
         pairs = list(zip(outputs, self._outputs, strict=True))
         for output, last in pairs:

@@ -166,7 +166,7 @@ class SceneInputs:
         }
 
     def _rows(self) -> dict[str, Callable[[], list[DialogueAction]]]:
-        """Return functions that make several actions together, by name in a scene."""
+        """Return functions that make a list of actions each, by name in a scene."""
         makers, configs = self.makers, self.makers.configs
         return {
             "nothing": list,
@@ -290,7 +290,7 @@ class SceneInputs:
         )
 
     def _damaged(self, damage: int) -> DialogueAction:
-        """Return a stream frame or a PING with damaged bytes; *damage* is the number of the way."""
+        """Return a stream frame or a PING whose bytes are damaged; *damage* numbers the way."""
         action = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
         return action._replace(name=f"damage {damage}", damage=damage)
 

@@ -265,6 +265,9 @@ class ArduinoBoardEnd:
         self._uncommitted = True
 
     def _pass_on_strange(self, part: bytes, found: list[Operation]) -> None:
-        """Count unknown bytes and forward them along the chain, each less 1 a board."""
+        """Count unknown bytes, and forward them along the chain.
+
+        Each is less by the number of boards: every board takes 1 from it.
+        """
         self.counters["bytes_strange"] += len(part)
         found += [_FORWARDS[byte - self._boards] for byte in part]
