@@ -84,7 +84,10 @@ def blueprint_of(config: BoardConfig) -> Blueprint:
 
 
 def _with_checked_faults(blueprint: Blueprint) -> Blueprint:
-    """Return *blueprint*; raise if its array or clock cannot have one of its faults."""
+    """Return *blueprint* unchanged, its faults checked.
+
+    ConfigurationError if its array or clock cannot have one of them.
+    """
     if blueprint.faults.faults:
         from .faults.injector import FaultInjector
 
@@ -126,7 +129,10 @@ def _first_given(config: BoardConfig, names: Sequence[str]) -> str | None:
 
 
 def _check_blueprint(config: BoardConfig, name: str) -> None:
-    """Raise if an option or fault is given that a board of the dialect *name* cannot have."""
+    """Raise ConfigurationError for an option or fault that acts on Haptogram's own boards only.
+
+    *name* is the dialect of the board, another one.
+    """
     given = config.non_default()
     if own := _first_given(config, _OF_OUR_FIRMWARE):
         raise ConfigurationError(
@@ -174,9 +180,9 @@ def _blueprint_emitters(config: BoardConfig, emulation: Emulation, options: Sett
 
 
 def _blueprint_from_ultraino(path: Path, emulation: Emulation) -> _Emitters:
-    """Return the emitters of an array file; its phase corrections, negated, are their mounting.
+    """Return the emitters of an Ultraino array file, with the phases of how they are mounted.
 
-    Mounting is None if all corrections are 0.
+    Those are the file's phase corrections, negated; None if all are 0.
     """
     from haptogram.acoustics.model.boards.ultraino_file import read_ultraino_array
 

@@ -63,7 +63,7 @@ class BoardNoticeLog:
         return isinstance(notice, _FREQUENT) and not is_fault and not self._is_complete
 
     def _is_within_rate(self, t_us: int) -> bool:
-        """Count a message; return False if there were too many of them lately.
+        """Return False if too many messages were logged lately; else count this one.
 
         Allowed is one a second, and 20 at once after a pause.
         """

@@ -101,9 +101,9 @@ def mutant_parts(name: str | None) -> BoardAssembly:
 
 
 def _assembly_with(part: Part, name: str) -> BoardAssembly:
-    """Return a board's parts with one replaced by *part*, a mutant of it called *name*.
+    """Return a board's parts, all healthy but *part*, a mutant called *name*.
 
-    ConfigurationError if *part* is derived from the class of none.
+    It replaces the part from whose class it is derived; ConfigurationError if there is none.
     """
     for kind in getattr(part, "__mro__", ()):
         if kind in _NAMES:

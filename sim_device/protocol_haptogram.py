@@ -127,7 +127,7 @@ class Serial(serial.SerialBase):
             _SHARED[self.shared_as] = self
 
     def _join(self, name: str) -> None:
-        """Share the board of the open port *name* of this program; raise if there is none."""
+        """Share the board of the open port *name* of this program; else ConfigurationError."""
         owner = _SHARED.get(name)
         if owner is None or not owner.is_open:
             raise ConfigurationError(
@@ -172,10 +172,10 @@ class Serial(serial.SerialBase):
     def _recorders(
         self, settings: BoardSettings, backdoor: str | None, reconstruct: bool | None
     ) -> list[SimulationRecorder]:
-        """Return the recorders: none, unless the configuration asks for records.
+        """Return the recorders of the board; [] if *backdoor* and *reconstruct* are both None.
 
-        It does by a file or socket *backdoor*, or by *reconstruct* if that is not None; False:
-        without fields.
+        *backdoor*: file or socket that gets the records; None keeps them in memory. *reconstruct*
+        False: records have no reconstructed fields.
         """
         if backdoor is None and reconstruct is None:
             return []
@@ -284,12 +284,12 @@ class Serial(serial.SerialBase):
     # --- bytes ---------------------------------------------------------------------------------
 
     def _check_cable(self) -> None:
-        """Advance the board to now; raise if a fault has pulled the cable (line.disconnect)."""
+        """Advance the board to now; SerialException if a fault has pulled the cable."""
         self._catch_up()
         self._check_connected()
 
     def _check_connected(self) -> None:
-        """Raise if the cable was pulled by a fault."""
+        """Raise SerialException if a fault has pulled the cable (line.disconnect)."""
         if not self.simulation.is_connected:
             raise serial.SerialException("unplugged, by line.disconnect")
 

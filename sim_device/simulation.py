@@ -361,8 +361,8 @@ class Simulation:
     def _send(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int = 0) -> None:
         """Put bytes on a line at *t_ns*, through the fault injector, which may change them.
 
-        They may have left *credit_ns* before, while the process was stalled. *direction*: "down" or
-        "up".
+        *direction* is "down", to the board, or "up". They may have left up to *credit_ns* earlier,
+        as they may have waited while the process was stalled.
         """
         if self._injector is None:
             self._put(line, direction, data, t_ns, credit_ns)
@@ -371,9 +371,10 @@ class Simulation:
             self._put(line, direction, chunk.data, chunk.t_ns, credit_ns)
 
     def _put(self, line: Uart, direction: str, data: bytes, t_ns: int, credit_ns: int) -> None:
-        """Put bytes on a line; announce them to the board's dialect, and to a probe on the line.
+        """Put bytes on a line; tell the board's dialect and a probe on the line when they leave.
 
-        They may have left *credit_ns* before *t_ns*, while the process was stalled.
+        They leave at *t_ns* or up to *credit_ns* earlier, as they may have waited while the process
+        was stalled.
         """
         self._idle_until_ns = 0
         begin_ns = max(t_ns - credit_ns, line.free_ns)

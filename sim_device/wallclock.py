@@ -144,7 +144,7 @@ class Heartbeat:
             os.close(self._wake_write)
 
     def _turn(self) -> None:
-        """Run one iteration of the event loop."""
+        """Read the host's bytes, advance the board to now, and write what it sends and records."""
         simulation, port, now_ns = self._simulation, self._port, self._elapsed_ns()
         # Late for what it meant to wake for: for so long the host's bytes may lie here already.
         # Time spent idle is not counted, or a frame after a pause would take no time on the line.
@@ -246,7 +246,10 @@ class Heartbeat:
                 self._worker.skip_fields()
 
     def _port_due_ns(self) -> int | None:
-        """Return when the port is due by the board's slowed-down clock; None: it is not."""
+        """Return when the port must be called although nothing comes, on the board's clock in ns.
+
+        That clock is slowed down; None: it need not be called.
+        """
         due_ns = self._port.due_ns
         return None if due_ns is None else round((due_ns - self._start_ns) / self._slow_down)
 

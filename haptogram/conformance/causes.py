@@ -128,7 +128,7 @@ def failures_by_cause(results: Iterable[CaseResult]) -> list[CaseResult]:
 
 
 def _is_found(result: CaseResult) -> bool:
-    """Return whether the case itself failed, not only the recovery after it."""
+    """Return True if the case itself FAILED; not if only the recovery after it did."""
     return MEANINGS[result.behaviour].exit_status == FAIL
 
 

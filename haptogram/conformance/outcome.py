@@ -228,7 +228,7 @@ def _is_short(value: object) -> bool:
 
 
 def _short_text(value: object) -> str:
-    """Return a short sequence in full, as text."""
+    """Return a list or tuple of few values as text: in parentheses, with commas."""
     assert isinstance(value, Sequence)  # _is_short
     return f"({', '.join(map(_value_text, value))})"
 

@@ -321,7 +321,10 @@ def _record_getter(names: tuple[str, ...]) -> Callable[[Record], tuple[Any, ...]
 
 
 def _set_record_init(made: Any) -> None:
-    """Give a dataclass with slots an ``__init__`` that sets each slot directly."""
+    """Give a dataclass an ``__init__`` that sets each slot directly, which is quicker.
+
+    *made* is the class; it must have slots.
+    """
     fields = {field.name: field for field in dataclasses.fields(made)}
     slots: dict[str, Any] = {f"_set_{name}": getattr(made, name).__set__ for name in fields}
     body = "; ".join(f"_set_{name}(self, {name})" for name in fields) or "pass"

@@ -115,7 +115,10 @@ class BackdoorPinCapture:
             self._queue_change(notice.t_us, None)
 
     def _record_radiated_change(self, notice: events.RadiatedAnew) -> None:
-        """Queue the drive that changed settings radiate, for the next carrier period."""
+        """Queue what the pins radiate after a change of settings, from the next carrier period on.
+
+        A running ramp goes on from there with its new full drive.
+        """
         if self._ramp is not None:
             self._follow_ramp(notice.t_us)
             begin_us, end_us, *_ = self._ramp
@@ -244,7 +247,7 @@ class BackdoorPinCapture:
     def _line_edges(self, first_us: float, samples: float) -> Edges:
         """Return the edges of both UART lines as sample, channel, level (M,), sorted by time.
 
-        *samples* is their number in a carrier period; sample 0 is at *first_us*.
+        *samples* is how many samples a carrier period has; sample 0 is at *first_us*.
         """
         found = [
             line.edges(_SIGNALS + self._count + number, first_us, samples / self._period_us)
@@ -257,10 +260,10 @@ class BackdoorPinCapture:
         return times[order], channels[order], levels[order]
 
     def _pieces(self, first_us: int, silent: PinWaveformPulses) -> Iterator[_Piece]:
-        """Yield every piece of the capture in which no pin changes its drive.
+        """Yield (begin, end, pulses, is a latch, carrier) of pieces without a change of any drive.
 
-        That is (begin, end, pulses, is a latch, carrier), in carrier periods since *first_us* less
-        20 quiet ones; *silent* are the pulses of no drive.
+        Times count in carrier periods from 20 periods before *first_us*; until the first change the
+        pins show *silent*, the pulses of no drive.
         """
         lead = _QUIET_PERIODS
         end = self._config.capture_ms * 1000.0 / self._period_us + lead
@@ -290,9 +293,10 @@ class BackdoorPinCapture:
     def _late_pins(
         self, before: PinWaveformPulses, after: PinWaveformPulses, behind: FloatArray
     ) -> Iterator[tuple[float, PinWaveformPulses]]:
-        """Yield (length in periods, pulses) of intervals in which late pins show the old drive.
+        """Yield (length in carrier periods, pulses) of the time in which some pins still lag.
 
-        *behind*: delay of each pin against the board, in microseconds.
+        In it late pins show the drive *before*, the others the one *after*. *behind* is how many µs
+        each pin is late against the board.
         """
         passed = 0.0
         for late in np.unique(behind[behind > 0.0]).tolist():

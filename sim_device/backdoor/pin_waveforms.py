@@ -120,10 +120,10 @@ class PinWaveformSampler:
     def _periodic(
         self, pulses: PinWaveformPulses, begin: float, end: float, starts: FloatArray
     ) -> Iterator[tuple[FloatArray, Samples, NDArray[np.bool_]]]:
-        """Yield (times, pins, levels) of edges between *begin* and *end*: rises, then falls.
+        """Yield (times, pins, levels) of edges between *begin* and *end*: rises first, then falls.
 
-        The pulses come once in each period that begins in *starts* (K, 1). Times are in carrier
-        periods.
+        *starts* (K, 1) are the begins of carrier periods; each has one pulse of every sounding pin.
+        Times are in carrier periods.
         """
         sounding = np.flatnonzero(pulses.duties > 0.0)
         rises, duties = pulses.rises[sounding], pulses.duties[sounding]

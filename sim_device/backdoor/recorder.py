@@ -89,7 +89,7 @@ class BackdoorEstimator:
         return _remembered(self._patterns, latch, self._classified)
 
     def _classified(self, latch: events.PulseLatch) -> Pattern:
-        """Return the pattern that the pulses of a latch form, in their phase steps."""
+        """Return the pattern (class of field) that a latch forms, judged in its coarsest steps."""
         from haptogram.acoustics.reconstruct.patterns.classifier import PatternClassifier
 
         steps = self._coarsest_steps(latch)
@@ -98,21 +98,27 @@ class BackdoorEstimator:
         return self._classifiers[steps].classify(latch.weights())
 
     def _coarsest_steps(self, latch: events.PulseLatch) -> int:
-        """Return the smallest known number of phase steps in a period.
+        """Return the smallest number of phase steps in a period that is known for a latch.
 
-        It may be that of the latch's pulses, of the board, or of the drive behind them.
+        It is that of its pulses, of the board, or of the drive from which the pulses were made.
         """
         known = (latch.pulses.steps, self._phase_steps, latch.phase_steps)
         return min(steps for steps in known if steps is not None)
 
     def _reconstruct(self, latch: events.PulseLatch) -> Reconstruction | None:
-        """Return the focus that the pulses of a latch form, or that they form none."""
+        """Return the field that the pulses of a latch form: its focus, or that there is none.
+
+        None if a search of the whole volume was needed, and none is left.
+        """
         weights, step_rad = latch.weights(), math.tau / self._coarsest_steps(latch)
         found = self._reconstructor.reconstruct_quickly(weights, step_rad=step_rad)
         return self._searched(weights, step_rad) if found is None else found
 
     def _searched(self, weights: ComplexArray, step_rad: float) -> Reconstruction | None:
-        """Return what a search of the whole volume finds; None if no search is left."""
+        """Return the result of a search of the whole volume, of which a limited number is allowed.
+
+        None if none is left. *step_rad* is the phase step of *weights*.
+        """
         if self.searches_left <= 0:
             return None
         self.searches_left -= 1
@@ -148,9 +154,9 @@ def _drive_key_of_latch(latch: events.AnyLatch) -> tuple[Hashable, ...]:
 
 
 def _latch_observation(latch: events.Latch, estimate: Reconstruction | None) -> Observation:
-    """Return the observation that a reader of the latch's record would make.
+    """Return a latch as the observation that a reader of its back-door record would get.
 
-    *estimate* None: its field was not reconstructed.
+    *estimate* is the reconstructed field; None if it was not reconstructed.
     """
     key = FrameKey(latch.session, latch.key.sequence, latch.key.loop, latch.key.index)
     return Observation(

@@ -147,7 +147,7 @@ class ReconstructionWorker:
             self._queue(notice)
 
     def _queue(self, item: object) -> None:
-        """Queue a record; from 64 on send them, unless the worker does not take more now."""
+        """Queue a record; once 64 wait send them, unless the pipe to the worker is full."""
         self._waiting.append(item)
         if len(self._waiting) >= BATCH and not self.is_refusing:
             self.pump()

@@ -145,7 +145,7 @@ class Board:
         self.output.now_us = t_us
 
     def _refuse_past(self, t_us: int) -> None:
-        """Raise if *t_us* is before the present time of the board."""
+        """Raise ValueError if *t_us* is before the present time of the board."""
         if t_us < self.output.now_us:
             raise ValueError(f"board is at {self.output.now_us} µs, cannot go back to {t_us} µs")
 
@@ -350,12 +350,12 @@ class Board:
         return len(upload.data) if upload.begin.kind is m.UploadKind.CORRECTION else len(upload)
 
     def _refuse_without_upload(self) -> None:
-        """Refuse a request if no upload is pending."""
+        """Refuse a request (RefusalError BAD_STATE) if no upload is pending."""
         if self._uploads.target is None:
             raise RefusalError(m.ErrorCode.BAD_STATE, int(self.output.state))
 
     def _refuse_while_playing(self, sequence: int) -> None:
-        """Refuse a request that would replace the sequence that plays."""
+        """Refuse a request (RefusalError BAD_STATE) that would replace the sequence that plays."""
         if self._playback is not None and self._playback.sequence == sequence:
             raise RefusalError(m.ErrorCode.BAD_STATE, int(self.output.state))
 
@@ -398,7 +398,10 @@ class Board:
         self.advance_to(self.output.now_us)
 
     def _check_period(self, period_us: int, content: Content) -> None:
-        """Refuse a period that is too short for the board or the points of *content*."""
+        """Refuse a playback period (RefusalError BAD_VALUE) that is too short.
+
+        It is for the board's highest rate, or for computing the points of *content*.
+        """
         limits = self.settings
         points = 0 if isinstance(content, Drive) else len(content)
         too_fast = limits.max_playback_rate_hz * period_us < 1_000_000
@@ -406,9 +409,9 @@ class Board:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.Play.WIRE["period_us"].offset)
 
     def _check_play(self, start_us: int | None, ready_us: int, unattended_ms: int) -> None:
-        """Refuse a PLAY unless its unattended time is in limits, its start in lead and horizon.
+        """Refuse a PLAY (RefusalError BAD_VALUE) whose unattended time or start is out of limits.
 
-        The start may be from *ready_us* to the horizon; None: at once.
+        *start_us* may be from *ready_us*, the earliest latch, to the horizon; None: at once.
         """
         limits = self.settings
         if not 1 <= unattended_ms <= limits.max_unattended_ms:

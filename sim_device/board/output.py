@@ -199,7 +199,7 @@ class BoardOutput:
         self._new_notices.append(RampBegan(self.now_us, reason, ramp.ends_us))
 
     def _end_ramp_if_restored(self) -> None:
-        """Note that the output is restored if the timers have ended the ramp."""
+        """If renewed timers have ended the ramp, note that the output is restored."""
         if self._timers.ramp is None:
             self._ramping = False
             self._new_notices.append(RampEnded(self.now_us, restored=True))

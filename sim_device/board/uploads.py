@@ -136,7 +136,10 @@ class BoardUploads:
         return self._pending
 
     def _check_target(self, begin: m.UploadBegin) -> None:
-        """Refuse a wrong number of points, or a target that does not suit the kind."""
+        """Refuse an upload (RefusalError BAD_VALUE) by its points in a frame, or by its target.
+
+        The target is 0 for a correction and another number for a sequence.
+        """
         points = begin.points_per_frame
         most = self._settings.max_points if begin.kind is m.UploadKind.POINTS else 0
         if not min(most, 1) <= points <= most:
@@ -145,7 +148,10 @@ class BoardUploads:
             raise RefusalError(m.ErrorCode.BAD_VALUE, m.UploadBegin.WIRE["target"].offset)
 
     def _check_size(self, begin: m.UploadBegin, room: int) -> None:
-        """Refuse a size that is not 1 or more whole frames, or above *room* or another limit."""
+        """Refuse an upload's size: RefusalError BAD_LENGTH unless it is 1 or more whole frames.
+
+        TOO_LARGE if above *room*, the free bytes, or another limit. A correction is one frame.
+        """
         limits, frame = self._settings, self._frame_size(begin)
         frames, rest = divmod(begin.size, frame)
         if not frames or rest or (begin.kind is m.UploadKind.CORRECTION and frames > 1):
@@ -157,7 +163,7 @@ class BoardUploads:
             raise RefusalError(m.ErrorCode.TOO_LARGE, limit)
 
     def _frame_size(self, begin: m.UploadBegin) -> int:
-        """Return the bytes of a frame: a code for each transducer, or its focal points."""
+        """Return how many bytes a frame of the upload has: a code a transducer, or its points."""
         if begin.kind is m.UploadKind.POINTS:
             return begin.points_per_frame * m.FocalPoint.LAYOUT.size
         return self._settings.count

@@ -249,9 +249,10 @@ class ClientRemarks:
             self._notices.append(WireCompared(t_us, is_own=self._is_own))
 
     def _compare(self, unshown: UnshownToClient, t_us: int) -> None:
-        """Decide by the first bytes if a client speaks this wire; remark if another, or text.
+        """Decide by the first bytes if the client speaks this wire; remark if another one, or text.
 
-        *unshown* says whether they are whole frames without a commit, which is this wire's too.
+        *unshown* is what has not been latched: if it is whole frames without a commit and no other
+        wire is recognised, it is this wire.
         """
         if self._is_own or self._is_other or not self._first_bytes:
             return
@@ -284,10 +285,10 @@ class ClientRemarks:
         self._remark(About.OTHER_WIRE, text, t_us)
 
     def _are_finer_frames(self) -> bool:
-        """Return True if the bytes are 3 or more frames of a right size with equal ends.
+        """Return True if the bytes look like frames of this wire by a client with more phase steps.
 
-        Their first bytes are alike, and their last ones; in the first frame more than a 16th of the
-        bytes differ from each other.
+        Cut at one of the wire's frame sizes they are 3 or more pieces that begin alike and end
+        alike, and the first one holds more different bytes than a 16th of its size.
         """
         data = bytes(self._first_bytes)
         for size in self._sizes:
@@ -321,9 +322,9 @@ class ClientRemarks:
             self._remark(about, fact, t_us)
 
     def _proven(self) -> str | None:
-        """Return the one clue to another array that all recent frames, at least 3, share.
+        """Return the kind of error that shows that the client drives another array; None if unsure.
 
-        None if there is not exactly one, or it does not suit the size of the frames.
+        The last frames, at least 3, all have this kind alone and one size, and it suits the kind.
         """
         if len(self._frames) < _ALIKE or len(set(self._frames)) > 1:
             return None

@@ -105,7 +105,7 @@ class DoubleBuffer(LatchingUnit):
         self._next_widths[:] = self._registers.width
 
     def _set_phases(self, operation: operations.SetPhases, _: int) -> None:
-        """Write corrected phase codes to the hidden buffer of each board."""
+        """Write phase codes, plus the board's correction, to the hidden buffer of each board."""
         codes = np.frombuffer(operation.codes, np.uint8).astype(np.uint16)
         place = slice(operation.first, operation.first + len(codes))
         if self._registers.correction:

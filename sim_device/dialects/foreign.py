@@ -164,7 +164,10 @@ class VirtualForeignDialect(VirtualDialect):
             self._output += data[:room]
 
     def _unshown(self) -> UnshownToClient:
-        """Return what came since the last latch: unfinished or uncommitted frames, their kinds."""
+        """Return what has come since the last latch and shows nothing yet.
+
+        It has the bytes of an unfinished frame, whole frames without a commit, and kinds of errors.
+        """
         kinds, end = self._counted_since_latch().keys(), self._commits
         if end is None:
             return UnshownToClient(self._end.pending, kinds=kinds)

@@ -143,7 +143,7 @@ class VirtualHaptogramDialect(VirtualDialect):
         return passed
 
     def _act_on(self, event: connection.BoardEvent) -> None:
-        """Pass an event to the watcher, carry it out, and collect its effects."""
+        """Report an event to the board's watcher, if any; carry it out; collect its effects."""
         if self._watch is not None:
             self._watch(event)
         self._dispatch(event)
@@ -293,7 +293,7 @@ class VirtualHaptogramDialect(VirtualDialect):
                 self._link.send_event(event, now_us=notice.t_us)
 
     def _trace(self, latch: Latch) -> None:
-        """Send a trace event for a latch, if tracing is on."""
+        """Send the trace event of a latch, if there is one; count it if the line has no room."""
         message = self._trace_message(latch)
         if message is not None:
             flags = m.Flag.LATE if latch.late else 0

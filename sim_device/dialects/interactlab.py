@@ -119,12 +119,15 @@ class InteractlabUnit(LatchingUnit):
         return self._starts_us is None and self._looks_us is None
 
     def _wait_for_frame(self, now_us: int) -> None:
-        """Schedule to clear the output in one second; a frame that arrives until then undoes it."""
+        """Schedule to silence the output in one second, unless a frame arrives until then."""
         self._clears_us = now_us + SECOND_US
         self._wakes_us = self._clears_us - 1
 
     def _start(self, now_us: int) -> None:
-        """Prepare a latch of silence; the FIFO is read for the first time 11 µs from now."""
+        """Schedule a latch of silence 11 µs from now, at the next carrier period.
+
+        The FIFO is looked at for the first time 11 µs from now, too.
+        """
         self._starts_us = None
         self._next = PulseLatch(
             self._boundary(now_us + _READ_US), PulseDrive.off(wire.CHANNELS, STEPS), "off-frame"

@@ -84,7 +84,10 @@ def _emulation_plugins() -> dict[str, Emulation]:
 
 
 def _loaded_emulation(point: EntryPoint) -> Emulation:
-    """Load the dialect of a plugin; raise if it does not suit this version."""
+    """Load the dialect that a plugin offers, and check it.
+
+    TypeError if it is no Emulation or for another interface version, ValueError if misnamed.
+    """
     emulation = point.load()
     if not isinstance(emulation, Emulation):
         raise TypeError(f"a {type(emulation).__name__}, not an Emulation")

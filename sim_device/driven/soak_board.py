@@ -234,7 +234,7 @@ class VirtualSoakModel(VirtualSoakBoard):
             self._due.append(DueLatch(*due))
 
     def _update_limits(self) -> None:
-        """Note which frames the board surely accepts next: session, index, earliest time, room.
+        """Note what the board surely accepts next: session, frame index, earliest apply time, room.
 
         Also until when it does nothing by itself.
         """

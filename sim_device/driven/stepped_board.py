@@ -82,7 +82,11 @@ class VirtualSteppedBoard:
 
 
 def _stepped_board_settings(limits: dict[str, Any]) -> BoardSettings:
-    """Return the settings of a board with the given *limits*."""
+    """Return the settings of a virtual board: the fields in *limits*, all others as usual.
+
+    *limits* has names of BoardSettings, and grid_nx, grid_ny and pitch_um (in µm) of a grid, which
+    are removed from it.
+    """
     nx, ny, pitch_um = (limits.pop(name) for name in ("grid_nx", "grid_ny", "pitch_um"))
     limits["features"] = Feature(limits.pop("features"))
     model = AcousticModel.default(nx, ny, pitch_m=pitch_um * 1e-6)

@@ -64,9 +64,9 @@ def _faults_on_transducers(
 def _fault_random(
     plan: FaultPlan, number: int, where: str, t_ns: int, data: bytes
 ) -> random.Random:
-    """Return a random source that is the same for the same bytes at the same time.
+    """Return a random source that is the same for the same *data* at the same time.
 
-    It differs for each fault *number* of the plan, and each place *where* it acts.
+    It differs for each fault *number* of the plan, and each *where*: the place at which it acts.
     """
     return random.Random(f"{plan.seed}/{number}/{where}/{t_ns}/{zlib.crc32(data)}")
 

@@ -85,7 +85,10 @@ def _insert_fault(data: bytearray, values: Values, source: random.Random) -> int
 
 
 def _burst_fault(data: bytearray, values: Values, source: random.Random) -> int:
-    """Make "bytes" bytes from each one on random with probability "p"; return how often."""
+    """Overwrite runs of "bytes" bytes with random ones; return how many runs.
+
+    At each byte one begins with probability "p".
+    """
     places = list(_fault_places(len(data), values["p"], source))
     for place in places:
         stop = min(len(data), place + round(values["bytes"]))
@@ -137,7 +140,10 @@ def _duplicate_fault(chunks: list[FaultChunk], values: Values, source: random.Ra
 
 
 def _delay_fault(chunks: list[FaultChunk], values: Values, source: random.Random) -> Acted:
-    """Delay the chunks by "us" and one random part of "jitter_us"; return them, and how many."""
+    """Delay all chunks by "us" plus a random part of "jitter_us", the same one for all.
+
+    Returns the chunks and how many were delayed.
+    """
     late_us = values["us"] + values["jitter_us"] * source.random()
     late_ns = round(late_us * _NS_PER_US)
     late = [FaultChunk(chunk.t_ns + late_ns, chunk.data) for chunk in chunks]
@@ -145,7 +151,10 @@ def _delay_fault(chunks: list[FaultChunk], values: Values, source: random.Random
 
 
 def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:
-    """Cut chunks into pieces of "bytes" bytes, "gap_us" apart; return them, and how many more."""
+    """Cut chunks into pieces of "bytes" bytes, "gap_us" apart.
+
+    Returns the pieces, and by how many they are more than the chunks.
+    """
     size, gap_ns = round(values["bytes"]), round(values["gap_us"] * _NS_PER_US)
     cut = [
         FaultChunk(chunk.t_ns + k * gap_ns, chunk.data[start : start + size])
@@ -156,9 +165,9 @@ def _slice_fault(chunks: list[FaultChunk], values: Values, _: random.Random) -> 
 
 
 def _grid_fault(name: str, unit_ns: int) -> LineFault:
-    """Return a fault that holds chunks until the next multiple of its parameter *name*.
+    """Return a fault that holds each chunk until the next point of a grid in time.
 
-    *unit_ns* is the unit of that parameter.
+    The step of the grid is the fault's parameter *name*, in units of *unit_ns* nanoseconds.
     """
 
     def act(chunks: list[FaultChunk], values: Values, _: random.Random) -> Acted:

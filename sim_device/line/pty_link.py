@@ -61,7 +61,10 @@ class PtyLink:
         self._lock = -1
 
     def _take_lock(self) -> int:
-        """Return the lock file of the link, locked; raise, naming the process, if it is held."""
+        """Lock the lock file of the link and return its descriptor.
+
+        ConfigurationError, with the process id of the owner, if a live board holds it.
+        """
         fcntl = posix_module("fcntl", "a pty port", INSTEAD_OF_PTY)
         while True:
             with self._named_errors():
@@ -92,7 +95,7 @@ class PtyLink:
 
     @contextlib.contextmanager
     def _named_errors(self) -> Iterator[None]:
-        """Convert an OSError into an error that names the link."""
+        """Turn an OSError within the context into a ConfigurationError that names the link."""
         try:
             yield
         except OSError as error:
@@ -107,7 +110,10 @@ class PtyLink:
             return False
 
     def _refuse_foreign(self) -> None:
-        """Raise if the path exists and is anything but a link to a pty or to nothing."""
+        """Raise ConfigurationError if the link's path exists and must not be replaced.
+
+        What may be replaced is a link to a pty, or to nothing.
+        """
         if not os.path.lexists(self._path):
             return
         target = os.readlink(self._path) if self._path.is_symlink() else ""

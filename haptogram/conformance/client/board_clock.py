@@ -207,9 +207,9 @@ class ClockClient:
     # --- held up -------------------------------------------------------------------------------
 
     def _begin_exchange(self, t_device_us: int) -> int:
-        """Begin to note the earliest time of frames sent from now on; return *t_device_us*.
+        """Begin to note the earliest apply time (t_apply) of the timed frames sent from now on.
 
-        Only times from a carrier period before *t_device_us* on count.
+        Apply times over a carrier period before *t_device_us* are left out. Returns *t_device_us*.
         """
         self._link.in_time_from_us = t_device_us - self.carrier_us
         self._link.in_time_us = NO_TIME_US

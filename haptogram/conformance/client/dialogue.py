@@ -52,7 +52,7 @@ def _run_client_dialogue(board: BoardClient) -> list[ReceivedByClient]:
 
 
 def _send_read_requests(board: BoardClient) -> None:
-    """Send requests that change nothing."""
+    """Send PING, GET_STATUS, GET_CONFIG and GET_GEOMETRY, which change nothing."""
     board.link.ask(m.Ping(0x0102030405060708))
     board.link.ask(m.GetStatus())
     board.link.ask(m.GetConfig())

@@ -94,7 +94,10 @@ def _play_points(board: BoardClient, number: int) -> m.Message:
 
 
 def _play_to_end(board: BoardClient, points: int = 0) -> None:
-    """Play the stored sequence to its end, at a period that suits *points* in each frame."""
+    """Play the stored sequence to its end; the period suits frames of *points* focal points.
+
+    0 points: the frames hold phases.
+    """
     play_out(board, _SEQUENCE, _FRAMES, period_us=period_to_play(board, points))
 
 

@@ -96,9 +96,10 @@ class DialogueRecording:
         return f"sent between: {self._sent_text(list(sent))}"
 
     def _sent_text(self, sent: Sequence[Annotated]) -> str:
-        """Return the frames sent as text, each with its answer if no other has its number.
+        """Return the frames *sent* as text, in order; "nothing" if there are none.
 
-        Equal ones are counted; the last 4 kinds are shown, "nothing" if there are none.
+        Each has its answer, if no other frame sent has its number. Equal neighbours are shown as
+        one with their count; only the last 4 of these groups are shown.
         """
         answers: dict[int | None, str] = {
             frame.header.seq: _answer_name(frame)
@@ -161,7 +162,10 @@ def _answer_name(frame: Annotated) -> str:
 
 
 def _sent_name(frame: Annotated) -> str:
-    """Return the name of a sent frame, with IMMEDIATE if so flagged; or why it has none."""
+    """Return the name of a sent frame, with IMMEDIATE if so flagged.
+
+    If its bytes cannot be decoded: why not.
+    """
     if frame.header is None:
         return frame.text
     return frame.name + " IMMEDIATE" * bool(frame.header.flags & m.Flag.IMMEDIATE)

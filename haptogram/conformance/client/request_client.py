@@ -178,7 +178,10 @@ class RequestClient:
         self.send(self.stream_wire(message, at_us, **header))
 
     def _put(self, wires: Sequence[bytes]) -> None:
-        """Send encoded frames and count them as unanswered; paced if above the receive window."""
+        """Send encoded frames and count their bytes as unanswered.
+
+        If they do not fit in the board's receive window, they are sent at the rate of the line.
+        """
         mark, data = self.mark(), b"".join(wires)
         self._unanswered_bytes += len(data)
         self.wire.send(data, paced=len(data) > self.rx_window)
@@ -225,7 +228,10 @@ class RequestClient:
         return answer.header.time_us
 
     def _forget_answered(self) -> None:
-        """Drop unanswered frames up to the last one answered or sent `processed_us` ago."""
+        """Drop the unanswered frames up to the last one that the board has surely processed.
+
+        It was answered, or was sent `processed_us` ago: a time in which the board reads any frame.
+        """
         for place in reversed(range(len(self._unanswered))):
             wire, since, sent_us = self._unanswered[place]
             is_old = self.wire.now_us() - sent_us >= self.processed_us
@@ -235,7 +241,10 @@ class RequestClient:
                 return
 
     def _is_answered(self, seq: int | None, since: int) -> bool:
-        """Return True if a response to *seq* was received from index *since* on; False for None."""
+        """Return True if a response with sequence number *seq* was received from index *since* on.
+
+        None is the number of a MUTE, or of what is no request: always False.
+        """
         answers = self.wire.received[since:] if seq is not None else ()
         return any(p.is_response and p.header is not None and p.header.seq == seq for p in answers)
 

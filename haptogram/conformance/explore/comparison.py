@@ -160,11 +160,11 @@ class DialogueComparison:
         return self._order() if self.near_us < _TIMER_US else ""
 
     def _unexpected_event(self, mine: FrameInDialogue, left: Sequence[FrameInDialogue]) -> str:
-        """Return a text if *mine* is an event that is not due where it arrives, else ''.
+        """Return a text if the board's event *mine* is not due where it arrives, else ''.
 
-        *left* are the virtual board's frames that are due from here on. The text is '' too if one
-        of the same kind and about the same time is among them, or if the next one is overdue: it is
-        missing.
+        *left* are the virtual board's frames that are due from here on. It is '' too if an event of
+        the same kind and about the same time is among them, or if *mine* is later than the next one
+        due: then that one is missing, not this one wrong.
         """
         due, name = left[0], _message_text(mine.message)
         if mine.header.type not in m.EVENT_RANGE or _frame_kind(mine) == _frame_kind(due):
@@ -183,7 +183,8 @@ class DialogueComparison:
     def _order(self) -> str:
         """Return a text if an event left before the response to the request behind it, else ''.
 
-        Such an event is STATE_CHANGED or PLAYBACK_ENDED.
+        Only STATE_CHANGED and PLAYBACK_ENDED count: they must not leave before the response to the
+        request that caused them (HG-4.11/5).
         """
         paired = zip(self.ours.events, self.ours.answered, self.theirs.answered, strict=False)
         for event, ours, theirs in paired:
@@ -226,9 +227,10 @@ class DialogueComparison:
         return self._message(message, due.message)
 
     def _apart_us(self, key: m.LatchKey | None) -> int:
-        """Return the tolerance of a latch time: 0 if its frame had a time, else the clock's.
+        """Return by how many µs the board's time of a latch may differ from the virtual board's.
 
-        *key* is the latch; None: unknown, so the latter.
+        0 if the latched frame *key* had an exact time; else, and if *key* is None, what the board's
+        clock is uncertain by.
         """
         return 0 if key is not None and self.host.is_exact(key) else self.near_us
 
@@ -253,9 +255,10 @@ class DialogueComparison:
         return ""
 
     def _clause(self, due: m.Message, name: str, text: str) -> str:
-        """Return the clause that the field *name* breaks; *text* is its difference.
+        """Return the clause that a wrong value of the field *name* breaks, such as HG-7.9/1.
 
-        *due* is the message that has the right field.
+        *due* is the message with the right value; *text* says how the value differs, and its first
+        word tells which counter, or which half of a drive.
         """
         word = text.split()[0]  # a counter, or one of the two halves of a drive
         if name == "counters":
@@ -273,9 +276,10 @@ class DialogueComparison:
     def _field(
         self, name: str, got: Any, wanted: Any, key: m.LatchKey | None, due: m.Message
     ) -> str:
-        """Return as text how *got* differs from *wanted* in the field *name*, '' if it may.
+        """Return as text how *got* differs from *wanted* in the field *name*; '' if it may.
 
-        *key* is the latch that the message *due* is about; None: none.
+        It may within the tolerance of times. *due* is the message with the right value; *key* is
+        the latch that it is about, None if none.
         """
         if name == "counters":
             before = self.ours.base.counters, self.theirs.base.counters
@@ -310,8 +314,8 @@ class DialogueComparison:
     def _drive(self, got: bytes, wanted: bytes, due: m.DriveReply | m.TraceDrive) -> str:
         """Return as text how *got* differs first from *wanted*, the drive in *due*, or ''.
 
-        Both are N phase codes, then N amplitude codes. Those that the board computed may be off by
-        one; amplitudes in a ramp by what it loses in the tolerance of times.
+        Both are N phase codes, then N amplitude codes. Codes that the board computed from points
+        may be off by one; radiated amplitudes by as much as a ramp falls in the tolerance of times.
         """
         if len(got) != len(wanted):
             return f"{len(got)} codes, due are {len(wanted)}"
@@ -343,7 +347,10 @@ def _message_key(message: m.Message) -> m.LatchKey | None:
 
 
 def _frame_kind(frame: FrameInDialogue) -> tuple[type[m.Message], m.LatchKey | None]:
-    """Return the type of a frame's message, and the latch that it is about (None: about none)."""
+    """Return the type of a frame's message, and the latch that it is about (None: about none).
+
+    Frames with equal ones can be compared with each other.
+    """
     return type(frame.message), _message_key(frame.message)
 
 

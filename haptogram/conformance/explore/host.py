@@ -174,5 +174,8 @@ class DialogueHost:
 
 
 def _read_drive_address(key: m.LatchKey) -> tuple[int, int]:
-    """Return (sequence, number) with which READ_DRIVE asks for a latch; number 0 for a sequence."""
+    """Return (sequence, number) with which READ_DRIVE asks for a latch.
+
+    For a latch of a stored sequence the number is 0, else the low 16 bits of the frame's index.
+    """
     return key.sequence, 0 if key.sequence else key.index & 0xFFFF

@@ -192,8 +192,8 @@ class Lockstep:
     ) -> Played:
         """Play a dialogue, slot by slot of 40 ms, on board and virtual board.
 
-        It ends at the first difference. *base* has the counters of both before slot 0. *timed*:
-        timers end, so no slot is cut short.
+        It ends at the first difference. *base* has the counters of both boards before slot 0, the
+        board's first. *timed*: timers end in it, so no slot is cut short.
         """
         self._memory = DialogueMemory()
         self._session = host.session
@@ -242,10 +242,10 @@ class Lockstep:
         return Played(text, sent, slots, self._board.wire.held_up_us)
 
     def _silent_slots(self, slot: int, slots: int, by_slot: Container[int]) -> int:
-        """Return how many slots of 40 ms right after *slot* have no actions, of *slots* in all.
+        """Return how many slots of 40 ms right after *slot* have no actions.
 
-        Those in *by_slot* have some. At a wall clock it is 0: each slot is compared by itself,
-        since the host may be late.
+        *slots* is the number of all slots, *by_slot* holds the numbers of those with actions. At a
+        wall clock it is 0, so that each slot is compared by itself: the host may be late.
         """
         if not self._is_virtual:
             return 0
@@ -306,8 +306,8 @@ class Lockstep:
     ) -> str:
         """Play a slot of 40 ms on board and virtual board; return the first difference, or ''.
 
-        *base*: counters of both before the dialogue. *may_cut*: the slot ends as soon as all is
-        answered; *silent*: so many empty slots follow in it.
+        *base* has both boards' counters before the dialogue, the board's first. *may_cut*: the slot
+        ends as soon as all is answered, else after *silent* further slots without actions.
         """
         board, models, at_us = self._board, self._models, host.slot_us
         wires = [wire for arrival in arrivals for wire in arrival.wires]
@@ -369,9 +369,10 @@ class Lockstep:
             self._board.wire.send(piece)
 
     def _answered_us(self, host: DialogueHost, sent_us: int) -> list[int]:
-        """Return the device times at which the board began each reply of a slot (40 ms).
+        """Return the device times in µs at which the board began each reply of a slot (40 ms).
 
-        None is before *sent_us*. [] if the reply to its last request does not come within 1.5 s.
+        No time is before *sent_us*. [] if the reply to the slot's last request is missing after 1.5
+        s.
         """
         board = self._board
         seq = number_at_end_of_slot(host)
@@ -396,9 +397,10 @@ class Lockstep:
         return found[::-1]
 
     def _await_frames(self, due: list[FrameInDialogue], end_us: int) -> None:
-        """Wait until as many frames as *due* have come, at most to *end_us* and their line time.
+        """Wait until the board has sent as many frames as *due* holds.
 
-        At a wall clock 1.5 s longer.
+        At most to the device time *end_us*, plus their time on the line, plus 1.5 s at a wall
+        clock.
         """
         wire = self._board.wire
         number = _count_frames(frame.message for frame in due) - len(self._early)
@@ -432,10 +434,11 @@ class Lockstep:
         base: tuple[DialogueBase, DialogueBase],
         line_us: int,
     ) -> str:
-        """Compare what the board sent in a slot (40 ms) with *due*, that of the virtual board.
+        """Compare what the board sent in a slot (40 ms) with *due*, the virtual board's frames.
 
-        Returns the first difference as text, or ''. Times may be apart by *line_us* and more: by
-        the time that the bytes were on the line. *base*: counters of both before the dialogue.
+        Returns the first difference as text, or ''. Times may differ by the uncertainty of the
+        clock plus *line_us*, the time of the slot's bytes on the line. *base* has the counters of
+        both boards before the dialogue, the board's first.
         """
         board = self._board
         pieces = board.wire.received[self._since :]
@@ -470,10 +473,10 @@ def _annotated_text(wire: bytes) -> str:
 
 
 def _slot_arrivals(batch: Iterable[tuple[DialogueAction, bytes]], end: bytes) -> list[_Arrival]:
-    """Group frames of a slot (40 ms) by arrival: a wait, or a fault before, begins a new group.
+    """Group the frames of a slot (40 ms) that reach the board together.
 
-    *batch* has (action, encoded frame); [] if it is empty. *end*, the request that ends a slot,
-    joins the last group.
+    *batch* has (action, encoded frame); [] if it is empty. A new group begins where an action waits
+    first, or after a hardware fault. *end*, the request that ends a slot, joins the last group.
     """
     found: list[_Arrival] = []
     for action, wire in batch:

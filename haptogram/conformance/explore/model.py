@@ -116,7 +116,7 @@ class DialogueModel:
         return None if answer == "-" else int(answer) + self._boot_us
 
     def _pass_steps(self) -> str:
-        """Pass the waiting steps to the virtual board and keep the frames that it sends.
+        """Pass the collected steps (bytes, faults, time) to the virtual board; keep what it sends.
 
         Returns when it next does something by itself, in microseconds as text; "-": never.
         """
@@ -228,7 +228,10 @@ class DialogueModels:
         self.receive(at_us, [wire])
 
     def _is_in_time_or_late(self, header: m.Header, early_us: int, late_us: int) -> bool:
-        """Return True if a frame may be late or not, as it came from *early_us* to *late_us*."""
+        """Return True if it is open whether a timed stream frame is late, or too late.
+
+        The frame came at an uncertain time from *early_us* to *late_us*, in which a limit lies.
+        """
         if header.type not in m.STREAM_RANGE or header.flags & IMMEDIATE:
             return False
         t_us = m.unwrap(header.time_us, early_us, 32)
@@ -284,7 +287,10 @@ def _headers_in_dialogue(wire: bytes) -> list[m.Header]:
 
 
 def _flushes_in_dialogue(header: m.Header) -> bool:
-    """Return True if a frame may empty the queue."""
+    """Return True if a frame may empty the queue of the board.
+
+    Such are an IMMEDIATE stream frame, HELLO, MUTE and DISARM.
+    """
     if header.type in m.STREAM_RANGE:
         return bool(header.flags & IMMEDIATE)
     return header.type in (m.MessageType.HELLO, m.MessageType.MUTE, m.MessageType.DISARM)

@@ -73,7 +73,10 @@ def judged_held_state(board: BoardClient, since: int) -> Held:
 
 
 def _upload_progress(board: BoardClient) -> object:
-    """Return the reply to a chunk without bytes (upload progress), or ("refused", error code)."""
+    """Return the reply to an empty UPLOAD_CHUNK, which tells how far the upload has come.
+
+    If the board refuses it: ("refused", error code).
+    """
     answer = board.link.ask(m.UploadChunk(0, b"")).message
     return ("refused", answer.code) if isinstance(answer, m.Error) else answer
 
@@ -151,7 +154,7 @@ def _check_held_ring(
 ) -> None:
     """FAILED unless the newest record of the trace ring is of the last latch.
 
-    Not checked if the ring is empty, read in part, or the trace mode is another one.
+    Not checked if the ring is empty or was not read to its end, or the trace mode is not RING.
     """
     last = ring.records[-1] if ring.records else None
     if last is None or last.number + 1 != ring.next or config.config.trace_mode != m.TraceMode.RING:

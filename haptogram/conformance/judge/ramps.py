@@ -96,7 +96,10 @@ def judge_straight_ramp(
 
 
 def _ramp_text(ramp: Sequence[RampReading]) -> str:
-    """Return the first transducer's amplitude codes in a ramp as text, each with its first ms."""
+    """Return the first transducer's amplitude codes in a ramp as text.
+
+    Each code is there once, with the time in ms from the ramp's begin at which it was first read.
+    """
     runs = itertools.groupby(ramp, lambda reading: reading.amplitudes[0])
     told = [f"{code} from {next(run).from_ms:.0f} ms" for code, run in runs]
     return f"read were {', '.join(told[:_TOLD])}{', ...' * (len(told) > _TOLD)}"

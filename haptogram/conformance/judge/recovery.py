@@ -41,7 +41,10 @@ def farewell_after_recovery(board: BoardClient) -> None:
 
 
 def _answers_after_recovery(board: BoardClient) -> bool:
-    """Return True if the board answers, in the session that the case left or in a new one."""
+    """Return True if the board answers a PING of the session that the case left.
+
+    A refusal counts too, if the board then answers a HELLO of a new session.
+    """
     seq = board.link.next_seq()
     wire, _ = board.link.request_wire(m.Ping(board.random.getrandbits(64)), seq=seq)
     since = board.link.mark()
@@ -54,7 +57,10 @@ def _answers_after_recovery(board: BoardClient) -> bool:
 
 
 def _stream_fault_at_recovery(board: BoardClient) -> str:
-    """Return the defect of the stream of a new session, empty if a frame is latched."""
+    """Open a session, arm the board and send a stream frame; return what went wrong as text.
+
+    '' if exactly one frame was latched.
+    """
     reply = introduce_to_board(board)
     if not isinstance(reply, m.HelloReply):
         return "HELLO is not answered"

@@ -68,9 +68,9 @@ def _mute_between_repetitions(board: BoardClient) -> None:
 
 
 def _other_mute_between_repetitions(session: Callable[[BoardClient], int], ahead: int) -> Between:
-    """Return a function that sends a MUTE of the session that *session* returns.
+    """Return a function that sends a MUTE with the session that *session* returns.
 
-    Its number is *ahead* of that of the last request.
+    Its sequence number is *ahead* more than that of the last request.
     """
 
     def send(board: BoardClient) -> None:
@@ -111,8 +111,8 @@ def _refused_between_repetitions(
 ) -> Between:
     """Return a function that sends a request which the board refuses with *code*.
 
-    *message* may be a bare type, with "payload" in *header*; "ahead" there sets the number, "stale"
-    another session.
+    *message* may be a bare message type. In *header*, "payload" is its payload, "ahead" how far its
+    number is beyond the last one (1), "stale" True another session; others are header fields.
     """
 
     def send(board: BoardClient) -> None:

@@ -65,7 +65,10 @@ class SentDrives:
                     self._note_upload(message)
 
     def _note_upload(self, message: m.Message) -> None:
-        """Assemble an upload as if every chunk were taken; the CRC of the commit tells if so."""
+        """Copy the bytes of an upload, as if the board took every chunk.
+
+        Whether it did is decided later, by the CRC of the commit.
+        """
         if isinstance(message, m.UploadBegin):
             is_kept = message.kind is m.UploadKind.PHASES and message.size <= _LONGEST_UPLOAD
             self._begin = message if is_kept else None
@@ -128,7 +131,10 @@ class SentDrives:
         return ""
 
     def _decode(self, piece: bytes, transducers: int) -> None:
-        """Keep the drive codes of a sent frame for N *transducers*, unless damaged or wrong."""
+        """Keep the drive codes of a sent stream frame, under its session and sequence number.
+
+        Nothing is kept if its bytes are damaged, or its codes are not of N *transducers*.
+        """
         with contextlib.suppress(RemoteProtocolError):
             header, message = m.parse_body(decoded_frame(piece))
             codes = m.drive_codes(message, transducers)

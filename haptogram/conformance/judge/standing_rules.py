@@ -134,7 +134,10 @@ class StandingRules:
                 self._note_all(rule(piece, piece.message), piece)
 
     def _is_repeated(self, piece: ReceivedByClient) -> bool:
-        """Return True for a cached reply: older than the newest, or the same again (HG-4.11/6)."""
+        """Return True if a response is a copy from the board's memory (HG-4.11/6).
+
+        Its time is then before that of the newest response, or its bytes have already come with it.
+        """
         assert piece.header is not None  # take
         if not piece.is_response:
             return False
@@ -194,10 +197,10 @@ class StandingRules:
         yield "HG-9.2/1", self._decreased_counters(message.counters)
 
     def _wrong_counter_sum(self, counters: m.Counters) -> str:
-        """Return a text if the counter of frames is not the sum of its parts, else ''.
+        """Return a text if the counter `frames` is not the sum of its parts, else ''.
 
-        The parts count what became of each frame; a difference that the status before had, too, is
-        let pass.
+        The parts count what became of each frame (HG-3.9/2). A difference that was in the status
+        before is let pass.
         """
         lacks, sent = _lacking_parts(counters), +self._since.sent
         self._since.sent.clear()
@@ -293,7 +296,7 @@ class StandingRules:
     def _judge_order(self, piece: ReceivedByClient, message: m.Message) -> Broken:
         """Yield HG-4.11/5, with a text if PLAYBACK_ENDED came before STATE_CHANGED, else ''.
 
-        Both are of the same moment then; a fault's may be in this order.
+        Only if both have the same session and time, and the reason of STATE_CHANGED is not FAULT.
         """
         header, since = piece.header, self._since
         assert header is not None  # take
@@ -416,7 +419,10 @@ def _crcs_of_latches(message: m.Message, transducers: int) -> Iterator[tuple[m.L
 
 
 def _lacking_parts(counters: m.Counters) -> int:
-    """Return the frame counter minus the sum of the counters of its parts."""
+    """Return the counter `frames` minus the counters of what became of a frame (HG-3.9/2).
+
+    0 if they agree; it is signed, modulo 2^32.
+    """
     parts = sum(int(getattr(counters, name)) for name in PARTS_OF_FRAMES)
     return (counters.frames - parts + _WRAP // 2) % _WRAP - _WRAP // 2
 
@@ -438,7 +444,10 @@ def _contradictions(status: m.Status | m.StatusReply) -> Iterator[str]:
 
 
 def _wrong_records(reply: m.TraceReply) -> str:
-    """Return a text on wrong record numbers of the trace ring, or ""."""
+    """Return a text if record numbers of the trace ring do not rise or are outside it, else "".
+
+    It is from `oldest` to before `next`, both in *reply*.
+    """
     numbers = [record.number for record in reply.records]
     inside = all(reply.oldest <= number < reply.next for number in numbers)
     if reply.oldest <= reply.next and inside and numbers == sorted(set(numbers)):

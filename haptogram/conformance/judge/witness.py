@@ -94,9 +94,9 @@ def judge_nothing_read_back(board: BoardClient, kind: m.DriveKind, text: str) ->
 def _named_drive_faults(
     board: BoardClient, shown: latching.ClientDrive, registers: bytes, amplitudes: bytes
 ) -> tuple[str, ...]:
-    """Return the names of the faults that the drive *shown* has; () if none.
+    """Return the names of faults that make the drive *shown* of the one due; () if there are none.
 
-    Due were *registers* (phase codes) and *amplitudes*.
+    The drive due has the phase codes *registers* and the amplitude codes *amplitudes*.
     """
     # Imported here: only a wrong drive pays for the acoustics.
     import numpy as np

@@ -124,13 +124,16 @@ class PinDialogueClock:
         return float(self.within_us + error_us) / self.period_us
 
     def _gap(self, period: float) -> int:
-        """Return the index of the gap of two knots that *period* lies in; outside: the nearest."""
+        """Return k of the gap between knots k and k + 1 of the bent line in which *period* lies.
+
+        Before the first knot or after the last one, it is the nearest gap.
+        """
         return min(max(bisect_left(self.knots, period) - 1, 0), len(self.bends) - 1)
 
     def _off_us(self, period: float) -> float:
-        """Return by how much the device clock deviates at *period* from a constant rate.
+        """Return by how many µs the device clock is ahead of a clock of constant rate at *period*.
 
-        *period* is a time in carrier periods of the capture.
+        *period* is a time in carrier periods of the capture. Below 0, it is behind.
         """
         gap = self._gap(period)
         rate = (self.off_us[gap + 1] - self.off_us[gap]) / (self.knots[gap + 1] - self.knots[gap])
@@ -214,9 +217,10 @@ def _fit_bent_line(arrivals: FloatArray, off_us: FloatArray) -> tuple[FloatArray
 
 
 def _rate_changes(knots: FloatArray, off_us: FloatArray) -> FloatArray:
-    """Return (K - 1,) by how much the clock's rate changes in a gap: in µs a period a period.
+    """Return (K - 1,) how much the clock's rate may change in each gap between two knots.
 
-    Of the values at its two ends it is the larger one; there are 3 or more knots.
+    In µs a period a period, from *off_us* in µs at *knots* in periods (3 or more). It is the larger
+    one of the changes of slope at both ends of the gap, as an absolute value.
     """
     rates = np.diff(off_us) / np.diff(knots)
     inner = 2.0 * np.abs(np.diff(rates)) / (knots[2:] - knots[:-2])

@@ -119,7 +119,10 @@ class PinDialogue:
 
     @cached_property
     def _arms_under_way(self) -> list[tuple[float, float]]:
-        """Return (arrival of ARM, begin of its answer) in periods; 1 s later without an answer."""
+        """Return (arrival of ARM, begin of its answer) for every ARM, in carrier periods.
+
+        Without an answer the second is 1 s after the first.
+        """
         found = []
         for arm in self.requests(m.MessageType.ARM):
             answer = self.answer(arm, m.MessageType.ARM_REPLY)

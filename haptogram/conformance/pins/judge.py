@@ -151,10 +151,10 @@ def _check_elements(dialogue: PinDialogue) -> None:
 def _clause_result_by_pins(
     clause: str, findings: PinClauseFindings, cut: str, expected: dict[str, str]
 ) -> CaseResult:
-    """Return the result of a clause from its findings: broken, unclear, kept, or not shown.
+    """Return the result of a clause: FAILED if broken, else unclear, kept (OK), or NOT_OBSERVED.
 
-    *cut* says why the capture ends early ('': it does not), and makes it inconclusive unless
-    broken. *expected*: failures that are known, by case or clause.
+    Unclear is INCONCLUSIVE. *cut* says why the capture ends early ('' if not): then all but FAILED
+    is INCONCLUSIVE. *expected*: texts of known failures, by case or clause.
     """
     case = PIN_CASES[clause]
     broken, held = findings.broken.get(clause, []), findings.held[clause]
@@ -185,7 +185,10 @@ def _clause_result_by_pins(
 
 
 def _findings_text(texts: Sequence[str], every: int) -> str:
-    """Join the findings into one text: how many of *every*, the first 3, the number of others."""
+    """Return findings as one text: how many of *every* judgements they are, and the first 3.
+
+    The number of the others follows.
+    """
     more = f"; and {len(texts) - _NAMED} times more" if len(texts) > _NAMED else ""
     return f"{len(texts)} of {every} times: " + "; ".join(texts[:_NAMED]) + more
 

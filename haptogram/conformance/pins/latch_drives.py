@@ -96,10 +96,10 @@ class LatchDriveClauseJudge:
     def _judge(
         self, one: DriveAfterLatch, offset: float | None, steps: int, findings: PinClauseFindings
     ) -> None:
-        """Judge the pin drive after one latch, and add the findings.
+        """Compare what the pins show after one latch with the codes; add the result to *findings*.
 
-        *offset* is the phase in rad by which all pins are ahead of the codes, known to *steps*
-        codes; None: unknown.
+        *offset* is the phase in rad by which all pins are ahead of their codes (None: unknown), and
+        *steps* how many phase codes it may be wrong by.
         """
         record, shown, elements = self.record, one.shown, list(self.record.pins)
         where = time_by_pins(record, one.latch.at)
@@ -127,9 +127,9 @@ class LatchDriveClauseJudge:
             findings.paths.add((shown.clause, shown.path))
 
     def _drive_after(self, latch: ReportedLatch, settled: float) -> DriveAfterLatch | None:
-        """Return the pin drive from *settled* periods after a latch on.
+        """Return what the pins show from *settled* periods after a latch to the next one.
 
-        None if it lasted less than 3 periods from then, or if it is unknown which drive is due.
+        None if that is less than 3 periods, or if it is unknown which drive is due.
         """
         shown = latch.drive
         if shown is None or latch.until - latch.at <= settled + latch.within + SHORTEST:
@@ -155,11 +155,11 @@ class LatchDriveClauseJudge:
         return DriveAfterLatch(latch, shown, seen, meant, tuple(gone), is_sounding, high - low)
 
     def _drift(self, low: float, high: float) -> FloatArray:
-        """Return a quadratic fit (3,) of the reference element's phase from *low* to *high*.
+        """Return a quadratic fit (3,) of the phase of the reference element from *low* to *high*.
 
-        In rad over periods since *low*, for polyval; [0] without such an element or 40 pulses of
-        it. Where an element replaces the carrier clock, the analyser's clock error turns all
-        phases.
+        In rad over periods since *low*, highest power first; [0] without such an element, or with
+        less than 40 pulses of it. Where an element replaces the carrier, it shows the analyser's
+        clock error.
         """
         if self.record.reference_element is None:
             return np.zeros(1)
@@ -173,10 +173,11 @@ class LatchDriveClauseJudge:
     def _wrong(
         self, one: DriveAfterLatch, offset: float | None, steps: int
     ) -> tuple[NDArray[np.bool_], bool]:
-        """Return a mask (E,) of differing pins, and whether any phase could be compared.
+        """Return a mask (E,) of pins that differ from their codes; True if phases were compared.
 
-        The phase common to all pins is removed first: *offset* in rad, known to *steps* steps of a
-        code, or that of the reference element. None: phases are not compared.
+        All pins are first turned back by a common phase: that of the reference element or, without
+        one, *offset* in rad, known to *steps* phase codes. If both lack, only amplitudes are
+        compared.
         """
         size = self._amplitude_limit(one)
         sizes = np.abs(np.abs(one.seen) - np.abs(one.meant)) > size
@@ -200,9 +201,10 @@ class LatchDriveClauseJudge:
         return self.limits.amplitude + one.shown.steps / _FULL
 
     def _audible(self, one: DriveAfterLatch) -> NDArray[np.bool_]:
-        """Return a mask (E,) of pins with an amplitude, due and seen, above its allowed error.
+        """Return a mask (E,) of pins whose phase can be compared.
 
-        Others have no phase to compare, nor have those whose phase is free.
+        The amplitudes due and seen are both above the error allowed in one. Left out are elements
+        where the waves for several points nearly cancel: their phase is free (HG-5.4/3).
         """
         audible: NDArray[np.bool_] = np.minimum(
             np.abs(one.seen), np.abs(one.meant)
@@ -210,10 +212,10 @@ class LatchDriveClauseJudge:
         return audible & ~one.shown.free[list(self.record.pins)]
 
     def _offset(self, drives: Sequence[DriveAfterLatch]) -> tuple[float | None, int]:
-        """Return the phase in rad common to all pins, and its uncertainty in steps of a code.
+        """Return the phase in rad by which all pins are ahead of their codes, and its uncertainty.
 
-        The phase is constant until the next reset; a drive that the board computed may be off by
-        one step. (None, 0) if there is only one phase: nothing can be compared.
+        The uncertainty is in phase codes: 1 if only drives that the board computed are known, else
+        0. *drives* are of one boot. (None, 0) if there is only one phase: nothing can be compared.
         """
         angles: dict[int, list[FloatArray]] = {}
         for one in drives:

@@ -33,11 +33,11 @@ class LatchMomentClauseJudge:
     def _moments(
         self, latch: ReportedLatch, before: float
     ) -> tuple[dict[int, float], dict[int, float]]:
-        """Return the last old and first new pulse of pins that show the latch, by element.
+        """Return the last old and first new pulse, in periods, of each pin that shows the latch.
 
-        In periods, as is *before*, the latch before. Pins whose drive hardly changes (by 0.06 of
-        the full one or less) are left out. Empty if the drive before or after the latch lasted less
-        than 3 periods.
+        By element; *before* is the time of the latch before. Pins whose drive changes by 0.06 of
+        the full one or less are left out. Empty if the drive before or after lasted under 3
+        periods.
         """
         settled = SETTLED + latch.within
         low = max(before + settled, latch.at - LONGEST)
@@ -70,9 +70,10 @@ class LatchMomentClauseJudge:
         first: dict[int, float],
         findings: PinClauseFindings,
     ) -> None:
-        """Judge that all pins change within 1.25 periods, and 2 from when the latch is due.
+        """Judge when the pins change at a latch, by their last old and first new pulses.
 
-        *after* and *first*: the last old and the first new pulse, in periods, by element.
+        *after* and *first* have these in periods, by element. All must change within 1.25 periods
+        (HG-5.8/2), and at most 2 from the latch's reported time and from the time when it was due.
         """
         record = self.pulses.record
         begin, end = min(first.values()), max(after.values())
@@ -97,10 +98,11 @@ class LatchMomentClauseJudge:
     def _judge_time(
         self, findings: PinClauseFindings, clause: str, late: float, within: float, than: str
     ) -> None:
-        """Add a finding on a change *late* periods off: broken, kept, or within clock error.
+        """Add a finding on pins that change *late* periods after the right time (below 0: before).
 
-        Broken is beyond 2 periods and *within*, what the clock may be wrong by. A clock that is
-        known worse than a period cannot show that a board is in time. *than* ends the text.
+        Broken if that is over 2 periods and *within*, the possible error of the device clock;
+        unclear if over 2 only; else kept or, if the clock is not known to a period, not shown.
+        *than* ends the text.
         """
         length = duration_by_pins(self.pulses.record, abs(late))
         side = "later" if late > 0.0 else "earlier"

@@ -62,10 +62,10 @@ def _judge_ramp_clause(
     changes: Sequence[tuple[float, float, int | None]],
     findings: PinClauseFindings,
 ) -> None:
-    """Judge that the pins fall along a straight line from *begin* to *end*, and never rise.
+    """Judge that amplitudes fall along a straight line to 0 from *begin* to *end*, and never rise.
 
-    In periods. *changes*: (asked for, in force, ceiling or None) of ceilings set meanwhile. Pins
-    without a steady drive before it are not judged.
+    *changes* has the ceiling set meanwhile: (time asked for, time in force, ceiling; None if
+    unknown). Times are in carrier periods. A pin whose drive before was not steady is left out.
     """
     record = dialogue.record
     per_ms = record.carrier_hz * 1e-3

@@ -230,7 +230,7 @@ class DrivesOfPinDialogue:
         return array_of_geometry([shown[number] for number in sorted(shown)])
 
     def _frames_of_stream(self) -> dict[tuple[int, int], list[ReportedDrive]]:
-        """Return the drives sent as stream frames, by (session, unwrapped number)."""
+        """Return the drives that stream frames carried, by (session, unwrapped frame number)."""
         newest: dict[int, int] = {}
         found: dict[tuple[int, int], list[ReportedDrive]] = {}
         for frame in self._dialogue.to_board:
@@ -247,10 +247,10 @@ class DrivesOfPinDialogue:
     def _of_stream(
         self, session: int, index: int, crc: int | None, at: float
     ) -> ReportedDrive | None:
-        """Return the drive sent with *session* and *index* for a latch; None: unsure which.
+        """Return the drive that a stream frame carried for a latch; None if it is not sure which.
 
-        It has the CRC-32 *crc* or is the only one. It is unsure, too, if unreadable bytes before
-        the latch at *at* may have been another.
+        It is of *session* and frame *index*, and has the CRC-32 *crc* or is the only one. The only
+        one is unsure if bytes before the latch at *at* (in carrier periods) were unreadable.
         """
         sent = self._stream.get((session, index), [])
         exact = [one for one in sent if crc is not None and self._crc(one) == crc]
@@ -261,7 +261,10 @@ class DrivesOfPinDialogue:
         return sent[0] if is_alone else None
 
     def _crc(self, drive: ReportedDrive) -> int | None:
-        """Return the CRC-32 of a drive's codes; None if invalid or computed by the board."""
+        """Return the CRC-32 of a drive's codes as sent.
+
+        None if the codes are invalid, or were computed by the board from points.
+        """
         try:
             parts = m.drive_codes(drive.message, self.count)
         except RemoteProtocolError:
@@ -273,7 +276,10 @@ class DrivesOfPinDialogue:
         return self._dialogue.next_unread(begin - self._dialogue.record.carrier_hz) < end
 
     def _of_playback(self, key: m.LatchKey, at: float) -> ReportedDrive | None:
-        """Return the stored drive that a playback latched at *at*; None: upload or PLAY unseen."""
+        """Return the stored drive that a playback latched at *at*, in carrier periods.
+
+        None if the upload or the PLAY of its sequence was not seen, or may be an unreadable one.
+        """
         plays = [(f, p) for f, p in self._plays if f.arrival < at and p.sequence == key.sequence]
         stored = [
             one

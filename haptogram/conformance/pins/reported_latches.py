@@ -124,9 +124,10 @@ def latches_of_pin_dialogue(dialogue: PinDialogue) -> Iterator[ReportedLatch]:
 
 
 def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Reported]:
-    """Yield (time, frame, time of the next) of latches with a trace event, while every one has.
+    """Yield (time of latch, trace event, time of the next latch) while every latch has an event.
 
-    Times are in carrier periods; a latch beside a lost event is left out.
+    That is in the trace mode CRC. Times are in carrier periods, the last "next" is inf. A latch
+    next to a lost or unreadable event is left out.
     """
     events = []
     for frame in dialogue.to_host:
@@ -149,9 +150,9 @@ def _traced_latches(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Ite
 
 
 def _latches_read_back(dialogue: PinDialogue, configs: ConfigurationsByPins) -> Iterator[_Reported]:
-    """Yield (time, frame, time of the request) of latches that READ_DRIVE reports.
+    """Yield (time of latch, DRIVE_REPLY, time of the request) of latches that READ_DRIVE reports.
 
-    Times are in carrier periods; only where trace events are off.
+    Times are in carrier periods. Only where the trace mode is not CRC.
     """
     requests = {
         (frame.header.session, frame.header.seq): frame.arrival
@@ -181,7 +182,10 @@ def _due_time(dialogue: PinDialogue, found: ReportedDrive, frame: LineFrame) -> 
 def _shown_drive(
     found: ReportedDrive, asked: DrivesOfPinDialogue, configs: ConfigurationsByPins, at: float
 ) -> ShownDrive | None:
-    """Return the drive due at the pins at *at*, corrected and limited; None if it is not known."""
+    """Return the drive that the pins must show at *at*, with correction and amplitude ceiling.
+
+    None if the configuration or the codes are not known. *at* is in carrier periods.
+    """
     known, correction = configs.at(at), configs.correction(at)
     if known is None or correction is None:
         return None
@@ -206,7 +210,10 @@ def _shown_drive(
 
 
 def _lost_event_times(dialogue: PinDialogue) -> list[float]:
-    """Return the times, in carrier periods, before which an event is missing or damaged."""
+    """Return the times, in carrier periods, before which an event may be missing.
+
+    That is where an event's number leaps, and where bytes to the host are unreadable.
+    """
     events = [frame for frame in dialogue.to_host if frame.header.type in m.EVENT_RANGE]
     missing = [
         after.begin
@@ -218,9 +225,10 @@ def _lost_event_times(dialogue: PinDialogue) -> list[float]:
 
 
 def _unlatched_change_intervals(dialogue: PinDialogue) -> list[tuple[float, float]]:
-    """Return (begin, end) in which the output may change without a latch, in carrier periods.
+    """Return (begin, end) of every time in which the output may change without a latch.
 
-    By requests, faults, resets and unreadable bytes; the last one is (inf, inf).
+    In carrier periods: by a request, a fault, a reset, unreadable bytes, and the end of the
+    capture. The last one is (inf, inf).
     """
     found = [frame.arrival for frame in dialogue.requests(*_OF_OUTPUT)]
     found += dialogue.unread_to_board  # it may have been one of them

@@ -129,7 +129,11 @@ def _silence_clauses_due(dialogue: PinDialogue) -> Iterator[SilenceDue]:
 def _silence_until_arm(
     dialogue: PinDialogue, cause_at: float, begin: float, clause: str, cause: str
 ) -> SilenceDue:
-    """Return the silence due from *begin* to the first ARM after its cause at *cause_at*."""
+    """Return the silence due from *begin* to the first ARM after *cause_at*.
+
+    *cause* names what happened at *cause_at*; *clause* demands the silence. Times are in carrier
+    periods of the capture.
+    """
     until, doubt = dialogue.next_arm(cause_at), dialogue.next_unread(cause_at)
     return SilenceDue(cause_at, begin, until, clause, cause, doubt)
 
@@ -169,7 +173,10 @@ def _last_computing_time(dialogue: PinDialogue, until: float) -> float:
 
 
 def _silence_clauses_by_words(dialogue: PinDialogue) -> Iterator[SilenceDue]:
-    """Yield the silences due after messages of the board that it is not ARMED."""
+    """Yield the silence due after each STATE_CHANGED or status in which the board is not ARMED.
+
+    One that crosses an ARM is left out.
+    """
     timer = _TIMER_US * dialogue.record.carrier_hz * 1e-6
     for frame in dialogue.to_host:
         said = frame.message

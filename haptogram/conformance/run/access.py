@@ -137,7 +137,10 @@ class RecordedAccess:
         return self._recorded_transport(self._access.reset())
 
     def _recorded_transport(self, transport: Transport) -> Transport:
-        """Return a transport that records; note the URL that a program has named at its start."""
+        """Return *transport* wrapped to record what passes; store the URL of the board.
+
+        A program that is the board may have named its URL only now, at its start.
+        """
         self.url = self._access.url  # of a program that names its port when it starts
         return self._wrap(transport)
 

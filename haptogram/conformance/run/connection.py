@@ -200,7 +200,7 @@ class SuiteConnection:
         return self._board
 
     def _drop(self) -> None:
-        """Close the transport; keep its elapsed time."""
+        """Close the transport, if one is open; keep the time that has passed until then."""
         if self._transport is not None:
             self._spent_us = self.elapsed_us
             self.board.wire.close()

@@ -167,9 +167,10 @@ class SuiteRunner:
         yield from (place for place, case in enumerate(cases) if case.judges_all)
 
     def _is_wrap_near(self, case: Case) -> bool:
-        """Return True if the clock's wrap is as far off as a case needs, or up to 1.8 s more.
+        """Return True if the device clock's wrap is near enough to run a case that needs it.
 
-        A slow line or host takes three times as long to get there.
+        That is the time before the wrap that the case names, to 1.8 s more. On a slow line or host
+        three times that time, which it takes longer to get there.
         """
         until_us = self._connection.until_wrap_us
         is_slow = self._lead_factor > 1 or self._connection.baudrate < 10 * _LEAST_BAUD
@@ -318,9 +319,10 @@ class SuiteRunner:
         return _Outcome(Behaviour.OK)
 
     def _verdict(self, case: Case, board: BoardClient, ended: CaseEndedError) -> _Outcome:
-        """Return the outcome of an ended case; slow line, late host or timer excuse FAILED.
+        """Return the outcome of a case that ended with *ended*.
 
-        FAILED of a SHOULD clause is NON_STRICT, unless the options are strict.
+        FAILED is excused by a slow line, a late host or a timer that expired; for a SHOULD clause
+        it is NON_STRICT, unless the options are strict.
         """
         clause = self._clauses[case.clause]
         if ended.behaviour is Behaviour.FAILED and board.wire.was_held_up_beyond_reckoning():
@@ -337,9 +339,9 @@ class SuiteRunner:
         return _Outcome(ended.behaviour, str(ended))
 
     def _expired_timer(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return the timer that expired unasked where timers cannot be set; '' if none did.
+        """Return the name of a timer that expired unasked where timers cannot be set, else ''.
 
-        The lease counts at wall-clock time alone: in virtual time every frame renews it.
+        A lease counts at a wall clock only: in virtual time every frame renews it.
         """
         reasons = {event.reason for _, event in board.link.events(m.StateChanged, 0)}
         timers = {MuteReason.HOLD_EXPIRED: "hold"}
@@ -367,7 +369,11 @@ class SuiteRunner:
         return HeldUpError(f"for {text}")
 
     def _side_effects(self, board: BoardClient, ended: CaseEndedError) -> str:
-        """Return state changes and broken rules that the text of *ended* leaves out, or ''."""
+        """Return the side effects of a case that its *ended* text leaves out, as text; '' if none.
+
+        They are changes of state that the host did not ask for, and standing rules that were
+        broken.
+        """
         events = [event for _, event in board.link.events(m.StateChanged, 0)]
         told = {event.reason.name: f"{event.state.name}, {event.reason.name}" for event in events}
         told.pop(MuteReason.MUTE.name, None)  # which the host asked for
@@ -413,7 +419,7 @@ class SuiteRunner:
         return self._connection.baudrate < _MEASURED_SHARE * _LEAST_BAUD
 
     def _on_slow_line(self, found: str) -> str:
-        """Return the text for a line too slow for a verdict."""
+        """Return a text that the line is too slow for a verdict, followed by what was *found*."""
         return (
             f"a line of {self._connection.baudrate} Bd is too slow for a verdict, "
             f"{_LEAST_BAUD} Bd are enough: {found}"

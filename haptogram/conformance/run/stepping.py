@@ -62,7 +62,10 @@ class SteppedAccessTransport:
         return len(data)
 
     def _overtake(self, mutes: Sequence[int], parts: Sequence[bytes]) -> None:
-        """Process the MUTE frames of *parts*, at places *mutes*, ahead of the bytes before."""
+        """Process the MUTE frames of *parts* ahead of the bytes before them, then all of *parts*.
+
+        *mutes* are the indices of those frames.
+        """
         for mute in mutes:
             length = sum(map(len, parts[: mute + 1]))
             self._unread += self._process.find_mute(self._now_ns // 1000, length)

@@ -62,9 +62,10 @@ class OperationAnnotator:
             yield Annotated(self._advance(size), size, "", text, fault)
 
     def _take(self, found: list[Operation] | list[Reply]) -> Iterator[Annotated]:
-        """Yield the annotation of each operation or reply; the first has the errors.
+        """Yield the annotation of each operation or reply; the first one names the new errors.
 
-        It has all bytes but one for each that follows, as far as they suffice.
+        The piece's bytes are shared out: one for each operation but the first, which has the rest;
+        none for the last ones if they do not suffice.
         """
         behind = min(len(found) - 1, self._size - 1)
         sizes = [self._size - behind] + [1] * behind + [0] * (len(found) - 1 - behind)
@@ -79,7 +80,7 @@ class OperationAnnotator:
             fault = ""
 
     def _advance(self, size: int) -> int:
-        """Return the offset of the present piece; the next one begins *size* bytes later."""
+        """Return the offset at which an annotation of *size* bytes begins; advance by *size*."""
         begin = self._begin
         self._begin += size
         self._size -= size

@@ -246,7 +246,10 @@ class BoardConnection(ConnectionInbox):
         return self._judge_payload(frame, m.MESSAGES[header.type])
 
     def _judge_payload(self, frame: ReceivedFrame, kind: type[m.Message]) -> BoardEvent:
-        """Parse the payload of a request; refuse a wrong length or value."""
+        """Parse the payload of a request and return the request, or its refusal.
+
+        Refused are a wrong length (BAD_LENGTH), a wrong value (BAD_VALUE), and a used number.
+        """
         try:
             message = kind.deserialize(frame.payload)
         except RemoteProtocolError as error:

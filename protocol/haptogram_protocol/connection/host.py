@@ -337,7 +337,10 @@ def _is_answer_to(message: m.Message, request: m.MessageType) -> bool:
 
 
 def _identity_differences(reply: m.HelloReply) -> list[str]:
-    """Return a note if the board's minor version is not the host's; [] if it is.  HG-11.3."""
+    """Return a note if the board's minor version is not the host's, else []. HG-11.3.
+
+    It says which version both use.
+    """
     found = []
     if reply.minor != m.VERSION_MINOR:
         found.append(

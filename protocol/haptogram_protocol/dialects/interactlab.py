@@ -207,7 +207,10 @@ class InteractlabDisplay(Display):
 
 
 def _check_interactlab_operation(message: QueueFrame) -> None:
-    """Refuse a frame with values beyond their bits: phases and duties 7, colour 24, divider 8."""
+    """Raise LocalProtocolError for values of a frame beyond their bits.
+
+    A phase or duty has 7 bits, and there is one for each channel; the colour has 24, the divider 8.
+    """
     for name, values in (("phases", message.phases), ("duties", message.duties)):
         if len(values) != CHANNELS or max(values) >= _BIT:
             raise LocalProtocolError(f"{name}: {CHANNELS} values of 0 to 127, not {values.hex()}")

@@ -134,7 +134,10 @@ class Autd3SwapChain:
         return min((time for time in times if time is not None), default=None)
 
     def _next_step(self) -> int | None:
-        """Return the carrier period of the next change of segment, queued or due; None: none."""
+        """Return the carrier period of the next change of segment; None if none is due.
+
+        It was asked for, or is due as repetitions end or segments alternate.
+        """
         if self._waiting is not None:
             return self._waiting.period
         return self._ends if self._ends is not None else self._turns
@@ -148,7 +151,7 @@ class Autd3SwapChain:
         return sampling.next_lap(period) if self._alternates else None
 
     def _start(self, segment: int, period: int) -> None:
-        """Switch to *segment* in carrier period *period*, and compute when its repetitions end."""
+        """Switch to *segment* in carrier period *period*; compute the period when repeats end."""
         sampling = self._samplings[segment]
         self._waiting, self._has_ended = None, False
         self._segment, self._offset = segment, sampling.index(period)
@@ -157,10 +160,10 @@ class Autd3SwapChain:
 
 
 def _start_of_segment(sampling: Autd3Sampling, mode: int, value_ns: int, period: int) -> int | None:
-    """Return the carrier period after *period* in which a queued segment starts.
+    """Return the carrier period after *period* in which a queued segment starts, by *mode*.
 
-    *sampling* is its own, *value_ns* the time for the mode SYSTEM_TIME. None if the *mode* sets no
-    period.
+    With SYNC_INDEX when the index of *sampling*, that of the segment, is 0 again; with SYSTEM_TIME
+    at *value_ns*. None for other modes, or if the index never leaves 0.
     """
     if mode == TransitionMode.SYNC_INDEX:
         return sampling.next_lap(period)

@@ -164,7 +164,10 @@ class Autd3Unit(LatchingUnit):
         self._changes = min((change for change in changes if change is not None), default=None)
 
     def _cause(self, outputs: list[Output]) -> str | None:
-        """Return why outputs changed: new patterns, "index", "modulation"; None: they did not."""
+        """Return why *outputs* differ from the last ones; None if they do not.
+
+        It is the cause of new patterns, such as "gain", else "index" or "modulation".
+        """
         pairs = list(zip(outputs, self._outputs, strict=True))
         for output, last in pairs:
             if output.patterns is not last.patterns:

@@ -86,7 +86,7 @@ class SimulatedCapture:
                 self._changes.append((int(since), int(levels, 16) & self._all))
 
     def _end_periods(self, count: int) -> None:
-        """Append the last pin changes and the carrier for *count* whole periods."""
+        """Append *count* whole carrier periods to the capture, each with the last pin changes."""
         edges: list[tuple[int, str]] = []
         for number in range(count):
             if number < 2:

@@ -80,7 +80,10 @@ class SimulatedPins:
         self._words(self._rest)  # a capture takes them down before the period ends
 
     def _repeat(self, block: bytes) -> Generator[ShownDrive, None, bytes]:
-        """Yield drives of periods that *block* says are as the last; return the rest of *block*."""
+        """Skip lines of *block* that say how many periods equal the last one; return what is left.
+
+        Yields the drives of these periods, while the drive is not yet steady.
+        """
         while block.startswith(SAME):
             line, _, block = block.partition(b"\n")
             more = count_of_same(line)
@@ -91,7 +94,10 @@ class SimulatedPins:
         return block
 
     def _take_period(self, block: bytes) -> Iterator[ShownDrive]:
-        """Decode a period; yield a drive that was there twice, or the mean of 8 unequal ones."""
+        """Decode a carrier period; yield the drive once it was the same in two periods in turn.
+
+        After 8 periods that differ, their mean drive is yielded instead.
+        """
         self.periods += 1
         if self._is_steady and block == self._block:
             return
@@ -112,16 +118,19 @@ class SimulatedPins:
             yield from self._show(mean, _UNSTEADY)
 
     def _show(self, weights: ComplexArray, periods: int) -> Iterator[ShownDrive]:
-        """Yield the drive of the last *periods*, if it differs from the one before.
+        """Yield the drive *weights* (C,) of the last *periods*, if it differs from the one before.
 
-        It differs if a weight (C,) is off by more than a 128th of full drive.
+        It differs if a weight is off by more than a 128th of full drive.
         """
         if np.abs(weights - self._shown).max() > _ALIKE:
             self._shown = weights
             yield ShownDrive((self.periods - periods) * self.period_ns, _pulses_of(weights))
 
     def _weights_of(self, block: bytes) -> ComplexArray:
-        """Return the complex fundamentals (C,) of the pins in a period, from present levels on."""
+        """Return the complex fundamentals (C,) of the pins in a carrier period.
+
+        *block* has the changes in it; the levels before them are those kept from the last period.
+        """
         words = self._words(block)
         if not words:
             return np.zeros(self.count, np.complex128)
@@ -135,7 +144,10 @@ class SimulatedPins:
         return weights
 
     def _words(self, block: bytes) -> list[list[bytes]]:
-        """Return the words of each change; ValueError for malformed or out-of-order lines."""
+        """Return the words of each line of *block*, a carrier period: "P", time in ns, hex levels.
+
+        ValueError if a line is malformed, or its time is before that of the last line or too late.
+        """
         words = [line.split() for line in block.splitlines() if line.strip()]
         form, before_ns = (3, b"P", self._digits, b"", True), 0
         for word in words:
@@ -159,10 +171,10 @@ class SimulatedPins:
 
 
 def _pulses_of(weights: ComplexArray) -> PulseDrive:
-    """Return pulses with the fundamentals *weights*, at most half a period wide.
+    """Return pulses with the complex fundamentals *weights* (C,), at most half a period wide.
 
-    Phases that differ by whole codes are turned onto codes together: a common phase between two
-    codes would be rounded both ways.
+    If all phases are the same distance from a whole code, they are first shifted onto the codes:
+    else a common phase between two codes would be rounded up for some and down for others.
     """
     sizes = np.abs(weights)
     is_on = sizes > _SILENT

@@ -144,7 +144,10 @@ class SimulatorProcess:
         return self._process.ask(text, _is_complete_answer)
 
     def _read_sent(self, line: bytes, until_ns: int) -> SentByte:
-        """Parse the line of a byte that the board sent; refuse a time beyond *until_ns* or past."""
+        """Parse the line of a byte that the board sent; end the process with an error if wrong.
+
+        Wrong is a malformed line, or a time in the past or after *until_ns*.
+        """
         try:
             word, t_ns, value = line.split()
             sent = SentByte(int(t_ns), int(value, 16))
@@ -156,7 +159,7 @@ class SimulatorProcess:
         return sent
 
     def _number(self, text: bytes, line: bytes) -> int:
-        """Parse *text* as a whole number, or raise, showing the *line* of the simulator."""
+        """Parse *text* as a whole number; else end the process with an error that shows *line*."""
         try:
             return int(text)
         except ValueError:

@@ -116,7 +116,11 @@ class SlotBoards(LatchingUnit):
         self._durations[: len(operation.periods)] = operation.periods
 
     def _commit_durations(self, _: operations.CommitDurations, t_us: int) -> None:
-        """Apply the durations; firmware that shows one pattern takes its number from them."""
+        """Apply the durations that were kept.
+
+        Where the firmware shows one pattern alone, the first duration is the number of this
+        pattern.
+        """
         self._playlist.skip_to(self._period(t_us))
         if not self._shows_one:
             self._playlist.commit(bytes(self._durations))
@@ -142,8 +146,8 @@ class SlotBoards(LatchingUnit):
     def _levels(self, slots: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return the levels (steps, channels of all boards) of the outputs in a carrier period.
 
-        *slots* (boards, steps, ports) has a byte for each port of 8 pins. With staggered ports the
-        steps are processor cycles.
+        *slots* (boards, steps, ports): the bits of a byte are the 8 pins of a port. With ports that
+        switch one after another the steps are processor cycles.
         """
         if self._firmware.connected:
             slots = slots & np.frombuffer(self._firmware.connected, np.uint8)
@@ -330,7 +334,7 @@ class UnsteadyUnit(LatchingUnit):
             self._keep(latch)
 
     def _keep(self, latch: PulseLatch) -> None:
-        """Append a latch with the present state of the carrier; count it if that is halved."""
+        """Append a latch with the present state of the carrier; count it if that is HALVED."""
         if self._carrier is CarrierState.HALVED:
             self.counters[_HALVED] += 1
         self._shown = dataclasses.replace(latch, carrier=self._carrier)

@@ -137,9 +137,10 @@ class RandomConfigs(DialogueMaker):
         )
 
     def _lengths(self, slots: tuple[int, ...], part: float) -> list[int]:
-        """Return timer lengths in ms: so many *slots* and *part* of one each, and a long one.
+        """Return lengths for timers in ms: one for each of *slots*, and one that never ends.
 
-        The long one, 6.6 s or more, is alone if no timer may end.
+        Each is that many slots of 40 ms plus *part* (0 to 1) of one. If timers must not end in this
+        dialogue, the endless one, 6.6 s or more, is alone.
         """
         never = [self._random.choice(_NEVER_MS)]
         if not self.with_timers:

@@ -81,9 +81,10 @@ def play_values(identity: m.HelloReply) -> Iterator[FieldValue]:
 
 
 def _numbers(record: Record, base: int) -> Iterator[tuple[int, int, int]]:
-    """Yield (value, offset in the body, size in bytes) of each field of *record*, at *base*.
+    """Yield (value, offset in the body, size in bytes) of each fixed field of *record*.
 
-    Fields of records within it count too; those in _NOT_ANY do not.
+    *base* is the offset of *record*; fields of records within it count too. Left out are fields
+    whose other values have no meaning, or make a timer end at any time.
     """
     for name, field in record.WIRE.items():
         if field.record is not None:
@@ -93,7 +94,11 @@ def _numbers(record: Record, base: int) -> Iterator[tuple[int, int, int]]:
 
 
 def _nearby_values(value: int, bits: int) -> set[int]:
-    """Return values near *value*: one off, about double, with one more bit; and the extremes."""
+    """Return values of *bits* bits at which an answer to *value* may change.
+
+    That is: one more or less, one and a half times, double (or one less than that), with one higher
+    bit set; 0, 1, the greatest, and a value that no table has.
+    """
     near = {value - 1, value + 1, 2 * value - 1, 2 * value, value + value // 2}
     masked = {value | 1 << bit for bit in (range(4, 8) if bits == 8 else (bits // 2, bits - 1))}
     return {0, 1, _NO_VALUE, (1 << bits) - 1, *near, *masked}

@@ -136,9 +136,10 @@ class RandomFrames(DialogueMaker):
         return DialogueAction(0, f"HELLO {which}", body)
 
     def _ahead_us(self, at: At) -> int:
-        """Return how many µs ahead a frame is due.
+        """Return how many µs from now a frame is due: below 0, in the past.
 
-        *at* is a number of slots of 40 ms, the name of a case, or None: anything.
+        *at* is a number of slots (40 ms); "late", "too late", "far", "beyond" (the horizon), or
+        another text for a time at a limit; None for any time, as it counts for nothing.
         """
         horizon_us = self._identity.max_horizon_us
         if at is None:  # its time counts for nothing
@@ -154,7 +155,10 @@ class RandomFrames(DialogueMaker):
         return named[at] if at in named else self._limit_us()
 
     def _limit_us(self) -> int:
-        """Return a time ahead in µs at a limit or 1 µs before: horizon, late window, 2^31 µs."""
+        """Return a random time ahead in µs at a limit, or 1 µs short of it.
+
+        The limits are the horizon, the late window, and 2^31 µs.
+        """
         horizon_us, lead_us = self._identity.max_horizon_us, self._identity.latch_lead_us
         windows = [lead_us - window_us for window_us in LATE_WINDOWS_US] * 3
         edge = self._pick((horizon_us + 1, *windows, 1, 2**31 - 1, -(2**31)))

@@ -185,7 +185,7 @@ class RandomRequests(RandomUploads):
     def _play(
         self, sequence: int, period_us: int, loops: int, unattended_ms: int | None = None
     ) -> m.Play:
-        """Return a PLAY; with a random unattended time if *unattended_ms* is None."""
+        """Return a PLAY; its unattended time is a random one if *unattended_ms* is None."""
         unattended_ms = unattended_ms or self.configs.unattended_ms() or 6000
         return m.Play(sequence, period_us, loops, unattended_ms)
 

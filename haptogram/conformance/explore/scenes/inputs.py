@@ -137,7 +137,7 @@ class SceneInputs:
     # --- steps to a state ------------------------------------------------------------------------
 
     def _steps(self) -> _Makers:
-        """Return the makers of actions that a scene can name, by name."""
+        """Return functions that make one action each, such as a frame, by name in a scene."""
         makers = self.makers
         return {
             "a frame due now": partial(self.frame, 0.0),
@@ -151,7 +151,7 @@ class SceneInputs:
         }
 
     def _steps_of_playbacks(self) -> _Makers:
-        """Return the makers of actions that start a playback, by name; {} without playback."""
+        """Return functions that make one PLAY each, by name in a scene; {} without playback."""
         makers = self.makers
         if not makers.plays:
             return {}
@@ -166,7 +166,7 @@ class SceneInputs:
         }
 
     def _rows(self) -> dict[str, Callable[[], list[DialogueAction]]]:
-        """Return the makers of several actions that a scene can name, by name."""
+        """Return functions that make a list of actions each, by name in a scene."""
         makers, configs = self.makers, self.makers.configs
         return {
             "nothing": list,
@@ -195,7 +195,7 @@ class SceneInputs:
     # --- frames of the stream --------------------------------------------------------------------
 
     def _frames(self) -> _Makers:
-        """Return the builders of stream frames, by name."""
+        """Return functions that make one stream frame each, odd or refused ones too, by name."""
         conditions = self.makers.conditions
         found: _Makers = {name: partial(self._odd_frame, *odd) for name, odd in _FRAMES.items()}
         found["a refused frame"] = lambda: self.makers.frame(self.makers.refused(), 0.5)
@@ -205,21 +205,21 @@ class SceneInputs:
         return found
 
     def _odd_frame(self, at: At, choices: dict[str, tuple[int, ...]]) -> DialogueAction:
-        """Return a stream frame due *at* slots of 40 ms, or a named time, ahead.
+        """Return a stream frame with odd fields, each of *choices* set to one of its values there.
 
-        Each field of *choices* is set to one of its values there.
+        *at* is when it is due: slots of 40 ms ahead, or a name such as "late".
         """
         return self.frame(at, **{name: self._pick(values) for name, values in choices.items()})
 
     # --- requests --------------------------------------------------------------------------------
 
     def _requests(self) -> _Makers:
-        """Return the builders of requests, by name."""
+        """Return functions that make one request of each kind, by its name."""
         messages = self.makers.messages().items()
         return {name: partial(self._plain, make) for name, make in messages}
 
     def _playbacks(self) -> _Makers:
-        """Return the builders of playback requests, by name; {} without playback."""
+        """Return functions that make one playback request each, by name; {} without playback."""
         makers = self.makers
         found: _Makers = {
             "PLAY": makers.any_play,
@@ -233,7 +233,7 @@ class SceneInputs:
         return self.makers.frame(make())
 
     def _configs(self) -> _Makers:
-        """Return the builders of configurations, by name."""
+        """Return functions that make one SET_CONFIG each, changed or refused ones, by name."""
         configs = self.makers.configs
         changes: dict[str, Callable[[], m.Config]] = {
             "another configuration": configs.config,
@@ -249,7 +249,7 @@ class SceneInputs:
     # --- what is odd about a request -------------------------------------------------------------
 
     def _odd_requests(self) -> _Makers:
-        """Return the builders of malformed requests, by name."""
+        """Return functions that make one malformed, unknown or repeated request each, by name."""
         makers = self.makers
         found: _Makers = {f"any with {one}": partial(self._any_with, one) for one in DEFECTS}
         found |= {f"type {kind:#x}": partial(self._unknown, kind) for kind in _UNKNOWN_TYPES}
@@ -290,7 +290,7 @@ class SceneInputs:
         )
 
     def _damaged(self, damage: int) -> DialogueAction:
-        """Return a stream frame or a PING whose bytes are damaged; *damage* numbers the kind."""
+        """Return a stream frame or a PING whose bytes are damaged; *damage* numbers the way."""
         action = self._pick((self.frame(0.5), self.makers.frame(m.Ping(0))))
         return action._replace(name=f"damage {damage}", damage=damage)
 

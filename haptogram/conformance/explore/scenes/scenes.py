@@ -55,7 +55,10 @@ class RandomScenes(SceneMaker):
         self._kinds = self._shares()
 
     def _shares(self) -> dict[Callable[[], ActionSlots], float]:
-        """Return the probability weight of each kind of scene."""
+        """Return the functions that make scenes, each with its probability weight.
+
+        They are others where timers may end.
+        """
         makers, conditions = self._makers, self._makers.conditions
         moments, memories = MomentScenes(self._inputs), MemoryScenes(self._inputs)
         if makers.configs.with_timers:
@@ -101,7 +104,10 @@ class RandomScenes(SceneMaker):
     # --- with timers that end ------------------------------------------------------------------
 
     def _renewals(self) -> ActionSlots:
-        """Return slots of 40 ms in which 4 inputs renew a short lease or not; ARM after each."""
+        """Return slots of 40 ms that show which inputs renew a short lease.
+
+        4 times an input, then an empty slot; ARM is in the slot between two of them.
+        """
         found = self._inputs.slots("timers 1 - -")
         for _ in range(_RENEWALS):
             (name,) = self._next("renewals", lambda: ((name,) for name in self._inputs.names))
@@ -116,9 +122,10 @@ class RandomScenes(SceneMaker):
         ]
 
     def _watched(self) -> ActionSlots:
-        """Return slots of 40 ms: one field set in a timed state, all read back in each of 8.
+        """Return a timed state, then 8 slots of 40 ms that set and read back the configuration.
 
-        Neither setting nor reading may end the ramp of a hold.
+        Every slot reads all that can be read; the first one and some others first set one field
+        anew. Neither setting nor reading may end the ramp of a hold.
         """
         names = [field.name for field in fields(m.Config)]
         ramps = [state for state in self.timed if "ramp" in state]
@@ -155,16 +162,20 @@ class RandomScenes(SceneMaker):
     # --- without ---------------------------------------------------------------------------------
 
     def _quick_pair(self) -> ActionSlots:
-        """Return slots of 40 ms: a state without timers, one input, and in half of them frames."""
+        """Return slots of 40 ms: a state without timers, then one input.
+
+        Half of the scenes end with ARM and stream frames, to show whether the stream goes on.
+        """
         found = self._pair("states", self.quick)
         if self._random.random() < _GOES_ON:
             found += self._inputs.slots("ARM + frames")
         return found
 
     def _pair(self, kind: str, states: list[str]) -> ActionSlots:
-        """Return slots of 40 ms: a state of *states*, then one input.
+        """Return slots of 40 ms that bring the board into a state of *states*, then one input.
 
-        Over time every state meets every group of inputs; *kind* names the list of these pairs.
+        Over time every state meets every group of inputs; a group is inputs that a state likely
+        treats alike. *kind* is the name of the list of these pairs, which is worked off.
         """
         groups = self._inputs.groups
         state, group = self._next(kind, lambda: product(states, groups))
@@ -175,7 +186,10 @@ class RandomScenes(SceneMaker):
         return self._inputs.slots("ARM + a late frame" + " |" * _STATUS_SLOTS)
 
     def _long(self) -> ActionSlots:
-        """Return a scene that overflows 8- and 10-bit counters, or a 16-bit byte count."""
+        """Return a scene of one long PLAY or a long upload.
+
+        It overflows counters of 8 and 10 bits, or a 16-bit byte count.
+        """
         rows = ["traces + a long PLAY", "a ring + a long PLAY"]
         rows += ["traces + a long upload + a short PLAY"] * self._makers.conditions.exact
         (row,) = self._next("long", lambda: ((row,) for row in rows))
@@ -189,7 +203,11 @@ class RandomScenes(SceneMaker):
         return [[self._inputs.defective(*name)] for name in names]
 
     def _values(self) -> ActionSlots:
-        """Return 3 slots of stream frames with random field values, each before one that reads."""
+        """Return slots of 40 ms with random field values, in 3 pairs.
+
+        The first of a pair has stream frames or requests with any values; the second has STOP and
+        requests that read what they changed.
+        """
         conditions = self._makers.conditions
         most = _BYTES // (64 + 2 * conditions.identity.transducers)
         number = max(1, min(_VALUE_FRAMES[conditions.exact], most))

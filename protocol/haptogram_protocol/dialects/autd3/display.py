@@ -68,7 +68,10 @@ class Autd3Display(Display):
         return [Close()]
 
     def _written(self, operations: Sequence[Operation]) -> list[Operation]:
-        """Return a Write with one operation for each device, then a Read."""
+        """Return a Write that gives each device one of *operations*, in order, then a Read.
+
+        All frames of the Write have the next message id.
+        """
         self._message_id = (self._message_id + 1) % (MAX_MESSAGE_ID + 1)
         frames = tuple(Autd3DeviceFrame(self._message_id, (each,)) for each in operations)
         return [Write(frames), Read()]

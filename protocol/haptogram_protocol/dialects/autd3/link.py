@@ -113,7 +113,10 @@ class Autd3BoardEnd:
         del self._buffer[:at]
 
     def _read(self, received: bytes, at: int) -> tuple[Operation | None, int]:
-        """Return the operation at *at* and its size; or None, and the bytes that it needs."""
+        """Return the operation at *at* and its size in bytes.
+
+        If it is incomplete: None, and how many bytes it has in all.
+        """
         kind = received[at]
         readers: dict[int, Callable[[bytes, int], tuple[Operation | None, int]]] = {
             _OPEN: self._read_geometry,
@@ -206,7 +209,7 @@ class Autd3BoardEnd:
         return messages.Close(), 1
 
     def _give_up(self, reason: str) -> tuple[Operation, int]:
-        """Count the link as undecodable and return the end of it, with *reason*."""
+        """Count the link as undecodable and end it; return (Undecodable with *reason*, 0)."""
         self._ended = True
         self.counters["links_undecodable"] += 1
         return messages.Undecodable(reason), 0

@@ -161,7 +161,10 @@ class FpgaBoardEnd:
         self._frames.frame_bytes += 1
 
     def _count_end_of_frame(self, board: int) -> None:
-        """Count the last frame of *board*: cut short, or whole and never committed."""
+        """Count in errors how the last frame of *board* ended, if it was never shown.
+
+        It was cut short, or is whole and was not committed.
+        """
         whole = self._whole_frames(board)
         if 0 < self._cursor.written[board] < self._rules.channels:
             self.counters["frames_cut_short"] += 1

@@ -46,7 +46,10 @@ class FpgaHostEnd(OneWayHostEnd):
         return bytes([self._bytes[message]])
 
     def _check(self, message: SetPhases | SetAmplitudes) -> None:
-        """Refuse codes that are too large, or for channels that the boards do not write next."""
+        """Raise LocalProtocolError for codes above the limit, or out of turn on the line.
+
+        Out of turn are another kind, boards that do not listen, or a channel that is not the next.
+        """
         cursor, rules = self._cursor, self._rules
         limit = rules.limit(type(message))
         if message.codes and max(message.codes) > limit:

@@ -232,7 +232,7 @@ class ArduinoBoardEnd:
         return any(are_short)
 
     def _command(self, found: list[Operation]) -> None:
-        """Commit the durations; firmware that has none restarts its pattern instead."""
+        """Commit the durations; firmware without durations starts its pattern anew instead."""
         if self._firmware.durations:
             self._end_durations(found)
             self._commanded += self._patterns > self._patterns_by_then
@@ -265,6 +265,9 @@ class ArduinoBoardEnd:
         self._uncommitted = True
 
     def _pass_on_strange(self, part: bytes, found: list[Operation]) -> None:
-        """Count unknown bytes and forward them along the chain, each less 1 a board."""
+        """Count unknown bytes, and forward them along the chain.
+
+        Each is less by the number of boards: every board takes 1 from it.
+        """
         self.counters["bytes_strange"] += len(part)
         found += [_FORWARDS[byte - self._boards] for byte in part]

@@ -14,7 +14,10 @@ from .slots import MEGA64_FIRMWARE, NANO8_FIRMWARE, NANO16_FIRMWARE, ArduinoFirm
 
 
 def _arduino_frame_bytes(firmware: ArduinoFirmware, boards: int) -> int:
-    """Return the bytes of one pattern for each of *boards*, its durations, commit and swap."""
+    """Return how many bytes a whole frame takes on the line.
+
+    It is one pattern for each of *boards*, the durations with their commit, and the swap.
+    """
     durations = 2 * BYTES_OF_DURATION + len(COMMAND) if firmware.durations else 0
     return firmware.half_bytes * boards + durations + len(SWAP)
 

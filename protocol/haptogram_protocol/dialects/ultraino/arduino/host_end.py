@@ -51,7 +51,7 @@ class ArduinoHostEnd(OneWayHostEnd):
         raise no_dialect_bytes_for(message, firmware.wire)
 
     def _pattern(self, message: SetPattern) -> bytes:
-        """Return the bytes that write a pattern to one board of the chain.
+        """Return the bytes on the line that write a pattern to one board of the chain.
 
         LocalProtocolError if there is no such board, or its memory is shorter than the pattern.
         """

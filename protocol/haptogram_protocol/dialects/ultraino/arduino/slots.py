@@ -98,9 +98,9 @@ class ArduinoFirmware:
         return bytes(filled)
 
     def _pulse(self, slots: bytes, pin: int) -> Pulse | None:
-        """Return the pulse of a pin in one carrier period, in its steps; None if it has several.
+        """Return the pulse (rise and width, in steps) of a pin in one carrier period.
 
-        *slots* has a byte for each port of 8 pins, step by step.
+        None if it has several. *slots* has a byte for each port of 8 pins, step by step.
         """
         levels = [port >> pin % 8 & 1 for port in slots[pin // 8 :: self.ports]]
         width = sum(levels)
