@@ -344,9 +344,10 @@ class ClientMistakes:
         return None
 
     def _is_beyond(self, best: float, rival: float) -> bool:
-        """Return True if the score *rival* rules it out against *best*: 2.5 times it, and over 4.
+        """Return True if the hypothesis of score *best* rules out the one of score *rival*.
 
-        Where *best* is mere rounding (up to 1.3), 6 standard deviations between them also do.
+        It does if *rival* is at least 2.5 times *best*, and 4. Where *best* is mere rounding (up to
+        1.3), 6 standard deviations between them also do.
         """
         unlikely = math.sqrt(UNKNOWNS * len(self._targets) * max(0.0, rival**2 - best**2))
         is_clear = best <= _IS_NOISE and unlikely >= _BETTER
