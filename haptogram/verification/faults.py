@@ -251,8 +251,8 @@ def _single_element_drive_faults(
 ) -> Iterator[str]:
     """Name the elements of *off* by their phase error (found - wanted), equal errors together.
 
-    Of more than 8 elements, groups (chains, blocks) with one error are named first. More than 8
-    different errors are named as one, with the largest.
+    If there are more than 8, groups with one error (by remainder or block of their numbers) are
+    named first. If more than 8 different errors are left, the rest is named with the largest.
     """
     if off.sum() > _NAMED_ELEMENTS and not _are_lines(model, off):
         lags = dict(enumerate((difference * (np.pi * 2.0 / TURN)).tolist()))

@@ -377,9 +377,9 @@ class ClientMistakes:
     ) -> tuple[float, tuple[Part, ...]]:
         """Return the score of a hypothesis on the client's mistake, and the names of its parts.
 
-        The score is how far the phases are off it, in standard deviations of rounding. *what* is
-        the wrong order, sign or unit; *speed* and *shift*: another speed of sound, another origin
-        are fitted too.
+        The score is how far the phases are off it, in standard deviations of rounding. *what* is a
+        rearrangement, such as of channels, sign or axes; *speed*, *shift*: another speed of sound,
+        another origin are fitted too.
         """
         phases = what.sign * self._phases[:, what.index] + what.added_rad
         places = what.move(self._targets)
