@@ -255,9 +255,10 @@ def _dropped_frame_key(record: Mapping[str, Any]) -> FrameKey:
 
 
 def _wrap_shift_us(intended: Sequence[Intended], latched: Iterable[tuple[FrameKey, int]]) -> int:
-    """Return the µs (multiples of 2**32) that put latch times next to those of *intended*.
+    """Return the µs to add to latch times so that they fit the due times of *intended*.
 
-    The first latch of a frame with a due time decides; 0 if there is none.
+    It is a multiple of 2**32 µs, as the board's clock wraps there; the first latch of a frame with
+    a due time decides. 0 if there is none.
     """
     frames = ((frame.key, frame.t_apply_us) for frame in intended)
     due_us: dict[FrameKey, int] = {}

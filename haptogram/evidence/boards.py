@@ -290,9 +290,9 @@ class PortBoardUnderTest(BoardUnderTest):
         self._dropped_before = driver.status().counters.trace_dropped
 
     def _best_trace(self, features: Feature) -> TraceMode | None:
-        """Return the trace mode to use of *features*: CRC, drives, kept on the board; else None.
+        """Return the trace mode to use, by *features*: CRC, else DRIVE, else RING (kept on board).
 
-        If the board computes drives, the drives come first.
+        If the board computes the drives, DRIVE comes first. None if it has no trace.
         """
         by_feature = {
             Feature.TRACE: TraceMode.CRC,

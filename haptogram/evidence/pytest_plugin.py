@@ -85,7 +85,10 @@ _FAILED = pytest.StashKey[bool]()
 
 
 def _is_board_held_by_fixture(item: Any) -> bool:
-    """Return True if another fixture uses the board, and so ends its driver after the test."""
+    """Return True if, for the pytest *item*, another fixture uses the board.
+
+    That fixture then ends its driver after the test.
+    """
     closure = item._fixtureinfo.name2fixturedefs  # noqa: SLF001  pytest shows it to nobody else
     return any(_FIXTURE in definition.argnames for (*_, definition) in closure.values())
 

@@ -263,10 +263,10 @@ def _checked_run(
     points_m: FloatArray,
     elements: Calibration | None,
 ) -> Iterator[None]:
-    """Check tolerance and calibration before the first frame; close the driver after the last.
+    """Check calibration and tolerance, then run what is within; close *driver* at the end.
 
-    A board that does not answer then is a warning, and not the end of the results. *elements* None:
-    no calibration is checked.
+    A board that does not answer then is a warning. *points_m* are the foci of the run; *elements*
+    None: no calibration is checked.
     """
     try:
         if elements is not None:
@@ -302,7 +302,7 @@ def _observe_run(
 
 @contextlib.contextmanager
 def _interrupted_run(found: RunRecord, driver: AnyDriver, total: int) -> Iterator[None]:
-    """On Ctrl-C, note after how many of *total* frames the run was cut, and mute the board."""
+    """Run what is within; on Ctrl-C note after how many of *total* frames, and mute the board."""
     try:
         yield
     except KeyboardInterrupt:
@@ -328,10 +328,10 @@ def _earliest_mute_us(driver: Driver) -> int:
 def _cut_of_run(
     found: RunRecord, driver: AnyDriver, board: BoardUnderTest, total: int, *, faulty: bool
 ) -> Iterator[None]:
-    """On a broken link or Ctrl-C, note after how many of *total* frames the run was cut.
+    """Run what is within; on a broken link or Ctrl-C note after how many of *total* frames.
 
-    Then frames still on the board are waited for. An error of the board ends the run so only if it
-    is *faulty*; else it is raised.
+    After a broken link, frames still on the board are waited for. So they are after an error of the
+    board, if it is a *faulty* one on purpose; else the error is raised.
     """
     try:
         with _interrupted_run(found, driver, total):
@@ -404,7 +404,11 @@ def _display_run(
 
 
 def _drop_after_interruption(found: RunRecord) -> Sequence[Observation]:
-    """Return the latches; of a sequence, which goes on, only those of intended frames."""
+    """Return the latches of an interrupted run, without unintended frames of a sequence.
+
+    The board plays a sequence to its end, whatever the host does; latches of a stream are all
+    returned.
+    """
     wanted = {intended.key for intended in found.intended}
     return only_kept_records(
         found.observations, lambda o: o.key.sequence == STREAM or o.key in wanted

@@ -411,7 +411,7 @@ def _check_one_session(intended: Sequence[Intended]) -> None:
 
 
 def _board_model(config: BoardConfig, elements: Calibration | None) -> AcousticModel:
-    """Return the true acoustic model of a virtual board, with its calibration if *elements*."""
+    """Return the true acoustic model of a virtual board, calibrated with *elements* if not None."""
     model = AcousticModel(
         TransducerArray.parse(config.array or DEFAULT_ARRAY, pitch_m=config.pitch_mm / 1000),
         Medium.air(config.temperature_c),

@@ -70,7 +70,7 @@ def drive_fault_candidates(model: AcousticModel, intended: Intended) -> Iterator
 
 
 def _drive_fault_phases(drive: Drive) -> Codes:
-    """Return the (N,) phase codes of a drive, scaled to the most bits that a phase can have."""
+    """Return the (N,) phase codes of a drive, scaled to 16 bits (65536 are a turn)."""
     return drive.phase_codes.astype(np.int64) << (MAX_PHASE_BITS - drive.phase_bits)
 
 
@@ -123,7 +123,11 @@ def _faulty_element_text(model: AcousticModel, number: int) -> str:
 def _amplitude_drive_faults(
     intended: Intended, latched: Drive, silent: NDArray[np.bool_], allowance: int
 ) -> Iterator[str]:
-    """Name the number of sounding elements over *allowance* codes off, and the worst; else none."""
+    """Yield one text: how many amplitudes are over *allowance* codes off, and the worst error.
+
+    The error of an amplitude is latched - intended. Elements of the mask *silent* do not count;
+    nothing is yielded if no other is off.
+    """
     difference = latched.amplitude_codes.astype(int) - intended.drive.amplitude_codes.astype(int)
     wrong = (np.abs(difference) > allowance) & ~silent
     if wrong.any():
@@ -146,8 +150,9 @@ def _phase_drive_faults(
 ) -> list[str]:
     """Name what explains the wrong phases of the mask *off*; UNNAMED alone if nothing does.
 
-    Tried are rounding down (without *allowance*), a common phase, order, sign, groups and single
-    elements. Codes up to *allowance* apart count as equal.
+    *found* are the latched codes; they equal a hypothesis if at most *allowance* codes apart. Tried
+    are rounding down (only if *allowance* is 0), one phase added to all, elements in a wrong order,
+    opposite sign, groups of elements with one error, and single elements.
     """
     wanted = _drive_fault_phases(intended.drive)
     down = None if allowance else _rounded_down_drive_fault(model, intended, grid)
@@ -199,7 +204,7 @@ def _is_same_faulty_drive(found: Codes, candidate: Codes, allowance: int) -> boo
 def _rounded_down_drive_fault(
     model: AcousticModel, intended: Intended, grid: PhaseGrid
 ) -> Codes | None:
-    """Return the codes of a focus rounded down instead of to nearest; None for several foci."""
+    """Return the (N,) 16-bit codes of one focus, rounded down to steps; None for several foci."""
     if len(intended.foci) != 1:
         return None
     (focus,) = intended.foci
@@ -210,7 +215,10 @@ def _rounded_down_drive_fault(
 
 
 def _rolled_drive_fault(found: Codes, wanted: Codes, allowance: int) -> int | None:
-    """Return by how many places *found* is *wanted* rolled, -N/2 to N/2; None if it is not."""
+    """Return k for which np.roll(*wanted*, k) equals *found*, from -N/2 to N/2; None if none does.
+
+    Equal is within *allowance* codes, up to a phase common to all; 0 is not tried.
+    """
     count = len(wanted)
     start = np.arange(1, count)
     # Three elements tell almost every shift apart; only what passes is compared as a whole.
@@ -241,9 +249,10 @@ def _swapped_drive_fault(
 def _single_element_drive_faults(
     model: AcousticModel, difference: Codes, off: NDArray[np.bool_], grid: PhaseGrid
 ) -> Iterator[str]:
-    """Name the elements of *off* by their phase error, those with the same error together.
+    """Name the elements of *off* by their phase error (found - wanted), equal errors together.
 
-    More than 8 elements are first searched for groups; of more than 8 errors the largest is named.
+    If there are more than 8, groups with one error (by remainder or block of their numbers) are
+    named first. If more than 8 different errors are left, the rest is named with the largest.
     """
     if off.sum() > _NAMED_ELEMENTS and not _are_lines(model, off):
         lags = dict(enumerate((difference * (np.pi * 2.0 / TURN)).tolist()))
@@ -277,9 +286,10 @@ def _are_lines(model: AcousticModel, off: NDArray[np.bool_]) -> bool:
 
 
 def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid) -> list[str]:
-    """Name up to 3 parts of the array, each with one error; [] if chance could explain that.
+    """Name the elements of each phase error (found - wanted), if there are 1 to 3 different ones.
 
-    Errors count relative to the commonest one, from two phase steps on.
+    Errors are relative to the commonest one. [] for more or none, for an error below two phase
+    steps, or if as few values could come about by chance.
     """
     values, counts = np.unique(difference, return_counts=True)
     relative = _signed_drive_difference(difference - values[counts.argmax()])
@@ -300,10 +310,10 @@ def _units_out_of_step(model: AcousticModel, difference: Codes, grid: PhaseGrid)
 
 
 def _merge_rounding_errors(errors: Codes, step: float) -> Codes:
-    """Return *errors* in codes, those within *step* of a commoner one replaced by it.
+    """Return phase errors (codes) with each one replaced by a commoner one within *step* of it.
 
-    A phase that is added before the rounding makes two codes of one error. Errors of less than two
-    steps stay.
+    A phase that is added before rounding gives errors of one code more or less. Errors of less than
+    two steps are returned unchanged.
     """
     joined, left = errors.copy(), np.abs(errors) >= _TWO * step
     values, counts = np.unique(errors[left], return_counts=True)

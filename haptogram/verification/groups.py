@@ -115,7 +115,11 @@ def _shared_lag(
 def _classes_of_elements(
     elements: Sequence[int], channels: Mapping[int, str]
 ) -> Iterator[_Classes]:
-    """Yield groupings of elements, each by name: port in the channel's name, remainder, block."""
+    """Yield ways to group the elements; each maps the name of a group to its elements.
+
+    By port (the channel's name without its number), by number mod 2, 4, 8, 16 and 32, and by blocks
+    of 64, 32, 16 and 8 consecutive numbers.
+    """
     by_port: _Classes = defaultdict(list)
     for element, channel in channels.items():
         stem = _NUMBERED.fullmatch(channel)
@@ -132,7 +136,7 @@ def _classes_of_elements(
 
 
 def _classes(elements: Sequence[int], names: Sequence[str]) -> _Classes:
-    """Return the elements grouped by their names."""
+    """Return a mapping of each name to its elements; *names* has one for each of *elements*."""
     found: _Classes = defaultdict(list)
     for element, name in zip(elements, names, strict=True):
         found[name].append(element)
@@ -140,9 +144,10 @@ def _classes(elements: Sequence[int], names: Sequence[str]) -> _Classes:
 
 
 def _lag_text(lag_rad: float, limit_rad: float, steps: int, base: str) -> str:
-    """Return a phase lag in words: inverted, in steps, or in degrees behind or ahead of *base*.
+    """Return a phase lag in words: inverted, in steps late or early, or in degrees from *base*.
 
-    *limit_rad* is how far it may be from half a turn; from a whole step, twice that at most.
+    A positive lag is late (behind). It is inverted within *limit_rad* of half a turn, and counts as
+    whole steps (*steps* in a turn) within twice that, at most a quarter of a step.
     """
     degrees = math.degrees(lag_rad)
     count = round(lag_rad * steps / math.tau)

@@ -90,7 +90,10 @@ class LossJudge:
         return dataclasses.replace(missed, status=status, faults=faults, note=note)
 
     def _loss(self, wanted: Intended, due: DueFrame) -> tuple[FrameStatus, str, str]:
-        """Return status, fault and reason ("" where none) of a frame that was not latched."""
+        """Return status, fault and reason ("" where none) of a frame *wanted* that did not latch.
+
+        *due* is the span of time in which it should have latched.
+        """
         known, drop = self._known, self._known.drops.get(wanted.key)
         latest_us, sent_us = wanted.t_latest_us, wanted.t_sent_us
         if latest_us is not None and wanted.is_held_up:

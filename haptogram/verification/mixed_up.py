@@ -88,7 +88,11 @@ def mixed_up_drives(
 
 
 def _drive_fault_orders(model: AcousticModel, wanted: Codes) -> Iterator[tuple[str, Codes]]:
-    """Yield wrong orders of the elements by name, each with the phases it would show."""
+    """Yield wrong orders of the elements by name, each with the phase codes that it would show.
+
+    On a grid: transposed, mirrored in x, y or both, turned by 90 and 270 degrees, every second
+    column reversed. Without a grid: all elements reversed.
+    """
     if model.array.grid_shape is None:
         yield "order of the elements reversed", wanted[::-1]
     else:
@@ -111,7 +115,10 @@ def grid_orders(grid: Codes) -> Iterator[tuple[str, Codes]]:
 
 
 def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:
-    """Yield by name the drives in which every second element repeats its neighbour's phase."""
+    """Yield two wrong drives by name: each pair of elements has the phase of its first, or second.
+
+    Pairs are elements 0 and 1, 2 and 3, and so on.
+    """
     pairs = wanted[: len(wanted) // 2 * 2].reshape(-1, 2)
     for kept, name in ((0, "before"), (1, "behind")):
         copied = wanted.copy()
@@ -120,7 +127,7 @@ def _drive_fault_copies(wanted: Codes) -> Iterator[tuple[str, Codes]]:
 
 
 def _serpentine_drive_order(grid: Codes) -> Codes:
-    """Return the codes *grid* (nx, ny) with every second row of the matrix reversed."""
+    """Return the codes *grid* (nx, ny) with every column of odd x reversed in y."""
     result = grid.copy()
     result[1::2] = result[1::2, ::-1]
     return result
@@ -159,9 +166,10 @@ def _code_range(codes: NDArray[np.float64]) -> float:
 
 
 def _is_half_plane(difference: Codes, around: NDArray[np.float64]) -> bool:
-    """Return True if the codes on one side of a line through the centre are half a turn off.
+    """Return True if the elements on one side of a line through the centre are half a turn off.
 
-    That side has 30 to 70 % of them; *around* (N,) is the direction of each from the centre.
+    *difference* (N,) has the errors in codes, *around* (N,) the direction in rad of each element
+    from the centre. That side must hold 30 to 70 % of the elements.
     """
     turned = (difference - difference[0]) % TURN == TURN // 2
     if not turned.any() or ((difference - difference[0]) % (TURN // 2)).any():

@@ -208,14 +208,14 @@ def _observations_to_verify(entries: Iterable[Observation]) -> Iterator[Observat
 
 
 def _kept_for_run_verdict(entries: Iterable[_T]) -> KeptRecords[_T]:
-    """Return *entries* if it is a bounded record, which counts what it drops; else an empty one."""
+    """Return *entries* if they are KeptRecords, which count what they drop; else empty ones."""
     return entries if isinstance(entries, KeptRecords) else KeptRecords()
 
 
 def _without_earlier(
     intended: Sequence[Intended], observations: Iterable[Observation]
 ) -> Iterator[Observation]:
-    """Yield observations of intended frames, and of stream frames not before the first of these."""
+    """Yield observations of *intended* frames, and of stream frames from the first of these on."""
     wanted = {frame.key for frame in intended}
     streamed = [key.index for key in wanted if key.sequence == STREAM]
     first = min(streamed, default=None)

@@ -147,7 +147,10 @@ def _unnumbered_observation(latch: UnnumberedLatch, frame: Intended | None) -> O
 
 
 def _common_lag(found: Drive, wanted: Drive) -> int:
-    """Return the commonest lag of the channels that sound in both, as a phase code; 0 if none."""
+    """Return the commonest of *found* - *wanted* phase codes, 0 to 255; 0 if no channel counts.
+
+    Channels count that sound in both drives; differences are wrapped to a turn (256).
+    """
     sounding = (found.amplitude_codes > 0) & (wanted.amplitude_codes > 0)
     if not sounding.any():
         return 0
@@ -155,7 +158,7 @@ def _common_lag(found: Drive, wanted: Drive) -> int:
 
 
 def _channel_lags(found: Drive, wanted: Drive) -> NDArray[np.int64]:
-    """Return (N,) *found* - *wanted* phase code of each channel, not wrapped."""
+    """Return (N,) the phase code of *found* minus that of *wanted* by channel, not wrapped."""
     return found.phase_codes.astype(np.int64) - wanted.phase_codes.astype(np.int64)
 
 

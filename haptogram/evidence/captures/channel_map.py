@@ -191,7 +191,11 @@ class ChannelMap:
 
 
 def _checked_channel_elements(elements: object) -> dict[str, int]:
-    """Return the elements by channel; refuse none, negative numbers and one element twice."""
+    """Return *elements*, a table of element numbers by channel, once it is checked.
+
+    Raises ConfigurationError for no table or an empty one, for a number that is no integer from 0
+    on, and for an element that two channels have.
+    """
     if not isinstance(elements, dict) or not elements:
         raise ConfigurationError("no [elements]; map channels to elements: D1 = 0")
     for name, element in elements.items():

@@ -144,7 +144,10 @@ def capture_document(found: HeldDrives, findings: list[str]) -> dict[str, Any]:
 
 
 def _listed_capture_findings(values: Any, is_known: Any = True) -> list[float | None]:
-    """Return values as a JSON list, None where not finite or where *is_known* is False."""
+    """Return an array as a JSON list, rounded to 6 digits behind the point.
+
+    None stands where a value is not finite, or where the mask *is_known* is False.
+    """
     known = np.isfinite(values) & is_known
     pairs = zip(values.tolist(), known.tolist(), strict=True)
     return [round(value, 6) if ok else None for value, ok in pairs]

@@ -135,7 +135,10 @@ def _calibrated_responses(mapped: ChannelMap, elements: Mapping[str, int]) -> di
 
 
 def _clock_phase(rises: _Floats, falls: _Floats) -> float:
-    """Return the mean phase (rad) of the middle of pulses; *rises*, *falls* are in periods."""
+    """Return the mean phase in rad, -pi to pi, of the middle of the carrier clock's pulses.
+
+    *rises* and *falls* are their edges in periods; the phase counts from whole periods.
+    """
     return float(np.angle(np.exp(1j * math.pi * (rises + falls)).sum()))
 
 

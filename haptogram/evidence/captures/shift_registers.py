@@ -146,10 +146,10 @@ class ShiftRegisters:
         latches: NDArray[np.int64],
         before: NDArray[np.int64],
     ) -> tuple[Capture, NDArray[np.int64], NDArray[np.int64]]:
-        """Return the capture up to the last latch before an unusual number of shifts, and latches.
+        """Return the capture up to the last latch before one with too many or too few shifts.
 
-        With it come the (L,) ticks of *latches* and the shifts *before* each up to there. Raises if
-        the usual number (median) is not the length of each chain.
+        With it come the ticks of the *latches* (L,) and the numbers of shifts *before* them, both
+        up to there. Usual is the median; raises ConfigurationError if a chain has another length.
         """
         counts = np.diff(before)
         usual = int(np.median(counts)) if len(counts) else int(before[-1])
@@ -180,7 +180,10 @@ class ShiftRegisters:
 
 
 def _checked_chain(name: str, elements: object) -> list[int]:
-    """Return the elements at the outputs of the chain *name*; refuse none, or over 256."""
+    """Return *elements*, those at the outputs of the chain *name*, once they are checked.
+
+    Raises ConfigurationError for none, or over 256.
+    """
     if (
         not isinstance(elements, list)
         or not 1 <= len(elements) <= _MOST_OUTPUTS

@@ -144,9 +144,10 @@ class WatchedBoard:
         )
 
     def _cause_of_pulses(self, seen: PulseObservation) -> str:
-        """Return the cause of a change: an operation of the client, or its modulation.
+        """Return what changed the pulses: an operation of the client, or its modulation.
 
-        A drive written while modulation mutes the output counts as the cause of its first sound.
+        While modulation mutes the output a new drive is not heard; it is then given as the cause of
+        the first sound.
         """
         is_dark = not (np.abs(seen.weights) > 0.0).any()
         if seen.cause != MODULATED:

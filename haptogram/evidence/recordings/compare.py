@@ -163,9 +163,10 @@ class ReplayComparison:
             waiting[key] = deque(one for one in waiting[key] if self._is_extra_reply(key, one))
 
     def _is_extra_reply(self, key: _Key, entry: _Entry) -> bool:
-        """Return True for a reply so late that the recorded host would have asked again.
+        """Return True for a replayed reply that left over 250 ms before the recording's last frame.
 
-        That is over 250 ms of device time before what was read last.
+        If the recorded host had lacked it for so long, it would have asked again. *entry* is the
+        reply; both times are those of the device.
         """
         if key[-1] != _REPLY or self._read_us is None:
             return False
@@ -192,7 +193,10 @@ class ReplayComparison:
             self.differences.append(self._first_bytes)
 
     def _add(self, side: str, kind: str, key: _Key, entry: _Entry) -> None:
-        """Compare an entry with that of the other side and equal *key*, or queue it until then."""
+        """Compare *entry* with the oldest waiting one of the other side that has an equal *key*.
+
+        Without one it waits itself. *side* is recorded or replayed; *kind* is that of the count.
+        """
         if side == RECORDED and kind != "frames":
             self.has_backdoor = True
         place, others = (kind, *key), self._waiting[_OTHER[side]]
@@ -210,9 +214,9 @@ class ReplayComparison:
             self.same[kind] += 1
 
     def _differ(self, kind: str, entry: _Entry, detail: str, *, recorded: bool) -> None:
-        """Count a difference; keep the first 1000 in words.
+        """Count a difference of *kind*; describe the first 1000 with name, time and *detail*.
 
-        The time is that of a *recorded* entry; else it is not known.
+        *recorded* tells if *entry* is that of the recording: only its time is given, else None.
         """
         self.differing[kind] += 1
         if len(self.differences) < _MOST_KEPT:
@@ -221,7 +225,10 @@ class ReplayComparison:
 
 
 def _compared_replay_key(piece: Annotated) -> _Key:
-    """Return the key of a frame: its number for a reply, the latch for an event it tells of."""
+    """Return what identifies a frame on both sides: session, with the number of a reply.
+
+    For an event it is the session, the event's name, and the latch of which it tells, if any.
+    """
     header, fields = piece.header, piece.fields
     assert header is not None  # of an undamaged frame
     if header.type not in EVENT_RANGE:
@@ -245,7 +252,7 @@ def _comparable_fields(fields: Fields, name: str) -> Fields:
 
 
 def _comparable_value(value: Any) -> Any:
-    """Return a value without fields inside it that may differ in a replay."""
+    """Return a JSON value without those fields, at any depth, that may differ in a replay."""
     if isinstance(value, Mapping):
         return _comparable_fields(value, "")
     if isinstance(value, list):

@@ -289,9 +289,10 @@ class Recording:
                 ) from error
 
     def _in_chunk(self, chunk: Any) -> list[Any]:
-        """Return the records in a chunk; of a damaged one, those of the channels at the file's end.
+        """Return the records in a chunk of the file; a damaged one is counted.
 
-        A damaged chunk may have held the channels.
+        For a damaged one, schemas and channels of the summary at the file's end are returned, as it
+        may have held them.
         """
         from mcap.stream_reader import breakup_chunk
 

@@ -175,9 +175,9 @@ def _noted_as_excerpt(opening: _Opening, result: ReplayResult) -> bool:
 def _recorded_lines(
     recording: Recording,
 ) -> Iterator[tuple[_Opening, LineFacts, Iterator[RecordingEntry]]]:
-    """Yield for every board its opening, its facts, and its entries in the order of the file.
+    """Yield for each board: its opening, what its frames tell of it, its entries in file order.
 
-    An excerpt of a soak, and a line whose clock is known, have no facts.
+    LineFacts is empty if the opening gives the clock of the board, and for an excerpt of a soak.
     """
     facts = [
         _collect_facts(part) if opening.boot_ns is None and not opening.excerpt else LineFacts()
@@ -222,7 +222,11 @@ def _recorded_opening(entry: RecordingEntry) -> _Opening | None:
 
 
 def _collect_facts(entries: Iterator[RecordingEntry]) -> LineFacts:
-    """Return what a line's frames tell: first reply, clock offset, untimed frames, HELLO_REPLY."""
+    """Return what the frames of a line tell of the board and its clock.
+
+    These are the host time of the first reply, the latest device time, the clock offset, the first
+    HELLO_REPLY, and the stream frames without a time to apply.
+    """
     facts = LineFacts()
     annotators = {TO_BOARD: FrameAnnotator(), TO_HOST: FrameAnnotator()}
     for entry in entries:
@@ -244,9 +248,10 @@ def _is_recorded_immediate(header: messages.Header) -> bool:
 
 
 def _note_recorded_reply(facts: LineFacts, t_ns: int, header: messages.Header) -> None:
-    """Take first time, latest device time and least clock offset from the reply of *header*.
+    """Update *facts* with the reply of *header*, which came at *t_ns* on the host.
 
-    *t_ns* is the host's time of it.
+    Kept are the host time of the first reply, the latest device time (unwrapped), and the least
+    host time minus device time.
     """
     if facts.first_ns is None or facts.device_us is None or facts.offset_ns is None:
         facts.first_ns, facts.device_us = t_ns, header.time_us
@@ -379,7 +384,10 @@ class _ReplayLine:
         return data
 
     def _add(self, side: str, record: LatchRecord | Mapping[str, Any]) -> None:
-        """Add a latch or an event of *side* to the comparison; other records are left out."""
+        """Add a latch or an event of *side*, recorded or replayed, to the comparison.
+
+        Records of other kinds, and remarks in words, are left out.
+        """
         if isinstance(record, LatchRecord):
             timed = record.sequence > 0 or record.index % (1 << 16) not in self._facts.immediate
             self.comparison.add_latch(side, record, timed=timed)
@@ -533,9 +541,10 @@ class _RecordingPlayer:
                 return
 
     def _compare_frame(self, side: str, piece: Annotated) -> None:
-        """Compare a frame of *side*; the first ones of both sides give the shift of the clock.
+        """Compare a frame of *side*, recorded or replayed, with that of the other side.
 
-        Refuses a board whose HELLO_REPLY names another number of transducers.
+        The first frames of both give the shift of the clock. Refuses a board whose HELLO_REPLY
+        names another number of transducers.
         """
         self.comparison.add_frame(side, piece)
         if piece.header is None or side in self._first_us:

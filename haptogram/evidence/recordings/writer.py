@@ -223,9 +223,10 @@ class RecordingWriter(ClosedByWith):
             self.log(t_ns, _recorded_event_text(record))
 
     def _draw_array(self, fields: Mapping[str, Any]) -> None:
-        """Write axes and elements with the time at which the line begins, where a viewer starts.
+        """Write axes and elements of the board, dated to the begin of its line.
 
-        *fields* tell positions and pitch (None: drawn as 10 mm).
+        A viewer starts there. *fields* has the positions of the elements and the pitch (None: drawn
+        as 10 mm).
         """
         begin_ns = self._clock.start_ns
         self.document(channels.FRAME, begin_ns, axes_of_recording())
@@ -279,7 +280,10 @@ class RecordingWriter(ClosedByWith):
 
     @contextlib.contextmanager
     def _attempt(self) -> Any:
-        """Guard a write: an OSError in it ends the recording and is kept as the reason."""
+        """Guard what is written within: an OSError there ends the recording, and is not passed on.
+
+        The first one is kept as the reason.
+        """
         with self._whole_entries:
             try:
                 yield

@@ -136,10 +136,11 @@ def _held_stretches(
 
 
 def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
-    """Yield the time in µs at which each of the frames that begin at *begins* should end.
+    """Yield until when (µs) each of the frames that begin at the sorted times *begins* was due.
 
-    That is the next begin, if it is at most two periods away (a period: the gap to the begin
-    before); else the first of next begin, one period, and *silences*; without any, its own begin.
+    That is the next begin if it is at most two gaps away, a gap being the time since the begin
+    before. Else it is the earliest of: the next begin, one gap later, and the next time of
+    *silences* (mute); with none of these, the frame's own begin.
     """
     neighbours = zip([None, *begins], begins, [*begins[1:], None], strict=False)
     for before_us, begin_us, next_us in neighbours:
@@ -154,9 +155,9 @@ def _due_ends(begins: Sequence[int], silences: Sequence[int]) -> Iterator[int]:
 
 
 def _stretch_before_latch(frame: FrameVerdict, begin_us: int, end_us: int) -> _HeldStretch:
-    """Return the stretch from *begin_us* to *end_us*, in which the old drive was held.
+    """Return the stretch from *begin_us* to *end_us*, in which the drive before *frame* was held.
 
-    Its miss and pressures are those of the frame's consequence; None if that is not known.
+    It has the miss and pressures of the frame's consequence; they are None where that is None.
     """
     held = frame.consequence
     if held is None:

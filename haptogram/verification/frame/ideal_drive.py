@@ -147,7 +147,11 @@ class IdealFrameDrive:
         return self._tolerated_change(np.abs)
 
     def _tolerated_change(self, measure: Callable[[ComplexArray], FloatArray]) -> FloatArray:
-        """Return by how much hosts within tolerance change *measure*, times 1.15 as margin."""
+        """Return the largest change of measure(weights) that a host within the tolerance makes.
+
+        *measure* maps the weights (N,) of a drive to values; for each value the change from the
+        drive asked for is taken, times 1.15 as margin.
+        """
         asked = measure(self.asked)
         changes = [np.abs(measure(drive) - asked) for drive in self.tolerated]
         tolerated: FloatArray = _MARGIN * np.max([0.0 * asked, *changes], axis=0)

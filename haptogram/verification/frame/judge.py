@@ -153,7 +153,10 @@ class FrameJudge:
                     yield self.judge(*pair) if verdict is None else verdict
 
     def _steps_of_missing_field(self, pair: Pair) -> int | None:
-        """Return the phase steps of a frame whose latch lacks a reconstructed field; else None."""
+        """Return the phase steps per turn of a frame whose latch lacks its field; else None.
+
+        A latch lacks it if it is the drive as sent, and nobody has reconstructed its focus.
+        """
         return pair[0].steps if self._ordinary.is_field_missing(*pair) else None
 
     def _with_fields(self, pairs: Iterable[Pair], steps: int) -> list[Pair]:
@@ -180,7 +183,10 @@ class FrameJudge:
         return dataclasses.replace(found, **{name: getattr(seen, name) for name in _ITS_OWN})
 
     def _judge(self, intended: Intended, observation: Observation) -> FrameVerdict:
-        """Judge a latch of *intended*; pairs that differ in key and times alone share a verdict."""
+        """Return the full verdict on *observation*, a latch of *intended*, for the cache.
+
+        Both come without key and times: the caller adds those of the frame.
+        """
         seen = self._unjudged_verdict(intended, observation)
         if observation.drive_crc is not None and observation.shows_by_crc(intended) is False:
             named = drive_of_crc(self._model, intended, observation.drive_crc)
@@ -292,10 +298,10 @@ class FrameJudge:
 
 
 def _is_frame_undecided(found: NotSingle, target: FrameTarget) -> bool:
-    """Return True if a field without a focus disproves nothing.
+    """Return True if *found*, a field without a focus, does not disprove one at *target*.
 
-    It then has no outliers, or an RMS phase error within the limit. The board does not know the
-    tolerance, nor the phase resolution of an uploaded frame.
+    So it is if no element is an outlier, or the RMS phase error is within the target's limit: a
+    board that reports the field knows neither the tolerance nor the phase resolution of the frame.
     """
     return not found.outliers or found.residual_rms_rad <= target.phase_limit_rad
 
@@ -310,7 +316,10 @@ def _judged_frame_without_identity(intended: Intended) -> Intended:
 def _drive_of_judged_host(
     model: AcousticModel, intended: Intended, off: FloatArray
 ) -> ComplexArray:
-    """Return the weights of a host that is *off* by (4,): x, y, z in m and a share of the speed."""
+    """Return the weights (N,) of a host with foci and sound speed wrong by *off* (4,).
+
+    These are x, y, z in m, added to each focus, and a share of the speed: 0.01 is 1 % faster.
+    """
     if off[3]:
         model = model.with_sound_speed(model.medium.sound_speed_m_s * (1.0 + float(off[3])))
     foci = [

@@ -137,10 +137,10 @@ class OrdinaryFrames:
     def _verdict(
         self, intended: Intended, latch: Observation, measures: list[float], carrier_us: int
     ) -> FrameVerdict:
-        """Return the verdict of a frame that meets all criteria.
+        """Return the verdict on a frame that meets all criteria: ON_TARGET.
 
-        *measures* is the frame's row of what the kernel measured; late is *carrier_us* after its
-        time.
+        *measures* is its row of the compiled kernel's results: offsets, errors, coherence, levels.
+        It is late if reported so, or latched *carrier_us* or more after its time.
         """
         bx, by, bz, scatter, drift, phase_rad, coherence, loudness, peak_rad, across, along = (
             measures
@@ -217,7 +217,10 @@ def _why_not_as_sent(intended: Intended, latch: Observation, full: bytes) -> str
 
 
 def _beam_axes(along: FloatArray) -> FloatArray:
-    """Return (F, 4, 3): two axes across each unit vector of *along* (F, 3), that vector, zeros."""
+    """Return (F, 4, 3) axes for each beam *along* (F, 3): two across it, the beam, and (0, 0, 0).
+
+    All three are orthonormal; *along* has unit vectors.
+    """
     axes, rows = np.zeros((len(along), 4, 3)), np.arange(len(along))
     furthest_off = np.abs(along).argmin(axis=1)
     first = -along[rows, furthest_off][:, None] * along
@@ -236,6 +239,6 @@ def _focus_of(latch: Observation) -> SingleFocus:
 def _sum_of_places(
     target_m: tuple[float, float, float], found_m: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return target + (found - target), with the rounding of the full judge's sum."""
+    """Return *found_m* as target + (found - target), rounded as in the full judge."""
     (x, y, z), (u, v, w) = target_m, found_m
     return x + (u - x), y + (v - y), z + (w - z)

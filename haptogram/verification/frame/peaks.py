@@ -136,9 +136,10 @@ def _worst_peak_displacement_m(
     direction: FramePeakAxes,
     errors_rad: FloatArray,
 ) -> FloatArray:
-    """Return (D,) the peak's largest displacement along each axis by errors (K, N) of either sign.
+    """Return (D,) how far at most, in m, phase errors move the pressure peak along each axis.
 
-    *ideal* (N,) is the drive without errors; infinite where an error leaves no peak near *place_m*.
+    The axes are those of *direction*. Each row of *errors_rad* (K, N) is added to and subtracted
+    from *ideal* (N,), the drive without errors. Infinite where a row leaves no peak near *place_m*.
     """
     worst = np.zeros(len(direction.axes))
     for errors in (*errors_rad, *-errors_rad):

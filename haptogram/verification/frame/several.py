@@ -162,9 +162,10 @@ class SeveralFociFrame:
     def _judge_strictly(
         self, ideal: IdealFrameDrive, error_rad: float, slack: FloatArray | float = 0.0
     ) -> _Findings:
-        """Return the findings about a drive that may differ from the ideal one by rounding only.
+        """Return the findings about the latched drive, which shall be *ideal* but for rounding.
 
-        *error_rad* is its largest phase error, *slack* what amplitudes may be off besides.
+        *error_rad* is the largest phase error of the latched drive; *slack* is how much its
+        amplitudes (0 to 1) may differ besides.
         """
         offsets_m, limits_m = ideal.offsets_m(self._weights), ideal.limits_m()
         limit_rad = ideal.targets[0].phase_limit_rad
@@ -210,9 +211,11 @@ class SeveralFociFrame:
         return None, None
 
     def _judge_of_host(self, ideal: IdealFrameDrive, host: ToleratedHost) -> _Findings:
-        """Return the findings, with the drive of *host*, shifted foci in other air, as the ideal.
+        """Return the findings about the latched drive, against what *host* would have sent.
 
-        Peaks of several foci may move further than the host is off; smaller misses do not show.
+        *host* shifts the foci and assumes other air. Peaks of several foci may move further than
+        the foci of the host, so that smaller misses do not show. A host beyond the tolerance fails
+        S2.
         """
         # Foci far apart: what hardly turns the phases of their sum may change its amplitudes much.
         tolerated = ideal.tolerated_amplitudes if ideal.has_amplitudes else 0.0
@@ -301,9 +304,10 @@ class SeveralFociFrame:
 
 
 def _relative_errors(fit: FociFit, limit_rad: float, slack_rad: tuple[float, float]) -> FloatArray:
-    """Return (N,) phase errors, as a share of what rounding and tolerance allow: 1 is the limit.
+    """Return (N,) phase errors divided by what rounding and tolerance allow: 1 is the limit.
 
-    *slack_rad* is what an element may add for all its waves, and what each wave may add.
+    *limit_rad* is the phase limit of an element. *slack_rad* is what may be added for an element as
+    a whole, and for each of the waves (one from each focus) of which its drive is the sum.
     """
     scatter_rad, aberration_rad = slack_rad
     most = fit.limits_rad * (1.0 + scatter_rad / limit_rad) + fit.wave_limits * aberration_rad
@@ -321,7 +325,10 @@ def _frame_foci_limits_m(ideal: IdealFrameDrive, fit: FociFit) -> list[FloatArra
 
 
 def _are_frame_peaks_sharp(ideal: IdealFrameDrive, limits_m: Sequence[FloatArray]) -> bool:
-    """Return True if each limit lies in the lobe of its focus, 1.8 rad of phase: a proof."""
+    """Return True if each limit (3,) in m is within its focus's lobe: 1.8 rad of phase (RMS).
+
+    Then a fitted focus beyond its limit is a proven miss.
+    """
     return all(
         target.direction(np.eye(3)).length_rad(limit_m) <= WITHIN_LOBE_RAD
         for target, limit_m in zip(ideal.placed, limits_m, strict=True)
@@ -353,9 +360,10 @@ def _frame_without_place(ideal: IdealFrameDrive) -> Iterator[str]:
 
 
 def _solver_failure(levels: IdealFociLevels, intended: Intended) -> Iterator[str]:
-    """Yield one finding if a solver other than "naive" did not make the foci; else nothing.
+    """Yield one finding if the solver did not make the foci; nothing for the solver "naive".
 
-    Made are they with an efficiency of 0.25, and the weakest at 0.2 of their mean, at least.
+    Foci are made if the solver's efficiency is at least 0.25 and the weakest focus has at least 0.2
+    of their mean pressure.
     """
     if intended.solver != "naive" and not levels.made:
         yield (

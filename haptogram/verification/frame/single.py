@@ -221,10 +221,10 @@ class SingleFocusFrame:
         return () if fault is None else (fault,)
 
     def _outliers(self, found: acoustics.NotSingle, faults: tuple[str, ...]) -> tuple[str, ...]:
-        """Name elements out of step with the focus of the others; () if none, or with *faults*.
+        """Name the outliers of *found*: elements that do not fit the focus of the others.
 
-        Either the codes themselves are out of step, for these elements in this air, or something
-        else was radiated than the codes say.
+        The text says if the latched phases are out of step, or only what was radiated. () if
+        *found* has no outliers, or *faults* names a fault already.
         """
         if faults or not found.outliers:
             return ()
@@ -303,7 +303,11 @@ def _focus_miss(
 
 
 def _peak_miss(target: FrameTarget, latched: ComplexArray) -> dict[str, Any]:
-    """Return the peak's distance in mm across and along the beam; {} unless both are found."""
+    """Return how many mm the pressure peak is off across and along the beam, as verdict fields.
+
+    The distance is that to the peak of the ideal drive; {} unless there is a peak in both
+    directions.
+    """
     offsets = [
         offset_m @ peak.direction.axes
         for peak in target.peaks

@@ -333,7 +333,10 @@ def scale_of_tolerance(tolerance: Tolerance, model: AcousticModel) -> FloatArray
 
 
 def _tolerated_shares(share: FloatArray) -> FloatArray:
-    """Return *share* (4,) with its place (3) shortened to length 1, and its air cut to ±1."""
+    """Return *share* (4,), parts of the tolerance that a host uses up, cut to what is tolerated.
+
+    The first three (miss along x, y, z) are shortened to length 1, the last (air) is cut to ±1.
+    """
     length = max(1.0, float(np.linalg.norm(share[:3])))
     return np.append(share[:3] / length, np.clip(share[3], -1.0, 1.0))
 

@@ -284,9 +284,10 @@ class _PinJudge:
         return True
 
     def _is_beyond_chance(self, judged: Bools) -> bool:
-        """Return True if at least 2 more pins or drives agree with the run than do by chance.
+        """Return True if the pins agree with the run more often than any capture would by chance.
 
-        Any two pins that sound agree with a run in one phase, and a pin with itself in one drive.
+        So it is if all are right in all frames. Else 2 agreements are needed beyond one pin and one
+        drive for each pin: further pins that fit, or further drives that a pin shows.
         """
         drives, run = self.shown.drives, self.run
         frames = np.flatnonzero(judged)
@@ -345,7 +346,10 @@ class _PinJudge:
         return fitting if fitting.sum() >= fewest else None
 
     def _likely_mistakes(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-        """Yield mistakes that all pins may share (sign, order of chains), with codes (F, N)."""
+        """Yield mistakes that all pins may share, each with the phase codes (F, N) that it makes.
+
+        They are the opposite sign, and chains of 8, 16 or 32 elements in reverse order.
+        """
         phases = self.run.phases
         yield "every captured pin has the opposite sign of the phase", np.negative(phases)
         numbers = np.arange(phases.shape[1])
@@ -359,15 +363,16 @@ class _PinJudge:
                 )
 
     def _shows_other_phases(self, phases: NDArray[np.uint8]) -> bool:
-        """Return True if the pins show the run with the codes *phases* (F, N): 90 % are right."""
+        """Return True if the pins show the run with phase codes *phases* (F, N): 90 % are right."""
         turned = dataclasses.replace(self.run, phases=phases)
         shown = frames_shown_by_pins(self.record, turned, self.offset)
         return bool(shown.seen.any()) and float(shown.right[shown.seen].mean()) >= _NEARLY_ALL
 
     def _name_faults(self, judged: Bools) -> Bools:
-        """Name the faults of pins; return a mask (F,) of frames in which single pins were judged.
+        """Add the faults of pins as findings, in the frames of the mask *judged* (F,).
 
-        Frames in which most pins are wrong are findings of their own, and left out of it.
+        A frame in which most pins are wrong is a finding of its own. Returned is the mask (F,) of
+        the other frames, in which each pin was judged alone.
         """
         drives, right = self.shown.drives, self.shown.right
         count = len(self.run.elements)
@@ -547,9 +552,11 @@ class _PinJudge:
         end: EndOfSound,
         levels: LevelsInTime | None,
     ) -> PinVerdict:
-        """Return the verdict: FAIL with findings, else INCONCLUSIVE with gaps, else PASS.
+        """Return the verdict: FAIL with findings, else INCONCLUSIVE if data is missing, else PASS.
 
-        *judged* is a mask (F,); *levels* None: the amplitudes in time are not known.
+        *judged* is the mask (F,) of judged frames, *counts* numbers of frames by kind, *end* the
+        silence after the run, *levels* the amplitudes in the course of time; None: they are not
+        known.
         """
         if self.record.cut:
             self.missing.append(f"the capture was cut off: {self.record.cut}")

@@ -81,7 +81,7 @@ def _share_pin_element(
     seen_b: Sequence[int],
     amplitudes: np.ndarray,
 ) -> bool:
-    """Return True if a sounding element is in both captures, right in all of their frames.
+    """Return True if captures *a* and *b* share an element that sounds and is right in all frames.
 
     *seen_a*, *seen_b* are the frames of one drive in each, *amplitudes* (N,) its codes.
     """
@@ -115,7 +115,7 @@ def _pin_phase_lines(
 ) -> Iterator[str]:
     """Yield a line for each pair of captures whose common phases differ.
 
-    *apart* has the number of such frames by pair, *worst_rad* the largest difference.
+    By pair, *apart* has the number of such frames (of *count*), *worst_rad* the largest difference.
     """
     for (a, b), frames in apart.items():
         names = f"{pins[a].name} and {pins[b].name}"

@@ -180,9 +180,10 @@ class _AlignedPins:
 def _last_frame_end(
     record: PinRecord, run: PinRunDrives, starts: FloatArray, ends: FloatArray
 ) -> float:
-    """Return until when (in periods) the last frame must be shown: half of it, or all pins' end.
+    """Return until when, in periods, the pins must show the last frame: its middle.
 
-    The host may mute in its second half.
+    If all fall silent before that, but after showing it, one period before they do: the host may
+    have muted.
     """
     middle = float(starts[-1] + ends[-1]) / 2.0
     pins = [record.pins[element] for element in run.elements]

@@ -102,7 +102,7 @@ class DefectFinder:
     # --- one latch -------------------------------------------------------------------------------
 
     def _shown(self, latch: SeenLatch, pattern: Pattern) -> Iterator[Defect]:
-        """Yield the defects of a drive, if any: stray channels, amplitudes as phases, silence."""
+        """Yield the defects of a drive: stray channels, amplitudes as phases, silent elements."""
         if latch.stray:
             self._stray.update(latch.stray)
             yield Defect.STRAY_CHANNELS
@@ -342,15 +342,19 @@ class FrameDefects:
 
     @property
     def _may_be_of_another_array(self) -> bool:
-        """Return True if torn frames, all of another size, suggest that another array was meant."""
+        """Return True if torn frames suggest that the client sends for an array of another size.
+
+        So it is if the board remarked on frames of another size, and none was whole.
+        """
         is_torn = Defect.BYTES_LOST in self._of_client.latches
         sizes = About.OTHER_SIZE in self._about and not self._has_whole
         return is_torn and sizes and About.OTHER_ARRAY not in self._about
 
     def _so_far(self) -> _FoundDefects:
-        """Return the defects of the wire until now, without those that a wrong array explains.
+        """Return the defects found until now in the drives and in the client's frames.
 
-        Those of a client's frames are left out if the bytes were not for this board.
+        Bytes lost in a frame are left out if the client sends for another array, as that explains
+        them. If its bytes were not for this board, all defects of its frames are left out.
         """
         found, of_client = _FoundDefects(), self._of_client
         found.extend(self._judged)

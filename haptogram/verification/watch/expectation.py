@@ -267,7 +267,7 @@ class ExpectedOrder:
                 yield ahead
 
     def _skip(self, ahead: int, number: int) -> None:
-        """Advance the order by *ahead*; a positive one counts as frames missing before *number*."""
+        """Advance the order by *ahead*: if positive, frames missing before the latch *number*."""
         self._next += ahead
         if ahead > 0:
             self._missing += ahead

@@ -137,9 +137,10 @@ class MistakeFit:
     def _unexplained_variance(
         self, frame: int, residual: FloatArray, used: BoolArray, found: MistakeParameters
     ) -> float:
-        """Return the part of a frame's *residual* (N,) that place and speed still explain.
+        """Return how much of a frame's phase errors another place and speed could still explain.
 
-        It is in variances of rounding, for each fitted unknown: 1 is what rounding alone leaves.
+        *residual* (N,) has the errors in rad, *found* the place and speed so far. The unit is the
+        variance by rounding, for each unknown that is fitted: 1 is what rounding alone leaves.
         """
         slopes = self._slopes(frame, found)[used]
         slopes = slopes - slopes.mean(axis=0)
@@ -151,7 +152,11 @@ class MistakeFit:
         return float(explained @ explained / variance / kept.shape[1])
 
     def _is_beyond_chance(self, used: BoolArray, rms: FloatArray, right: BoolArray) -> bool:
-        """Return True if all frames of *right* agree with a chance below 1 in 10 million."""
+        """Return True if chance makes phases fit so well in less than 1 of 10 million cases.
+
+        Counted are the frames of the mask *right* (T,), with elements *used* (T, N) and errors
+        *rms* (T,) in rad.
+        """
         chances = [
             log_chance(int(self._sounding[t].sum()), int(used[t].sum()), rms[t], step, UNKNOWNS)
             for t, step in enumerate(self._steps)
@@ -178,9 +183,10 @@ class MistakeFit:
         return float(np.median(sums))
 
     def _residual(self, share: float, shift: FloatArray) -> FloatArray:
-        """Return (T, N) phase errors in rad at foci moved by *shift* (3,), in m.
+        """Return (T, N) phase errors in rad, against foci that are moved by *shift* (3,) in m.
 
-        The wavenumber is larger by *share*; what is common to a frame is taken away.
+        The wavenumber is larger by *share* (0.01: 1 %); what all elements of a frame have in common
+        is taken away.
         """
         arrival = self._phases + self._k * (1.0 + share) * self._distances(shift)
         common = np.angle((np.exp(1j * arrival) * self._sounding).sum(axis=1))
@@ -203,9 +209,10 @@ class MistakeFit:
     def _settled(
         self, share: float, shift: FloatArray, free: tuple[bool, bool]
     ) -> MistakeParameters:
-        """Return speed error and shift after 6 Gauss-Newton steps; *free*: which of both change.
+        """Return speed error and shift (m) after 6 Gauss-Newton steps from *share* and *shift*.
 
-        It is not near if they leave 4.5 % or 30 mm.
+        *free* tells which of both are fitted. Once they exceed 4.5 % or 30 mm the fit stops, and
+        its result is marked with is_near False.
         """
         columns = [*([0] if free[0] else []), *([1, 2, 3] if free[1] else [])]
         for _ in range(_ROUNDS):
@@ -337,9 +344,10 @@ class ClientMistakes:
         return None
 
     def _is_beyond(self, best: float, rival: float) -> bool:
-        """Return True if the score *rival* rules it out against *best*: 2.5 times it, and over 4.
+        """Return True if the hypothesis of score *best* rules out the one of score *rival*.
 
-        Where *best* is mere rounding (up to 1.3), 6 standard deviations between them also do.
+        It does if *rival* is at least 2.5 times *best*, and 4. Where *best* is mere rounding (up to
+        1.3), 6 standard deviations between them also do.
         """
         unlikely = math.sqrt(UNKNOWNS * len(self._targets) * max(0.0, rival**2 - best**2))
         is_clear = best <= _IS_NOISE and unlikely >= _BETTER
@@ -367,12 +375,11 @@ class ClientMistakes:
     def _score(
         self, what: Rearrangement, *, speed: bool = False, shift: bool = False
     ) -> tuple[float, tuple[Part, ...]]:
-        """Return by how many standard deviations of rounding a hypothesis is off, and its names.
+        """Return the score of a hypothesis on the client's mistake, and the names of its parts.
 
-        Parameters
-        ----------
-        speed, shift : bool
-            Whether the client may assume another speed of sound, and another origin.
+        The score is how far the phases are off it, in standard deviations of rounding. *what* is a
+        rearrangement, such as of channels, sign or axes; *speed*, *shift*: another speed of sound,
+        another origin are fitted too.
         """
         phases = what.sign * self._phases[:, what.index] + what.added_rad
         places = what.move(self._targets)
@@ -389,7 +396,7 @@ class ClientMistakes:
         return fit.misfit(solved), parts
 
     def _speed_text(self, share: float) -> str:
-        """Return the sound speed that the client assumes, 1 + *share* times slower, and its air."""
+        """Return the text on the sound speed that the client assumes: the real / (1 + *share*)."""
         here = self._model.medium.sound_speed_m_s
         assumed = here / (1.0 + share)
         air_c = air_temperature_c(assumed)
@@ -407,5 +414,8 @@ def _sorted(
 
 
 def _key(parts: tuple[Part, ...]) -> tuple[tuple[Defect, str], ...]:
-    """Return the defects and their texts as a key; for axes and speed, which have figures, ""."""
+    """Return the (defect, text) pairs without figures, so that equal mistakes compare equal.
+
+    Text is "" for shifted axes and speed of sound, which have figures.
+    """
     return tuple((d, "" if d in (Defect.AXES, Defect.SPEED) else text) for d, text in parts)

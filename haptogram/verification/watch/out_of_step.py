@@ -138,9 +138,9 @@ class CommonLosses:
         return place, arrival_at_point(self._model, weights, place)[0]
 
     def _phase_errors(self, weights: ComplexArray, near_m: Vector) -> tuple[BoolArray, FloatArray]:
-        """Return a mask (N,) of sounding elements, and their errors (rad) to a focus near *near_m*.
+        """Return a mask (N,) of sounding elements, and (M,) the phase errors in rad of these M.
 
-        The speed of sound is fitted too.
+        The errors are to a focus near *near_m*, fitted with the speed of sound.
         """
         array, radiated = self._model.array, self._model.radiated(weights)
         active = np.abs(radiated) > _SOUNDING

@@ -120,7 +120,11 @@ class _CoordinateTurns:
         )
 
     def _orders(self) -> Iterator[tuple[str, FloatArray]]:
-        """Yield mirrorings and rotations in the array's plane, as names and matrices (3, 3)."""
+        """Yield 7 orders of the elements in the array's plane, as names and matrices (3, 3).
+
+        Either axis mirrored, both (180 degrees), axes exchanged, exchanged and mirrored, 90 and 270
+        degrees; not the identity.
+        """
         a, b = ("xyz"[axis] for axis in self._plane)
         for text, values in (
             (f"{a} mirrored", ((-1, 0), (0, 1))),
@@ -136,7 +140,10 @@ class _CoordinateTurns:
             yield text, matrix
 
     def _around(self, matrix: FloatArray, centre_m: FloatArray) -> Callable[[Places], Places]:
-        """Return a function that turns places by *matrix*, in client axes, about *centre_m*."""
+        """Return a function that maps places (T, 3) in m by *matrix* (3, 3), with *centre_m* fixed.
+
+        *matrix* acts on coordinates in the client's axes.
+        """
         axes = self._axes.T @ self._array.axes
         turn = axes.T @ matrix @ axes
         return lambda places: centre_m + (places - centre_m) @ turn.T
@@ -153,9 +160,11 @@ def _axes_text(order: Sequence[int]) -> str:
 def _other_channels(
     model: AcousticModel, boards: NDArray[np.intp], axes: FloatArray
 ) -> Iterator[tuple[str, NDArray[np.intp]]]:
-    """Yield mistaken channel maps by name: the channel of each element.
+    """Yield mistakes in the map from elements to channels: name, and the channel used (N,).
 
-    *boards* (B, C) has the channels of each board, *axes* (3, 3) those of the client.
+    Channels off by 1 to 4 either way, two of up to 4 boards exchanged, and a map by rows or columns
+    applied twice, not at all or backwards. *boards* (B, C) has the channels of each board, *axes*
+    (3, 3) are the client's.
     """
     same = boards.ravel()
     for roll in range(1, _MOST_ROLL + 1):

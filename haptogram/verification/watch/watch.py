@@ -171,7 +171,7 @@ class Watch:
         return verdict
 
     def _aim(self, latch: SeenLatch, pattern: Pattern, target_m: FloatArray) -> Aim:
-        """Return the intended focus with the latched phases, and the focus found; None if none."""
+        """Return the target, the radiated phases, and the found focus's place (None: no focus)."""
         weights = np.where(np.isfinite(latch.weights), latch.weights, 0.0)
         radiated = self._model.radiated(weights)
         phases = np.where(np.abs(radiated) > _SOUNDING, np.angle(radiated), np.nan)

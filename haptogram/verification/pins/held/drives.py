@@ -184,9 +184,10 @@ def _changes_of_pin(pin: PinPulses, record: PinRecord) -> tuple[FloatArray, Floa
 def _latch_of_changes(
     after: FloatArray, before: FloatArray, owners: _Ints, limit: float
 ) -> PinLatch:
-    """Return one latch of a group of pin changes: begin, end, pins, those over *limit* late.
+    """Return the latch of one group of C pin changes.
 
-    *after*, *before* (C,) are the earliest and latest times in periods, *owners* (C,) the pins.
+    *after* and *before* (C,) are their earliest and latest times in periods, *owners* (C,) the pin
+    of each. A pin is late if it changed more than *limit* periods after the first.
     """
     places, firsts, counts = np.unique(owners, return_index=True, return_counts=True)
     begin = float(before[firsts].min())
@@ -254,10 +255,11 @@ def _joined_latch(latches: list[PinLatch]) -> PinLatch:
 def _measured_held_drives(
     record: PinRecord, pins: list[PinPulses], lows: FloatArray, highs: FloatArray
 ) -> tuple[ComplexArray, FloatArray, FloatArray, FloatArray]:
-    """Return (S, E) weights, duties, pulse distances and jitters (turns) in each stretch.
+    """Return (S, E) what E pins show in S stretches, each from *lows* to *highs* (S,).
 
-    A stretch is from *lows* to *highs* (S,), in periods; its whole pulses count. Without pulses the
-    weight is 0 and the distance NaN.
+    These are weights (amplitude and phase against the reference, complex), duties (share of a
+    period), distances of successive pulses in periods, and jitters of their centres in turns. Whole
+    pulses count; without any the weight is 0 and the distance NaN. All times are in periods.
     """
     shape = len(lows), len(pins)
     weights = np.zeros(shape, np.complex128)

@@ -60,7 +60,8 @@ def matched_drives(held: HeldDrives, meant: ComplexArray) -> tuple[_Ints, _Ints]
 def _drive_correlations(seen: ComplexArray, meant: ComplexArray) -> Iterator[FloatArray]:
     """Yield (S, F) correlations, -1 to 1, of drives *seen* (S, E) and frames *meant* (F, E).
 
-    There is one table for each of the 4 likeliest phases that all drives share.
+    There are 4 tables, each with another phase taken off that all drives share: that of the shifts
+    between *seen* and *meant* with the greatest summed correlation.
     """
     sizes = np.linalg.norm(seen, axis=1)[:, None] * np.linalg.norm(meant, axis=1)
     both = (seen @ np.conj(meant).T) / np.where(sizes > 0.0, sizes, 1.0)
@@ -145,9 +146,9 @@ def frames_at_held_drives(
 
 
 def _pair_in_order(seen: ComplexArray, meant: ComplexArray) -> _Ints:
-    """Return (K, 2) index pairs of sounding drives and frames, from the last of both backwards.
+    """Return (K, 2) index pairs of sounding drives and frames: last with last, and so on back.
 
-    (0, 0) alone if nothing sounds.
+    K is the smaller number of both. Only the pair (0, 0) if one has nothing that sounds.
     """
     sounding = np.flatnonzero(seen.any(axis=1))
     frames = np.flatnonzero(meant.any(axis=1))
