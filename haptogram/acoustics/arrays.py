@@ -50,7 +50,10 @@ def as_float_array(name: str, values: ArrayLike) -> FloatArray:
 
 
 def _as_argument_array(name: str, values: ArrayLike, kind: type[_Kind]) -> NDArray[_Kind]:
-    """Return *values* as an array of *kind*; raise ConfigurationError, naming *name*, if none."""
+    """Return *values* as an array of *kind*, if they can be converted.
+
+    Else a ConfigurationError names the argument *name*.
+    """
     try:
         return np.asarray(values, dtype=kind)
     except (TypeError, ValueError) as error:

@@ -346,7 +346,11 @@ class _StreamRun:
         self._link.run_until(end_ns)
 
     def _read_status(self) -> None:
-        """Adapt safety margin and lead to the margins of a new STATUS; each is used once."""
+        """Adapt safety margin and lead to the least margin of stream frames in a new STATUS.
+
+        The margin is t_apply less the time at which a frame was ready at the board. Each STATUS is
+        used once.
+        """
         status = self._status()
         if status is None or status is self._seen:
             return

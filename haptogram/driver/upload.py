@@ -162,7 +162,11 @@ def _may_send_chunk(link: Link, size: int) -> bool:
 
 
 def _next_chunk_turn_ns(link: Link, size: int, *, all_sent: bool) -> int:
-    """Return the host time to look for answers again or, with chunks left, for room."""
+    """Return the host time of the next look: for answers in 100 ms, or when a chunk has room.
+
+    For answers, if all chunks are sent or the window is full. Room: at most *size* unsent bytes are
+    on the line.
+    """
     now_ns = link.now_ns()
     if all_sent or link.connection.chunks_free == 0:
         return now_ns + _TURN_NS

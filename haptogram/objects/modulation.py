@@ -148,10 +148,10 @@ class Modulation:
         )
 
     def _seamless(self, count: int, rate_hz: float) -> tuple[int, float]:
-        """Return how often *count* frames repeat until the modulation closes, and its frequency.
+        """Return how often *count* frames repeat until whole periods have passed; the frequency.
 
-        The frequency (Hz) is the one asked for, rounded so that whole periods fit. Raises if that
-        takes more than MAX_FRAMES frames.
+        The frequency (Hz) is the one asked for, rounded so that whole periods fit. Raises
+        ConfigurationError if that takes more than MAX_FRAMES frames.
         """
         frequency_hz = _check_modulation_frequency(self.frequency_hz, rate_hz)
         most = MAX_FRAMES // count
@@ -377,7 +377,10 @@ class FeltSignal:
 
     @property
     def _varying_pa(self) -> FloatArray:
-        """Return the amplitudes (Pa) of spectral lines, 0 for the mean and what is 1e-12 of it."""
+        """Return the amplitudes (Pa) of spectral lines, with 0 for the mean and rounding errors.
+
+        Those are lines up to 1e-12 of the mean.
+        """
         heard = self.amplitude_pa > _ROUNDING * self.amplitude_pa[0]
         heard[0] = False
         return np.where(heard, self.amplitude_pa, 0.0)

@@ -379,7 +379,10 @@ def _check_element_spacing(positions: FloatArray) -> None:
 
 
 def _read_position_rows(path: Path) -> list[list[float]]:
-    """Return the rows of a CSV file of positions, with normals if the header has them."""
+    """Return the rows below the header of a CSV file: positions, and normals if the header has any.
+
+    Raises ConfigurationError for another header or none, and if no row follows.
+    """
     lines = read_element_rows(path, "array")
     if not lines:
         raise ConfigurationError(f"{path}: no elements")

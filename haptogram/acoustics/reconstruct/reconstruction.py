@@ -291,7 +291,11 @@ class Reconstructor:
     def _as_radiated_drive(
         self, given: ArrayLike, step_rad: float, slack_rad: float
     ) -> _ReconstructedDrive | NoFocus:
-        """Return phases and active elements of the weights; NoFocus if none exceeds 1e-6."""
+        """Return phases and active elements of weights (N,); NoFocus if none exceeds 1e-6.
+
+        *step_rad*: the step of the phases; *slack_rad*: RMS residual that a focus may leave beyond
+        half of it.
+        """
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
         weights = as_weights(given)
         if weights.shape != (self._model.array.count,):
@@ -484,7 +488,10 @@ class Reconstructor:
     def _not_single(
         self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _ReconstructedDrive
     ) -> NotSingle:
-        """Return the loudest of *starts* and the points tried, and the fits' least residual."""
+        """Return a NotSingle at the loudest of *starts* and tried points; with the least residual.
+
+        The residual is the least RMS of the fits *tried*.
+        """
         points = [fit.position_m for fit in tried if self._is_reachable(fit.position_m)] + starts
         loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
         loudest = points[int(loudness.argmax())]

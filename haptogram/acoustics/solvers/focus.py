@@ -89,7 +89,7 @@ def check_focus_targets(model: AcousticModel, targets_m: FloatArray) -> None:
 
 
 def _coordinate_names(model: AcousticModel) -> list[str]:
-    """Return what errors call x, y and z; for a rotated array the names give its axes."""
+    """Return the names of x, y, z for errors; those of a rotated array include its three axes."""
     names = ["offset |x|", "offset |y|", "height z"]
     if model.array.is_upright:
         return names

@@ -149,7 +149,10 @@ def frame_weights(model: AcousticModel, foci: Sequence[Focus], method: Method) -
 def _iterative_backpropagation(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return *drive* (N,) after *rounds* of back-propagated *wanted* levels, clipped to 1."""
+    """Return *drive* (N,) after *rounds* of iterative back-propagation, magnitudes clipped to 1.
+
+    *matrix* (F, N): propagators to the foci; *wanted* (F,): their levels, set anew in each round.
+    """
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     scale = _reachable_foci_levels(matrix, wanted)
     for _ in range(rounds):
@@ -160,7 +163,10 @@ def _iterative_backpropagation(
 def _gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return *drive* (N,) after *rounds* between foci of *wanted* levels and full elements."""
+    """Return *drive* (N,) after *rounds* of Gerchberg and Saxton, all elements at full amplitude.
+
+    *matrix* (F, N): propagators to the foci; *wanted* (F,): their levels, set anew in each round.
+    """
     for _ in range(rounds):
         drive = _solver_phasor(matrix.conj().T @ (wanted * _solver_phasor(matrix @ drive)))
     return drive
@@ -169,7 +175,10 @@ def _gerchberg_saxton(
 def _weighted_gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return *drive* (N,) after *rounds* of Gerchberg and Saxton, weighted to even out foci."""
+    """Return *drive* (N,) after *rounds* of Gerchberg and Saxton, weighted to even out foci.
+
+    *matrix* (F, N): propagators to the foci; *wanted* (F,): their levels.
+    """
     kernels = load_kernels()
     if kernels is None:
         return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
@@ -185,7 +194,10 @@ def _weighted_gerchberg_saxton(
 def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
-    """Return the drive (N,) from compiled code; None unless parallel pistons reach all *points*."""
+    """Return the drive (N,) by Gerchberg and Saxton in compiled code, for foci of *wanted* levels.
+
+    None unless the array is of parallel pistons, below all *points* and each heard there.
+    """
     pistons = _pistons_to_solve(model)
     if pistons is None:
         return None
@@ -257,7 +269,8 @@ def _gradient_solver(
 ) -> ComplexArray:
     """Return the drive (N,) whose phases, from *drive*'s on, minimise the squared errors of |p|.
 
-    By L-BFGS in at most *rounds* steps; all elements are full.
+    An error is |p| at a focus less its *wanted* level, scaled to full power. By L-BFGS in at most
+    *rounds* steps; all elements are full.
     """
     from scipy.optimize import minimize  # slow to import, and only this solver needs it
 

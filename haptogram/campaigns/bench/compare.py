@@ -118,7 +118,7 @@ def _bench_change(
 
 
 def _bench_error_us(values: list[float]) -> float:
-    """Return the standard error of the median, robust against single stalls."""
+    """Return the standard error of the median of *values* (µs), by their median deviation."""
     deviation = float(np.median(np.abs(np.array(values) - np.median(values))))
     return _MEDIAN_LOSS * _MAD_TO_SIGMA * deviation / math.sqrt(len(values))
 

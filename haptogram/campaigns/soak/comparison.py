@@ -122,11 +122,11 @@ class SoakComparison:
         return frames
 
     def _judge(self, verdict: int | str, t_ns: int, up_free_ns: int) -> bool:
-        """Report if the board took or dropped a frame unlike the model, at *t_ns*.
+        """Report a violation if the board did to a frame, at *t_ns*, what its model does not.
 
-        *verdict*: the number of the frame that it took, or what else it made of a frame.
-        *up_free_ns*: when the line to the host is free. Returns True if the frame, a HELLO or MUTE,
-        ends the output.
+        *verdict*: the number of the stream frame that the board took, or a text: a request taken,
+        or why it dropped the frame. *up_free_ns*: when the line to the host is free. Returns True
+        for a HELLO or MUTE that was due to be taken, which ends the output.
         """
         sent = self._line.next_sent(verdict)
         if sent is None:

@@ -164,7 +164,8 @@ class Link:
     def _write_some(self, data: bytes, now_ns: int) -> None:
         """Write as many bytes as the transport takes, keep the rest; raise if it takes none.
 
-        It raises LinkLostError after the timeout. Silences of 20 ms or more before are noted.
+        It raises LinkLostError after the timeout. If nothing was written for 20 ms or more before,
+        start and end of that silence go into `silences_ns`.
         """
         written = self._transport.write_some(data)
         self._unwritten = data[written:]
@@ -318,7 +319,10 @@ class Link:
             )
 
     def _message(self, outcome: _Outcome | None, reply: type[_M]) -> _M:
-        """Return the message of a reply; raise if *outcome* is a timeout, a refusal or None."""
+        """Return the message of a reply; raise DeviceError for a refusal, else NoAnswerError.
+
+        *outcome*: reply, refusal or timeout of a request; None if a MUTE made it void.
+        """
         if outcome is None:
             raise errors.NoAnswerError(f"{self.url}: a request was given up for a MUTE")
         if isinstance(outcome, RequestTimedOut):

@@ -180,7 +180,7 @@ class ClockEstimate:
         self._samples.clear()
 
     def _follow_drift(self) -> None:
-        """Fit the drift; use it where it is known better than by the declared limit."""
+        """Fit the drift; use it where it is known better than by the declared limit (ppm)."""
         self._drift = fit_clock_drift(self._samples)
         growth_ppm = self._drift.uncertainty_ppm + _WANDER_PPM
         known = growth_ppm < self._ppm
@@ -247,7 +247,10 @@ class ClockEstimate:
 
     @property
     def _chosen(self) -> ClockSample:
-        """Return the best clock sample; raise without any."""
+        """Return the clock sample of the least uncertainty; raise NoAnswerError without any.
+
+        The error says that no ping was answered yet.
+        """
         if self._best is None:
             raise NoAnswerError("the device clock is not known: no ping was answered yet")
         return self._best

@@ -292,7 +292,10 @@ class NumbaEngine:
         return polar
 
     def _waves(self, points: FloatArray) -> SingleArray:
-        """Return (2, N, M): real and imaginary part of each of N elements' wave at M points."""
+        """Return (2, N, M): real and imaginary part (Pa) of each of N elements' wave at M points.
+
+        Every element is at full amplitude, its phase 0.
+        """
         layout, points = self._layout, _writeable_for_engine(points)
         size = (len(points) + 15) // 16 * 16
         waves = np.empty((2, self._model.array.count, size), dtype=np.float32)

@@ -195,7 +195,7 @@ class _UltrainoReader:
 def _carry_out_ultraino_call(attributes: dict[str, str], arguments: list[Any], target: Any) -> Any:
     """Set or get a property of *target*, or add to it; return what a getter returns, else None.
 
-    A name as *target* is a public field of the first argument.
+    A *target* that is a text names a public field, which is set or got of the first argument.
     """
     method = attributes.get("method")
     if isinstance(target, str) and arguments and isinstance(arguments[0], _UltrainoObject):

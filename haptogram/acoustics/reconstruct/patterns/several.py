@@ -148,7 +148,10 @@ def _foci_fit_or_none(
     active: BoolArray,
     limit_rad: float,
 ) -> FociFit | None:
-    """Fit several foci; return None if the problem is singular."""
+    """Return a fit of foci, from *places* (F, 3) on, to the phases of *drive*; None if singular.
+
+    *limit_rad*: the phase error for which the fit states the bounds of the places.
+    """
     try:
         return fit_foci(model, waves, places, drive, active, limit_rad)
     except np.linalg.LinAlgError:  # an SVD that does not converge: no fit

@@ -103,10 +103,11 @@ def _coherent_phase_kernel(phases: Any, places: Any, x: Any, y: Any, z: Any) -> 
 def _normal_equations_kernel(
     phases: Any, places: Any, x: Any, y: Any, z: Any, common: Any, sums: Any
 ) -> Any:
-    """Set *sums* (14,) over the elements, from which a step of the fit at x, y, z follows.
+    """Set *sums* (14,): sums over the elements from which a step of the fit at x, y, z follows.
 
-    Slopes are less that at the origin, errors in turns: six products of slopes, three slopes, the
-    error, three products of slope and error, the squared error. *common*: the phase they have all.
+    Slopes are unit vectors to the point, less that from the origin; e is the phase in which a wave
+    arrives less *common*, in turns. In order: six products of slopes, three slopes, e, three
+    products of slope and e, e^2.
     """
     r0 = np.sqrt(x * x + y * y + z * z)
     cx, cy, cz = x / r0, y / r0, z / r0

@@ -62,7 +62,10 @@ def foci_waves_kernel(
 
 @jit_sums
 def _arrivals_kernel(places: F8, x: float, y: float, z: float, medium: F8, waves: F8) -> None:
-    """Set *waves* (3, N), those of each element at a point: real and imaginary part, magnitude."""
+    """Set *waves* (3, N), each element's wave (Pa) at a point: real and imaginary part, magnitude.
+
+    *places* (4, N), in m, and *medium* (8,) are those of :mod:`.pistons`; *x*, *y*, *z* are in m.
+    """
     for n in range(waves.shape[1]):
         dx, dy, dz = x - places[0, n], y - places[1, n], z - places[2, n]
         distance, _, size = wave_kernel(dx, dy, dz, medium)
