@@ -82,7 +82,7 @@ def check_array_magnitudes(
 
 
 def _check_finite_array(name: str, array: NDArray[np.generic]) -> None:
-    """Raise, naming the first one, if *array* holds a NaN or an infinity."""
+    """Raise ConfigurationError for the first NaN or infinity in *array*; it names *name*, index."""
     finite = np.isfinite(array)
     if np.count_nonzero(finite) < finite.size:  # a tenth of the time of all() for a small array
         index = tuple(int(i) for i in np.argwhere(~finite)[0])

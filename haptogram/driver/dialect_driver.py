@@ -369,9 +369,9 @@ class DialectDriver(ClosedByWith):
         return seen
 
     def _wake(self) -> None:
-        """Send silence first, if half of the time has passed in which idle boards forget the host.
+        """Send silence first if the boards were idle for half the time after which they lose bytes.
 
-        Boards that were idle for all of that time may lose the beginning of a frame.
+        Boards that were idle for all of that time may lose the beginning of the next frame.
         """
         silent_ns = self._line.now_ns() - self._shown_ns
         if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:

@@ -139,9 +139,9 @@ class DriverTraceReader:
         )
 
     def _drive(self, data: bytes) -> Drive:
-        """Return the drive of N phase codes and N amplitude codes; raise unless it is whole.
+        """Return the drive of N phase codes and N amplitude codes in *data*.
 
-        N must be the number of the board's transducers.
+        Raises WrongProtocolError unless N is the number of the board's transducers.
         """
         codes = np.frombuffer(data, dtype=np.uint8)
         count = len(codes) // 2
@@ -254,10 +254,10 @@ class SessionControl:
         return status
 
     def _hold_ends_before(self, first_us: int, status: messages.StatusReply) -> bool:
-        """Return True if the current hold may expire before the first frame latches.
+        """Return True if the hold that runs now may expire before the first frame latches.
 
-        The frame is due *first_us* µs from now. It may be late by half of that, and by 2 ms or a
-        quarter of the hold, whichever is less, if that is longer.
+        The frame is due *first_us* µs from now. It may be late by half of that or, if that is
+        longer, by the lesser of 2 ms and a quarter of the hold.
         """
         if status.state is not OutputState.ARMED or not status.counters.latched:
             return False

@@ -221,7 +221,8 @@ class Streamer:
     def _start_us(self, schedule: Schedule, count: int) -> int:
         """Return the device time of the first frame: after preparation and lead, on the carrier.
 
-        Not before frames that an earlier stream has queued, unless the clock has jumped since.
+        In µs, at the beginning of a carrier period. Not before frames that an earlier stream has
+        queued, unless the clock has jumped since.
         """
         begin_ns = self.link.now_ns() + stream_preparation_ns(count)
         begin_us = self.pinger.clock.to_device_us(begin_ns)

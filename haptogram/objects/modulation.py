@@ -136,7 +136,7 @@ class Modulation:
     def _along(self, path_m: ArrayLike, rate_hz: float) -> FocusFrames:
         """Return frames that move the focus along a path (spatio-temporal modulation).
 
-        Raises if a dwell is given: every frame moves on.
+        Raises ConfigurationError if a dwell is given: every frame moves on.
         """
         if self.dwell_s is not None:
             raise ConfigurationError(
@@ -300,7 +300,7 @@ def _check_modulation_frequency(frequency_hz: float, rate_hz: float) -> float:
 
 
 def _whole_modulated_frames(frames: float) -> int:
-    """Return a number of frames, rounded; raise unless it is 1 to MAX_FRAMES."""
+    """Return *frames* rounded; raise ConfigurationError unless that is 1 to MAX_FRAMES."""
     count = round(min(frames, MAX_FRAMES + 1))
     if not 1 <= count <= MAX_FRAMES:
         raise ConfigurationError(f"{frames:.6g} frames, must be 1 to {MAX_FRAMES}")

@@ -250,7 +250,7 @@ class Parser(argparse.ArgumentParser):
         return not word.startswith("--") and word[:2] in self.option_actions
 
     def _given(self, words: Sequence[str]) -> Iterator[str]:
-        """Yield the names of the options on the command line."""
+        """Yield the names of the settings whose options are on the command line."""
         actions = self.option_actions
         return (
             actions[word].dest for word in _options_among_command_words(words) if word in actions

@@ -266,10 +266,11 @@ class Reconstructor:
     def _best_of_rivals(
         self, here: PhaseFit, radiated: _ReconstructedDrive
     ) -> tuple[PhaseFit, list[FloatArray]]:
-        """Return the best fit of a focus, and other places that fit equally well.
+        """Return the best fit of a focus, and other places (3,), in m, that fit equally well.
 
         Rounding to a step leaves a twelfth of its square in the mean square, with a deviation of
-        sqrt(1 / 180 / N); fits within three deviations above count as equal.
+        sqrt(1 / 180 / N); fits within three deviations above count as equal. *here* is the first
+        fit.
         """
         active, step_rad = radiated.active, radiated.step_rad
         others = self._acquisition_for(active).fits(

@@ -250,7 +250,10 @@ def weighted_gerchberg_saxton(
 def _gs_pat(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return *drive* (N,) after *rounds* of GS-PAT on F foci alone, by their F x F couplings."""
+    """Return *drive* (N,) after *rounds* of GS-PAT on F foci alone, by their F x F couplings.
+
+    *matrix* (F, N): propagators to the foci; *wanted* (F,): their levels.
+    """
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     between = matrix @ back
     scale = _reachable_foci_levels(matrix, wanted)
@@ -304,7 +307,7 @@ _SOLVERS: Final[dict[str, _Solver]] = {
 
 
 def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
-    """Return the matrix (F, N) of propagators; raise if a focus gets no sound from any element."""
+    """Return the propagators (F, N); raise ConfigurationError if a focus gets no sound at all."""
     matrix = propagators(model, points)
     silent = np.flatnonzero(~matrix.any(axis=1))
     if silent.size:
@@ -315,9 +318,9 @@ def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArra
 
 
 def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
-    """Return the wanted amplitudes of *count* foci; raise unless within 1e-6 to 1e6.
+    """Return the wanted amplitudes of *count* foci; raise unless they are within 1e-6 to 1e6.
 
-    Their ratio is at most 1e6 as well.
+    Their ratio is at most 1e6 as well. It raises ConfigurationError.
     """
     levels = as_float_vector("amplitudes", amplitudes, count)
     low, high = float(levels.min()), float(levels.max())

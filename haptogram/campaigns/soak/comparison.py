@@ -147,7 +147,8 @@ class SoakComparison:
     def _judge_lateness(self, sent: Sent, index: int, t_ns: int) -> None:
         """Attribute the lateness of frame *index* to its fault; report a violation if it has none.
 
-        Nothing is done for a frame that came before its due time.
+        *sent* is that frame, which came at *t_ns*. One that came before its due time is left as it
+        is.
         """
         late_us = m.signed_difference(self._board.device_us(t_ns), sent.due_us, 32)
         if late_us <= 0:

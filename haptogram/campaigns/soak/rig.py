@@ -61,8 +61,7 @@ class SoakHost(HostConnection):
         """Explain by a fault, a retry or an old session why the host drops a frame of the board.
 
         Else a violation is reported. *reason*: "duplicate" for a second copy, which a fault or a
-        repeated request makes; "stale_session" for a frame of the session before, which HG-3.7/3
-        has ignored.
+        repeated request makes; "stale_session" for a frame of a session before (HG-3.7/3).
         """
         self._tally.totals[f"the host: {reason}"] += 1
         if reason == "duplicate" and sent.hit is not None:

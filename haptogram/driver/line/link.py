@@ -202,7 +202,10 @@ class Link:
                 self._telling = False
 
     def _tell(self, event: HostEvent) -> None:
-        """Pass an event to the handler; raise if a request failed that no caller awaits."""
+        """Pass an event to the handler; raise if a request failed that no caller awaits.
+
+        It raises DeviceError for a refused request, else NoAnswerError.
+        """
         if isinstance(event, _FAILED):
             self._message(event, Message)  # raises: nobody else would tell
         else:

@@ -162,9 +162,9 @@ class ClockEstimate:
         self._best = min(self._samples, key=lambda s: self._margin_at(s, sample.host_ns))
 
     def _contradicts(self, sample: ClockSample) -> bool:
-        """Return True if *sample* is further from the best one than drift limits allow.
+        """Return True if *sample* is further from the best one than drift and uncertainty allow.
 
-        Never without a best one.
+        False without a best one.
         """
         best = self._best
         if best is None:

@@ -174,10 +174,10 @@ class NumbaEngine:
         return result
 
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
-        """Return the pressure (M,) or (F, M) of one or F drives at usable points, compiled.
+        """Return the pressure (M,) or (F, M) of one or F drives, by compiled code.
 
-        *careful*: fewer than 64 elements are active, in effect, so that their rounding errors do
-        not average out.
+        *points* (M, 3) are those that `_usable` accepts. *careful*: fewer than 64 elements are
+        active, in effect, so that their rounding errors do not average out.
         """
         result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
         if drives.ndim == 1:

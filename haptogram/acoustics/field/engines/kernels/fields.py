@@ -264,8 +264,9 @@ def _free_wave_kernel(
 ) -> Any:  # fmt: skip
     """Set phase *t* (half turns) and magnitude *m*, (B,) each, of the wave of an element at *s*.
 
-    *s* (6,): position and normal. *careful* (double precision) and *flat* (one plane for all
-    elements) are constants where it is inlined; where *flat*, z^2 of the points is in *offset*.
+    *s* (6,): position and normal; the other arguments, and units, are those of
+    `_free_block_kernel`. *careful* (double precision) and *flat* (one plane for all elements) are
+    constants where it is inlined; where *flat*, z^2 of the points is in *offset*.
     """
     square, low, height, ahead, none = offset[0], offset[1], offset[2], offset[3], offset[4]
     if flat:
@@ -286,7 +287,10 @@ def _free_wave_kernel(
 
 @jit_inline
 def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) -> Any:
-    """Set distances *r* and 1/r of points from an element *s* of a flat array; *height* is z^2."""
+    """Set distances *r* and 1/r (B,) of points from an element of a flat array, in wavelengths.
+
+    *pairs* (6, B): the points; *s* (6,): position and normal of the element; *height* (B,): z^2.
+    """
     x, y, x_low, y_low = pairs[0], pairs[1], pairs[3], pairs[4]
     sx, sy = np.float32(s[0]), np.float32(s[1])
     for p in range(r.size):
@@ -300,7 +304,7 @@ def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) 
 def _offsets_kernel(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) -> Any:
     """Set *square* (r^2), *ahead* (along the normal) and *height* (its square) of points.
 
-    *pairs* (6, B): the points; *s* (6,): position and normal of the element.
+    *pairs* (6, B): the points; *s* (6,): position and normal of the element; all in wavelengths.
     """
     x, y, z, x_low, y_low, z_low = pairs[0], pairs[1], pairs[2], pairs[3], pairs[4], pairs[5]
     sx, sy, sz = np.float32(s[0]), np.float32(s[1]), np.float32(s[2])
@@ -318,8 +322,8 @@ def _exact_offsets_kernel(
 ) -> Any:  # fmt: skip
     """Set *square* (r^2), *ahead* (along the normal) and *height*, its square, in double precision.
 
-    *places* (3, B): the points; *s* (6,): position and normal of the element. *low* gets what
-    rounding to single precision takes from r^2.
+    *places* (3, B): the points; *s* (6,): position and normal of the element; all in wavelengths.
+    *low* gets what rounding to single precision takes from r^2.
     """
     x, y, z = places[0], places[1], places[2]
     for p in range(x.size):

@@ -84,7 +84,10 @@ def fit_phases_kernel(
 
 @jit_sums
 def _coherent_phase_kernel(phases: Any, places: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return the phase, in turns, of the sum of all arrivals at a point, each of magnitude 1."""
+    """Return the phase, in turns, of the sum of all arrivals at a point, each of magnitude 1.
+
+    *phases* (N,): of the drive, in turns; *places* (3, N) and the point are in wavelengths.
+    """
     re, im = ZERO, ZERO
     px, py, pz = places[0], places[1], places[2]
     for n in range(phases.size):

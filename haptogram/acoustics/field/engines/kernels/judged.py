@@ -53,9 +53,10 @@ def _turns_to_target_kernel(
 
 @jit_checked
 def _metric_kernel(covariance: F8, wavenumber: float, first: F8, second: F8, metric: F8) -> None:
-    """Set *metric* (00, 01, 11): k^2 A C A^T, C the covariance, A the rows *first* and *second*.
+    """Set *metric* (00, 01, 11): variance of phase (rad^2) per moves squared (m^2) along two axes.
 
-    *covariance* (6,): xx, xy, xz, yy, yz, zz.
+    It is k^2 A C A^T: C the *covariance* (6,) of unit vectors from the elements, as xx, xy, xz, yy,
+    yz, zz; A the axes *first* and *second*.
     """
     a, b, c = covariance[0], covariance[1], covariance[2]
     d, e, f = covariance[3], covariance[4], covariance[5]

@@ -200,7 +200,8 @@ def _response_kernel(
 ) -> tuple[float, float]:
     """Return how far, in m, phase errors of one radian can move the peak along two axes, at most.
 
-    Errors of every element, with the worst signs. *sums* and the Hessian are those at *place*.
+    Errors of every element, with the worst signs. *sums* and the Hessian of ln |p|^2 (*h00* to
+    *h11*) are those at *place*; *places*, *medium*: as in :mod:`.pistons`.
     """
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     x, y, z = place[0], place[1], place[2]
