@@ -297,7 +297,7 @@ class _StreamRun:
         self._deadline_ns, self._wake_ns = deadline_ns, self._loop.wait(deadline_ns)
 
     def _send_ns(self, due_us: int) -> int:
-        """Return the host time, a lead ahead, to send a frame; raise if the clock jumped.
+        """Return the host time, a lead ahead, to send a frame; raise LinkError if the clock jumped.
 
         A jump of 1 ms or less is tolerated: every lead covers it.
         """

@@ -360,9 +360,10 @@ class Reconstructor:
         return (np.array(fix.position_m) if found else None), "global"
 
     def _search(self, tried: list[PhaseFit], radiated: _ReconstructedDrive) -> Reconstruction:
-        """Return a focus of all elements, found in the whole volume; else of most; else none.
+        """Return a focus of all elements, found in the whole volume; else a NotSingle.
 
-        The last two are a NotSingle, of most elements with the others as outliers.
+        That is of most elements, with the others as outliers, or of none. *tried*: fits that failed
+        before; those that fail here are added.
         """
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
@@ -466,7 +467,7 @@ class Reconstructor:
         )
 
     def _force_n(self, weights: ComplexArray, position: FloatArray) -> float:
-        """Return the force on a disc around a focus; infinite where the disc leaves the field."""
+        """Return the force (N) on a disc around a focus; infinite where it leaves the field."""
         try:
             return self._disc.force_n(weights, position)
         except ConfigurationError:  # low beside the array: the disc reaches behind it

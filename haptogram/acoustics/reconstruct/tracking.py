@@ -230,7 +230,7 @@ class FocusTracker:
         return above and _CLEARANCE_M <= fix.clearance_m <= _REACH_M
 
     def _check_codes(self, codes: NDArray[np.uint8]) -> None:
-        """Refuse phase codes of another type or number of elements."""
+        """Raise ConfigurationError for phase codes of another type or number of elements."""
         # One object for each type: a comparison takes longer.
         if (codes.dtype is not _CODES and codes.dtype != _CODES) or codes.shape != self._shape:
             raise ConfigurationError(

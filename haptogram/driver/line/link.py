@@ -352,7 +352,7 @@ class Link:
         self.connection.port_closed()
 
     def _check_open(self) -> None:
-        """Raise if the transport is closed."""
+        """Raise LinkLostError if the transport is closed."""
         if isinstance(self._transport, ClosedTransport):
             raise self._transport.error()
 

@@ -192,7 +192,7 @@ class ClockEstimate:
         return sample.margin_ns + abs(host_ns - sample.host_ns) * self._growth_ppm / 1e6
 
     def _offset_ns(self, host_ns: int) -> int:
-        """Return the device clock minus the host clock, extrapolated to *host_ns*."""
+        """Return the device clock minus the host clock, in ns, extrapolated to *host_ns*."""
         best = self._chosen
         return best.offset_ns + (host_ns - best.host_ns) * self._rate_ppb // _PPB
 

@@ -251,7 +251,10 @@ class NumbaEngine:
         return float(self._kernels.disc_stress_kernel(self._polar(drive), centre_m, *disc))
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
-        """Return a mask (M,) of points in reach, in front, clear of elements; None if all are."""
+        """Return a mask (M,) of points in reach, in front, clear of elements; None if all are.
+
+        *reach_m*: the greatest distance from the array's centre.
+        """
         usable, refused = np.empty(len(points), dtype=np.bool_), 0
         for part in memory_chunks(len(points), _CALL_POINTS):
             refused += self._kernels.usable_points_kernel(
@@ -268,7 +271,7 @@ class NumbaEngine:
     def _one_drive(
         self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
     ) -> None:
-        """Write the pressure of one drive at *points* into *result* (M,).
+        """Write the complex pressure (Pa) of one drive at *points* into *result* (M,).
 
         *careful*: fewer than 64 elements are active, in effect, so that their rounding errors do
         not average out.

@@ -214,7 +214,7 @@ class PatternClassifier:
     def _best_standing_fit(
         self, found: Explanation, phases: PatternPhases, active: BoolArray
     ) -> Explanation:
-        """Return the best fit among neighbouring foci and traps of a standing wave.
+        """Return the best fit among *found* and its neighbours: foci and traps of a standing wave.
 
         Between two sides a focus has neighbours: foci half a wavelength away, and traps, which have
         half a turn between the sides, a quarter away. A trap wins if its RMS is below 0.85 of a
@@ -398,7 +398,7 @@ class PatternClassifier:
 
 
 def _rms_of(found: Explanation) -> float:
-    """Return the RMS residual of the elements that an explanation uses."""
+    """Return the RMS residual, in rad, of the elements that an explanation uses."""
     return pattern_residual_rms(found.fit.residual_rad[found.used])
 
 

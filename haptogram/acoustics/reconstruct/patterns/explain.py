@@ -238,7 +238,7 @@ def _pattern_residuals(
 
 
 def _pattern_with_residual(point: PatternPointFit, residual: FloatArray) -> PatternPointFit:
-    """Return a copy of *point* with another residual."""
+    """Return a copy of *point* with other phase errors, *residual* (N,) in rad."""
     return PatternPointFit(point.position_m, point.axis_m, point.speed_share, residual)
 
 

@@ -108,7 +108,8 @@ def _peak_sums_kernel(
 def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, float, float, bool]:
     """Return gradient and Hessian (00, 01, 11) of ln |p|^2, and True if that curves down all ways.
 
-    Without *both* those of the first axis alone, and 0 for the second.
+    *sums* (12,) are those of `_peak_sums_kernel`. Without *both* those of the first axis alone, and
+    0 for the second.
     """
     p = complex(sums[0], sums[1])
     first, second = complex(sums[2], sums[3]) / p, complex(sums[4], sums[5]) / p
@@ -142,7 +143,7 @@ def _level_kernel(
 
 @jit_checked
 def _square_kernel(sums: F8) -> float:
-    """Return |p|^2 of the summed waves."""
+    """Return |p|^2, in Pa^2; *sums* begins with real and imaginary part of the pressure."""
     return float(sums[0] * sums[0] + sums[1] * sums[1])
 
 
