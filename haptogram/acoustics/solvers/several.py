@@ -194,9 +194,10 @@ def _weighted_gerchberg_saxton(
 def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
-    """Return the drive (N,) by Gerchberg and Saxton in compiled code, for foci of *wanted* levels.
+    """Return the drive (N,) by weighted Gerchberg and Saxton in compiled code; None if unsuited.
 
-    None unless the array is of parallel pistons, below all *points* and each heard there.
+    Suited is an array of parallel pistons below all *points*, each heard there. *wanted* (F,):
+    levels of the foci.
     """
     pistons = _pistons_to_solve(model)
     if pistons is None:

@@ -182,7 +182,7 @@ def _widened_pattern_fit(
 
     *charge*: of a vortex, 0 for none; *axis_m* (2,): a point of its axis, None for one through the
     place. *side*: mask of the elements, of two arrays that face each other, that are fitted first;
-    then all, from 9 heights a quarter wavelength apart, since minima repeat there.
+    then all, from 9 heights a quarter wavelength apart, since minima repeat along the height.
     """
     if side is None or side.all():
         return _pattern_by_more_elements(phases, start_m, charge, axis_m)
