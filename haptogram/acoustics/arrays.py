@@ -50,7 +50,10 @@ def as_float_array(name: str, values: ArrayLike) -> FloatArray:
 
 
 def _as_argument_array(name: str, values: ArrayLike, kind: type[_Kind]) -> NDArray[_Kind]:
-    """Return *values* as an array of *kind*; raise ConfigurationError, naming *name*, if none."""
+    """Return *values* as an array of *kind*, if they can be converted.
+
+    Else a ConfigurationError names the argument *name*.
+    """
     try:
         return np.asarray(values, dtype=kind)
     except (TypeError, ValueError) as error:
@@ -79,7 +82,7 @@ def check_array_magnitudes(
 
 
 def _check_finite_array(name: str, array: NDArray[np.generic]) -> None:
-    """Raise, naming the first one, if *array* holds a NaN or an infinity."""
+    """Raise ConfigurationError for the first NaN or infinity in *array*; it names *name*, index."""
     finite = np.isfinite(array)
     if np.count_nonzero(finite) < finite.size:  # a tenth of the time of all() for a small array
         index = tuple(int(i) for i in np.argwhere(~finite)[0])

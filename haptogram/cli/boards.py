@@ -98,7 +98,7 @@ def board_behind_url(url: str) -> Iterator[BoardUnderTest]:
 
 @contextlib.contextmanager
 def _board_in_program(config: PortConfig, label: str) -> Iterator[BoardUnderTest]:
-    """Run a virtual board in this program; yield it as a board under test."""
+    """Run a virtual board in this program; yield it as a board under test with the name *label*."""
     from sim_device.protocol_haptogram import open_virtual_port
 
     from ..driver.line.port import PyserialTransport

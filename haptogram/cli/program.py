@@ -168,7 +168,10 @@ def command_parser(name: str) -> Parser:
 
 
 def _add_command_options(name: str, parser: Parser) -> None:
-    """Let the module of a command add its options; pass it the boards of this program."""
+    """Let the module of the command *name* add its options to *parser*.
+
+    It is passed what the command needs from this program, such as the functions that open boards.
+    """
     parts = {
         "verify": (boards,),
         "conform": (boards.access_in_program,),

@@ -339,9 +339,9 @@ class DialectDriver(ClosedByWith):
         return dialect_frames.DialectFrameBuilder(self.model, self._display, self._channels)
 
     def _show(self, frame: dialect_frames.DialectFrame) -> Intended:
-        """Send a frame of foci and record it as intended, which is returned, and as observed.
+        """Send a frame of foci; keep and return it as intended, keep what was sent as observed.
 
-        Observed are the bytes on the wire, if they are a whole frame.
+        Observed is the drive in the bytes on the wire, if they are a whole frame.
         """
         intended = frame.intended(self.intended.total)
         self.intended.append(intended)
@@ -369,7 +369,10 @@ class DialectDriver(ClosedByWith):
         return seen
 
     def _wake(self) -> None:
-        """Send silence first after half the idle time in which boards lose bytes that follow."""
+        """Send silence first if the boards were idle for half the time after which they lose bytes.
+
+        Boards that were idle for all of that time may lose the beginning of the next frame.
+        """
         silent_ns = self._line.now_ns() - self._shown_ns
         if silent_ns > _EARLY * self._display.forgets_s * _NS_PER_S:
             self._line.send(self._display.off())

@@ -459,9 +459,9 @@ class Driver(ClosedByWith):
         )
 
     def _make_ready(self, frames: list[Frame], first_us: int) -> None:
-        """Stop a playback, set the sound speed of *frames*; rearm if a timer mutes the board.
+        """Stop a playback, set the sound speed of *frames*; rearm a board that a timer mutes.
 
-        It mutes already, or will in *first_us*, the time until the first latch.
+        It is muted by one already, or will be in the *first_us* µs until the first latch.
         """
         self._player.stop()
         self._session.control.agree_on_sound_speed(frames)

@@ -121,10 +121,11 @@ class DriverTraceReader:
     def _latch(
         self, key: messages.LatchKey, wire_us: int, near_ns: int, shown: bytes | int, flags: int = 0
     ) -> Observation:
-        """Return the observation of a latch, with the drive or the CRC-32 that was traced.
+        """Return the observation of the latch of the frame *key*, with the traced drive or CRC.
 
-        *shown*: the drive's codes as bytes, or its CRC-32. *wire_us* has 32 bits of the device
-        time; *near_ns*, a host time within half a period of those, gives the others.
+        *key*: sequence, loop and index of the frame; *shown*: the drive's codes as bytes, or its
+        CRC-32. *wire_us* has 32 bits of the device time; *near_ns*, a host time within half a
+        period of those, gives the others.
         """
         drive = self._drive(shown) if isinstance(shown, bytes) else None
         crc = shown if isinstance(shown, int) else None
@@ -138,9 +139,9 @@ class DriverTraceReader:
         )
 
     def _drive(self, data: bytes) -> Drive:
-        """Return the drive of N phase codes and N amplitude codes; raise unless it is whole.
+        """Return the drive of N phase codes and N amplitude codes in *data*.
 
-        N must be the number of the board's transducers.
+        Raises WrongProtocolError unless N is the number of the board's transducers.
         """
         codes = np.frombuffer(data, dtype=np.uint8)
         count = len(codes) // 2
@@ -241,7 +242,10 @@ class SessionControl:
         return min(self.known.hold_ms, self.known.host_timeout_ms) * 1_000_000 // _REFRESHES
 
     def _fresh_status(self) -> messages.StatusReply:
-        """Return the status; ask again, up to 3 times, if the answer took `refresh_ns` or more."""
+        """Return the status; ask again, up to 3 times, while an answer takes too long.
+
+        Too long is `refresh_ns` or more: a quarter of the shorter of hold and lease.
+        """
         for _ in range(_REFRESHES):
             asked_ns = self._link.now_ns()
             status = self._link.request(messages.GetStatus(), messages.StatusReply)
@@ -250,10 +254,10 @@ class SessionControl:
         return status
 
     def _hold_ends_before(self, first_us: int, status: messages.StatusReply) -> bool:
-        """Return True if the current hold may expire before the first frame latches.
+        """Return True if the hold that runs now may expire before the first frame latches.
 
-        The first frame is due *first_us* from now. It may come later: by half of that, or by some
-        milliseconds if it is sent at once.
+        The frame is due *first_us* µs from now. It may be late by half of that or, if that is
+        longer, by the lesser of 2 ms and a quarter of the hold.
         """
         if status.state is not OutputState.ARMED or not status.counters.latched:
             return False

@@ -221,7 +221,8 @@ class Streamer:
     def _start_us(self, schedule: Schedule, count: int) -> int:
         """Return the device time of the first frame: after preparation and lead, on the carrier.
 
-        Not before frames that an earlier stream has queued, unless the clock has jumped since.
+        In µs, at the beginning of a carrier period. Not before frames that an earlier stream has
+        queued, unless the clock has jumped since.
         """
         begin_ns = self.link.now_ns() + stream_preparation_ns(count)
         begin_us = self.pinger.clock.to_device_us(begin_ns)
@@ -296,7 +297,7 @@ class _StreamRun:
         self._deadline_ns, self._wake_ns = deadline_ns, self._loop.wait(deadline_ns)
 
     def _send_ns(self, due_us: int) -> int:
-        """Return the host time, a lead ahead, to send a frame; raise if the clock jumped.
+        """Return the host time, a lead ahead, to send a frame; raise LinkError if the clock jumped.
 
         A jump of 1 ms or less is tolerated: every lead covers it.
         """
@@ -346,7 +347,11 @@ class _StreamRun:
         self._link.run_until(end_ns)
 
     def _read_status(self) -> None:
-        """Adapt safety margin and lead to the margins of a new STATUS; each is used once."""
+        """Adapt safety margin and lead to the least margin of stream frames in a new STATUS.
+
+        The margin is t_apply less the time at which a frame was ready at the board. Each STATUS is
+        used once.
+        """
         status = self._status()
         if status is None or status is self._seen:
             return

@@ -74,7 +74,7 @@ class SequenceData:
 
 
 def _check_upload(identity: messages.HelloReply, kind: messages.UploadKind, size: int) -> None:
-    """Refuse an upload that the board does not take.
+    """Refuse an upload of *size* bytes that the board does not take, for its kind or its size.
 
     Raises
     ------
@@ -122,7 +122,10 @@ def upload_correction(link: Link, identity: messages.HelloReply, codes: bytes) -
 
 
 def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:
-    """Send every chunk; after a loss, resume at the board's offset."""
+    """Send *data* in chunks of *size* bytes; after a loss, resume at the board's offset.
+
+    Raises WrongProtocolError if the board is not further after a try than before.
+    """
     received = 0
     while received < len(data):
         before, received = received, _send_chunks_from(link, data, size, received)
@@ -131,9 +134,10 @@ def _send_upload_chunks(link: Link, data: bytes, size: int) -> None:
 
 
 def _send_chunks_from(link: Link, data: bytes, size: int, offset: int) -> int:
-    """Send chunks from *offset* on, until all are answered; return the bytes received.
+    """Send chunks of *size* bytes from *offset* on, until all are answered.
 
-    A chunk lost on the line is repeated by the link; INCOMPLETE ends the sending.
+    Returns how many bytes the board has. A chunk lost on the line is repeated by the link; an
+    INCOMPLETE from the board ends the sending.
     """
     waiting: list[int] = []
     received = 0
@@ -162,7 +166,11 @@ def _may_send_chunk(link: Link, size: int) -> bool:
 
 
 def _next_chunk_turn_ns(link: Link, size: int, *, all_sent: bool) -> int:
-    """Return the host time to look for answers again or, with chunks left, for room."""
+    """Return the host time of the next look: for answers in 100 ms, or when a chunk has room.
+
+    For answers, if all chunks are sent or the window is full. A chunk has room while at most *size*
+    bytes, its own size, are unsent on the line.
+    """
     now_ns = link.now_ns()
     if all_sent or link.connection.chunks_free == 0:
         return now_ns + _TURN_NS

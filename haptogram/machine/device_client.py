@@ -117,7 +117,7 @@ class DeviceClient:
 
 
 def _first_existing_program(names: Sequence[str], what: str) -> str:
-    """Return the first of the programs that exists; raise, naming *what*, if none does."""
+    """Return the first program that exists; raise ConfigurationError, naming *what*, if none."""
     for name in names:
         if Path(name).exists():
             return name

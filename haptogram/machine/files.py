@@ -180,7 +180,10 @@ def check_files_writable(outputs: Mapping[str, Path], *, in_place: bool = False)
 
 
 def _check_folder_takes_files(path: Path, target: Path) -> None:
-    """Raise, naming *path*, unless the nearest folder above *target* that exists takes a file."""
+    """Raise ConfigurationError unless the nearest folder above *target* that exists takes a file.
+
+    The error names *path*, as the user gave it.
+    """
     folder = next(parent for parent in target.parents if parent.exists())
     _refuse_folder_in_root(path, folder)
     if not folder.is_dir():
@@ -223,9 +226,10 @@ def _make_output_folder(path: Path, target: Path) -> None:
 
 
 def _refuse_folder_in_root(path: Path, found: Path) -> None:
-    """Raise if *path* would create a folder in the root of the file system.
+    """Raise OSError if *path* would create a folder in the root of the file system.
 
-    A relative path does, where the root is the current folder.
+    *found* is the nearest folder above it that exists. A relative path creates one there, where the
+    root is the current folder.
     """
     if path.is_absolute() and found == Path(path.anchor) and path.parent != found:
         folder = Path(*path.parts[:2])

@@ -131,7 +131,8 @@ def _prepostorder(neighbours: list[list[int]], root: int) -> Iterator[int]:
 def _mesh_spanning_tree(points: FloatArray) -> list[tuple[int, int]]:
     """Return the edges, as pairs of indices, of the shortest tree over *points* (K, 3).
 
-    Bodies apart are joined afterwards.
+    An edge leads to one of the 8 nearest points; bodies that these leave apart are joined by
+    bridges.
     """
     from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 

@@ -136,7 +136,7 @@ class Modulation:
     def _along(self, path_m: ArrayLike, rate_hz: float) -> FocusFrames:
         """Return frames that move the focus along a path (spatio-temporal modulation).
 
-        Raises if a dwell is given: every frame moves on.
+        Raises ConfigurationError if a dwell is given: every frame moves on.
         """
         if self.dwell_s is not None:
             raise ConfigurationError(
@@ -148,10 +148,10 @@ class Modulation:
         )
 
     def _seamless(self, count: int, rate_hz: float) -> tuple[int, float]:
-        """Return how often *count* frames repeat until the modulation closes, and its frequency.
+        """Return how often *count* frames repeat until whole periods have passed; the frequency.
 
-        The frequency (Hz) is the one asked for, rounded so that whole periods fit. Raises if that
-        takes more than MAX_FRAMES frames.
+        The frequency (Hz) is the one asked for, rounded so that whole periods fit. Raises
+        ConfigurationError if that takes more than MAX_FRAMES frames.
         """
         frequency_hz = _check_modulation_frequency(self.frequency_hz, rate_hz)
         most = MAX_FRAMES // count
@@ -300,7 +300,7 @@ def _check_modulation_frequency(frequency_hz: float, rate_hz: float) -> float:
 
 
 def _whole_modulated_frames(frames: float) -> int:
-    """Return a number of frames, rounded; raise unless it is 1 to MAX_FRAMES."""
+    """Return *frames* rounded; raise ConfigurationError unless that is 1 to MAX_FRAMES."""
     count = round(min(frames, MAX_FRAMES + 1))
     if not 1 <= count <= MAX_FRAMES:
         raise ConfigurationError(f"{frames:.6g} frames, must be 1 to {MAX_FRAMES}")
@@ -377,7 +377,10 @@ class FeltSignal:
 
     @property
     def _varying_pa(self) -> FloatArray:
-        """Return the amplitudes (Pa) of spectral lines, 0 for the mean and what is 1e-12 of it."""
+        """Return the amplitudes (Pa) of spectral lines, with 0 for the mean and rounding errors.
+
+        Those are lines up to 1e-12 of the mean.
+        """
         heard = self.amplitude_pa > _ROUNDING * self.amplitude_pa[0]
         heard[0] = False
         return np.where(heard, self.amplitude_pa, 0.0)

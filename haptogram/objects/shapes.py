@@ -278,7 +278,7 @@ def _spherical_cap(radius_m: float, opening_rad: float, resolution_m: float) -> 
 
 
 def _checked_point_count(wanted: float) -> int:
-    """Return a number of points, at least 1.
+    """Return *wanted*, a number of points, rounded; 1 at least.
 
     Raises
     ------

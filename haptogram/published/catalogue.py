@@ -57,7 +57,10 @@ def _spot(model: AcousticModel, focus_m: Point) -> FocalSpot:
 
 
 def _side_mm(model: AcousticModel, base_mm: float = 0.0) -> float:
-    """Return the side of the array: span of the centres along x, one pitch if known, *base_mm*."""
+    """Return the side of the array: span of the centres along x, plus one pitch if known.
+
+    In mm; *base_mm* is added.
+    """
     extent_m = 2.0 * float(model.array.half_extent_m[0])
     return base_mm + 1e3 * (extent_m + (model.array.pitch_m or 0.0))
 

@@ -134,7 +134,7 @@ class Focus:
 
 
 def _as_focus_position(position_m: Any) -> tuple[float, float, float]:
-    """Return *position_m* (3,) as three floats, or raise."""
+    """Return *position_m* as three finite floats; raise ConfigurationError if it is not."""
     if type(position_m) in (list, tuple) and len(position_m) == 3:
         x, y, z = position_m
         if type(x) is type(y) is type(z) is float and math.isfinite(x + y + z):

@@ -134,7 +134,10 @@ class PinCaptureConfig(Settings):
 
 
 def _element_setting(name: str, text: str, count: int) -> int:
-    """Return the element that *text* names, 0 to *count* - 1; else raise, naming *name*."""
+    """Return the element that *text* names; raise SettingError unless it is below *count*.
+
+    The error names the setting *name*.
+    """
     if not text.isascii() or not text.isdigit() or len(text) > 4 or int(text) >= count:
         raise SettingError(name, f"names the element {text!r}, must be 0 to {count - 1}")
     return int(text)

@@ -96,7 +96,7 @@ def _port_config_of_url(url: str, default: BoardConfig | None) -> PortConfig:
 
 
 def _dialect_option_text(name: str, text: str) -> str:
-    """Return a dialect option as URL query text."""
+    """Return a dialect option as URL query text, such as dialect_option=name=text."""
     return urlencode({"dialect_option": f"{name}={text}"}, safe="=")
 
 

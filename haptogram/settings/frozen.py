@@ -63,7 +63,11 @@ class _FrozenMethods:
 
 
 def _frozen_class(cls: Any, *, eq: bool, **options: Any) -> Any:
-    """Make *cls* a frozen dataclass; its methods are shared ones, which are not generated."""
+    """Make *cls* a frozen dataclass that takes its methods, but ``__init__``, from a common class.
+
+    Methods of its own stay. *eq*: whether ``__eq__`` and ``__hash__`` are among them; *options* go
+    to :func:`dataclasses.dataclass`.
+    """
     names = ["__repr__", "__setattr__", "__delattr__"]
     names += ["__eq__", "__hash__"] if eq else []
     names += ["__getstate__", "__setstate__"] if options.get("slots") else []

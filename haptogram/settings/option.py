@@ -143,7 +143,7 @@ class Option:
 
     @property
     def _list_text(self) -> str:
-        """Return text that says of what a list option is a list."""
+        """Return what a list option must be: its unit and limits, or "a list of texts"."""
         if self.kind in (str, Path):
             return "a list of texts"
         limits = f"{self.low:.10g} to {self.high:.10g} {self.sign}".rstrip()
@@ -155,7 +155,11 @@ class Option:
         return _SIGNS.get(self.unit, "")
 
     def _checked_item(self, value: Any) -> Any:
-        """Return a value of the option's kind and within its limits, or raise."""
+        """Return *value*, one item if the option is a list, as the option's kind: a path as Path.
+
+        Raises ConfigurationError for another kind, a value beyond the limits or not among the
+        choices.
+        """
         if self.choices:
             arguments.check_choice(self.name, value, self.choices)
         elif self.kind is int:
@@ -269,7 +273,10 @@ def _option_table(kind: type[Any]) -> Mapping[str, Option]:
 
 
 def _option_row(field: dataclasses.Field[Any], hint: Any) -> Option:
-    """Return the option that a dataclass field declares."""
+    """Return the option that a dataclass field declares; *hint* is its type, which gives the kind.
+
+    A union with None makes it optional; a tuple makes it a list.
+    """
     kinds = get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
     kind = next(kind for kind in kinds if kind is not type(None))
     count = None

@@ -197,7 +197,7 @@ class Parser(argparse.ArgumentParser):
         return self._in_file.get(key, option) + message[len(name) :] if known else message
 
     def _word(self, name: str) -> str:
-        """Return the option of the setting *name*, or the name if there is none."""
+        """Return the setting *name* as an option is written; *name* if no option sets it."""
         return option if (option := option_word(name)) in self.option_actions else name
 
     def settle_source(self, file: Path | None, keys: Iterable[str]) -> None:
@@ -228,7 +228,10 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, str(error).strip()) from None
 
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
-        """Refuse ``--option=--``, of which argparse would make a list, and no value."""
+        """Return an option's value as argparse does; refuse ``--option=--``, which has none.
+
+        The error says that the option needs a value.
+        """
         if action.option_strings and arg_strings == ["--"]:
             raise argparse.ArgumentError(action, "expected one argument")
         return super()._get_values(action, arg_strings)
@@ -247,7 +250,7 @@ class Parser(argparse.ArgumentParser):
         return not word.startswith("--") and word[:2] in self.option_actions
 
     def _given(self, words: Sequence[str]) -> Iterator[str]:
-        """Yield the names of the options on the command line."""
+        """Yield the names of the settings whose options are on the command line."""
         actions = self.option_actions
         return (
             actions[word].dest for word in _options_among_command_words(words) if word in actions

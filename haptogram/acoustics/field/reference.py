@@ -284,7 +284,7 @@ def _field_points_behind(model: AcousticModel, points: FloatArray) -> NDArray[np
 def _field_distances(
     model: AcousticModel, points: FloatArray, reach_m: float
 ) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
-    """Yield, in parts, the indices of the points about the array and their (m, N) distances.
+    """Yield, in parts, the indices (m,) of points about the array, and (m, N) distances in metres.
 
     All others are further than *reach_m* from every element: outside the box around them.
     """

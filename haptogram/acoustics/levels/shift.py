@@ -315,10 +315,10 @@ class PressureLevel:
 def _gain_derivatives(
     model: AcousticModel, rays: FloatArray, axes: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the gains (N,) along unit *rays* (N, 3), their slopes (D, N) and bends (D, D, N).
+    """Return gains (N,) along *rays* (N, 3), their first (D, N) and second derivatives (D, D, N).
 
-    By how far the end of a ray moves along *axes*: differences of the fourth order.  An element
-    that falls silent within them, since the place is beside it, counts as equally loud around.
+    Derivatives are by how far the end of a unit ray moves along *axes* (D, 3): differences of the
+    fourth order. An element whose gain is 0 at any of those places has derivatives of 0.
     """
     count = len(axes)
     pairs = [(i, j) for i in range(count) for j in range(i, count)]

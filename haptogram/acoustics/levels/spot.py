@@ -94,9 +94,10 @@ def _lateral_spot(
 def _axial_spot(
     engine: FieldEngine, drive: ArrayLike, target: FloatArray
 ) -> tuple[tuple[float, float], float]:
-    """Return the -3 dB depths before and behind the axial maximum, and its offset from target.
+    """Return the -3 dB depths before and behind the axial maximum; and the maximum less the target.
 
-    All are in m; a depth is NaN if the level does not fall so far within 40 wavelengths.
+    In m along the ray from the array's centre through the target, outwards positive. A depth is NaN
+    if the level does not fall so far within 40 wavelengths.
     """
     array = engine.model.array
     ray = target - array.centre_m

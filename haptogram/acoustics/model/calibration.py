@@ -191,7 +191,10 @@ class Calibration:
             return array.measured(self.positions_m)
 
     def _check(self, array: TransducerArray) -> None:
-        """Raise unless the calibration has all elements of the array, each within 10 mm."""
+        """Raise ConfigurationError unless all elements of *array* are there, each within 10 mm.
+
+        Neither more nor fewer; the distance is between the calibrated and the array's place.
+        """
         elements = f"the array has the elements 0 to {array.count - 1}"
         if self.count < array.count:
             raise ConfigurationError(f"{self.name}: element {self.count} is missing; {elements}")
@@ -226,7 +229,7 @@ class Calibration:
 def _calibration_body(
     path: str | Path, rows: Sequence[tuple[int, list[str]]]
 ) -> list[tuple[int, list[str]]]:
-    """Return the lines below the header; raise if that is wrong, or if there are none."""
+    """Return the rows below the header; raise ConfigurationError if it is wrong or none follow."""
     if not rows:
         raise ConfigurationError(f"{path}: the file is empty, must begin with {','.join(HEADER)}")
     (number, header), *body = rows
@@ -241,7 +244,11 @@ def _calibration_body(
 
 
 def _calibration_row(where: str, cells: list[str]) -> tuple[int, list[float]]:
-    """Return element, and gain, phase (rad) and place (mm); raise, naming *where* and limit."""
+    """Return an element's number, and its gain, phase (rad) and place (mm), from a row's cells.
+
+    Raises ConfigurationError, naming *where* and the limit, for a wrong number of cells or a value
+    out of its limits.
+    """
     if len(cells) != len(HEADER):
         raise ConfigurationError(f"{where}: {len(cells)} values, must be {len(HEADER)}")
     element, *others = cells

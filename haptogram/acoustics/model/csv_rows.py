@@ -32,7 +32,10 @@ def read_element_rows(path: Path, option: str) -> list[tuple[int, list[str]]]:
 
 
 def _element_row_cells(where: str, line: str) -> list[str]:
-    """Return the stripped cells of a CSV line; raise, naming *where*, if it cannot be split."""
+    """Return the stripped cells of a CSV line; raise ConfigurationError if it cannot be split.
+
+    The error begins with *where*.
+    """
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as error:

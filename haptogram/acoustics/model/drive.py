@@ -299,7 +299,7 @@ _CODES_IN_BYTES: Final[Mapping[type[Any], np.dtype[Any]]] = {
 
 @functools.lru_cache(maxsize=16)
 def _codes_of_bytes(codes: bytes) -> NDArray[np.uint8]:
-    """Return read-only codes of 8 bits; drives of the same amplitudes share one array."""
+    """Return bytes as read-only codes of 8 bits; equal bytes give the same array, from a cache."""
     return np.frombuffer(codes, np.uint8)
 
 

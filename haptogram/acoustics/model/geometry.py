@@ -293,7 +293,10 @@ class TransducerArray:
 
 
 def _as_array_rotation(rotation: ArrayLike) -> FloatArray:
-    """Return *rotation* as a (3, 3) matrix, or raise unless it is a proper rotation."""
+    """Return *rotation* as a (3, 3) matrix; raise ConfigurationError if it is not a rotation.
+
+    A mirroring is none.
+    """
     turn = as_float_array("rotation", rotation)
     if turn.shape != (3, 3):
         raise ConfigurationError(f"rotation has shape {turn.shape}, must be (3, 3)")
@@ -379,7 +382,10 @@ def _check_element_spacing(positions: FloatArray) -> None:
 
 
 def _read_position_rows(path: Path) -> list[list[float]]:
-    """Return the rows of a CSV file of positions, with normals if the header has them."""
+    """Return the rows below the header of a CSV file: positions, and normals if the header has any.
+
+    Raises ConfigurationError for another header or none, and if no row follows.
+    """
     lines = read_element_rows(path, "array")
     if not lines:
         raise ConfigurationError(f"{path}: no elements")
@@ -394,7 +400,10 @@ def _read_position_rows(path: Path) -> list[list[float]]:
 
 
 def _read_position_row(where: str, cells: list[str], width: int) -> list[float]:
-    """Return the *width* numbers of a row; raise, naming *where*, if it has others."""
+    """Return the numbers of a row; raise ConfigurationError unless they are *width* finite ones.
+
+    The error begins with *where*.
+    """
     if len(cells) != width:
         raise ConfigurationError(f"{where}: {len(cells)} values, must be {width}")
     try:

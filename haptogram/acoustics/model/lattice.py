@@ -62,7 +62,10 @@ def find_lattice(array: TransducerArray) -> Lattice | None:
 def _lattice_along(
     direction: FloatArray, normal: FloatArray, offsets: FloatArray
 ) -> Lattice | None:
-    """Return the lattice with rows along *direction*; None if elements lie beside its nodes."""
+    """Return the lattice with rows along *direction*; None if elements lie beside its nodes.
+
+    *offsets* (N, 3): elements from the array's centre; *normal*: of their plane.
+    """
     axes = plane_axes(normal, direction)
     found = None if axes is None else grid_rows_and_columns(axes, offsets)
     if axes is None or found is None:

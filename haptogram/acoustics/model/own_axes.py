@@ -84,8 +84,9 @@ def grid_rows_and_columns(
 def _levels_along_axis(
     values: FloatArray, tolerance_m: float
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the mean of each group of *values*, *tolerance_m* apart, and each value's group.
+    """Return the mean of each group of *values*, and the number of each value's group.
 
+    Sorted values are in one group while they rise by *tolerance_m* or less from each to the next.
     The means increase; groups are numbered from 0 in their order.
     """
     order = np.argsort(values)
@@ -132,9 +133,10 @@ def _fallback_axis(normals: FloatArray) -> FloatArray:
 def _row_direction(
     positions: FloatArray, face: FloatArray, grid_shape: tuple[int, int]
 ) -> FloatArray:
-    """Return the vector (3,) from the first element to the next along x; of one column, across.
+    """Return the vector (3,) from the first element to the next one along x of a grid.
 
-    *grid_shape*: columns and rows. Across is in the plane with the normal *face*.
+    *grid_shape*: columns and rows. With one column it is the vector to the next along y, turned by
+    -90 degrees about *face*, the unit normal of the plane.
     """
     nx, ny = grid_shape
     if nx > 1:

@@ -120,7 +120,7 @@ class PulseDrive:
 
 
 def _as_pulse_steps(name: str, values: ArrayLike, limit: int) -> NDArray[np.uint16]:
-    """Return pulse edges as read-only whole steps; raise unless they are from 0 to *limit*."""
+    """Return pulse edges as read-only whole steps; raise ConfigurationError unless 0 to *limit*."""
     array = np.asarray(values)
     if array.ndim != 1 or not 1 <= array.size <= MAX_CHANNELS or array.dtype.kind not in "ui":
         raise ConfigurationError(

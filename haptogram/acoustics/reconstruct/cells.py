@@ -173,7 +173,10 @@ def _coarse_search_cells(model: AcousticModel) -> tuple[FloatArray, FloatArray]:
 
 
 def _search_intervals(low: float, high: float) -> tuple[FloatArray, float]:
-    """Return centres (K,) of equal cells, at most 40 mm long, of a span, and half their length."""
+    """Return centres (K,) of equal cells, at most 40 mm long, from *low* to *high*; half a length.
+
+    All are in m.
+    """
     # A span of whole cells stays so, whatever the rounding of a turned array says.
     count = max(1, math.ceil((high - low) / _COARSE_CELL_M - 1e-6))
     half = (high - low) / count / 2.0

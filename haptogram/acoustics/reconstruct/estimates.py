@@ -158,7 +158,7 @@ _NAMES: Final = {
 
 
 def _estimate_fields(kind: str, result: Reconstruction) -> dict[str, object]:
-    """Return the fields of an estimate for JSON, with its kind."""
+    """Return the fields of an estimate for JSON; the text *kind*, its type, comes first."""
     return {
         "kind": kind,
         **{name: plain_estimate(getattr(result, name)) for name in _NAMES[type(result)]},

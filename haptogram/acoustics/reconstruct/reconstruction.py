@@ -266,10 +266,11 @@ class Reconstructor:
     def _best_of_rivals(
         self, here: PhaseFit, radiated: _ReconstructedDrive
     ) -> tuple[PhaseFit, list[FloatArray]]:
-        """Return the best fit of a focus, and other places that fit equally well.
+        """Return the best fit of a focus, and other places (3,), in m, that fit equally well.
 
         Rounding to a step leaves a twelfth of its square in the mean square, with a deviation of
-        sqrt(1 / 180 / N); fits within three deviations above count as equal.
+        sqrt(1 / 180 / N); fits within three deviations above count as equal. *here* is the first
+        fit.
         """
         active, step_rad = radiated.active, radiated.step_rad
         others = self._acquisition_for(active).fits(
@@ -291,7 +292,11 @@ class Reconstructor:
     def _as_radiated_drive(
         self, given: ArrayLike, step_rad: float, slack_rad: float
     ) -> _ReconstructedDrive | NoFocus:
-        """Return phases and active elements of the weights; NoFocus if none exceeds 1e-6."""
+        """Return phases and active elements of weights (N,); NoFocus if none exceeds 1e-6.
+
+        *step_rad*: the step of the phases; *slack_rad*: RMS residual that a focus may leave beyond
+        half of it.
+        """
         check_number("step_rad", step_rad, 1e-6 * math.pi, math.pi)
         weights = as_weights(given)
         if weights.shape != (self._model.array.count,):
@@ -355,9 +360,10 @@ class Reconstructor:
         return (np.array(fix.position_m) if found else None), "global"
 
     def _search(self, tried: list[PhaseFit], radiated: _ReconstructedDrive) -> Reconstruction:
-        """Return a focus of all elements, found in the whole volume; else of most; else none.
+        """Return a focus of all elements, found in the whole volume; else a NotSingle.
 
-        The last two are a NotSingle, of most elements with the others as outliers.
+        That is of most elements, with the others as outliers, or of none. *tried*: fits that failed
+        before; those that fail here are added.
         """
         acquisition = self._acquisition_for(radiated.active)
         for fit in acquisition.fits(
@@ -461,7 +467,7 @@ class Reconstructor:
         )
 
     def _force_n(self, weights: ComplexArray, position: FloatArray) -> float:
-        """Return the force on a disc around a focus; infinite where the disc leaves the field."""
+        """Return the force (N) on a disc around a focus; infinite where it leaves the field."""
         try:
             return self._disc.force_n(weights, position)
         except ConfigurationError:  # low beside the array: the disc reaches behind it
@@ -484,7 +490,10 @@ class Reconstructor:
     def _not_single(
         self, tried: list[PhaseFit], starts: list[FloatArray], radiated: _ReconstructedDrive
     ) -> NotSingle:
-        """Return the loudest of *starts* and the points tried, and the fits' least residual."""
+        """Return a NotSingle at the loudest of *starts* and tried points; with the least residual.
+
+        The residual is the least RMS of the fits *tried*.
+        """
         points = [fit.position_m for fit in tried if self._is_reachable(fit.position_m)] + starts
         loudness = np.abs(self._engine.pressure(radiated.weights, np.array(points)))
         loudest = points[int(loudness.argmax())]

@@ -188,7 +188,10 @@ class FocusTracker:
         self._cells = np.ascontiguousarray(cells.T)
 
     def _widening_fit(self, codes: NDArray[np.uint8], start: Point) -> Fix:
-        """Fit a focus to successively more elements; return the last fit, or one over 1.2 rad."""
+        """Fit a focus to more and more elements; return the last fit, or one above 1.2 rad RMS.
+
+        *codes*: phase codes of all elements; *start* is in m.
+        """
         for count in self._counts:
             fix = self._fit(codes, start, count)
             if fix.residual_rms_rad > HOPELESS_RAD:
@@ -227,7 +230,7 @@ class FocusTracker:
         return above and _CLEARANCE_M <= fix.clearance_m <= _REACH_M
 
     def _check_codes(self, codes: NDArray[np.uint8]) -> None:
-        """Refuse phase codes of another type or number of elements."""
+        """Raise ConfigurationError for phase codes of another type or number of elements."""
         # One object for each type: a comparison takes longer.
         if (codes.dtype is not _CODES and codes.dtype != _CODES) or codes.shape != self._shape:
             raise ConfigurationError(
@@ -239,7 +242,10 @@ class FocusTracker:
 def _tracked_elements(
     model: AcousticModel, order: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], FloatArray]:
-    """Return the radiating elements of *order*, with their phase lags in radians."""
+    """Return the elements of *order* that radiate, and by how much calibration turns each, in rad.
+
+    Without a calibration: all, and 0.
+    """
     if model.calibration is None:
         return order, np.zeros(len(order))
     order = order[model.calibration.heard[order]]

@@ -89,7 +89,7 @@ def check_focus_targets(model: AcousticModel, targets_m: FloatArray) -> None:
 
 
 def _coordinate_names(model: AcousticModel) -> list[str]:
-    """Return what errors call x, y and z; for a rotated array the names give its axes."""
+    """Return the names of x, y, z for errors; those of a rotated array include its three axes."""
     names = ["offset |x|", "offset |y|", "height z"]
     if model.array.is_upright:
         return names
@@ -135,7 +135,7 @@ def focus_steering_reach_m(model: AcousticModel) -> tuple[float, float]:
 def _steering_reach_m(array: TransducerArray) -> tuple[float, float]:
     """Return how far from the centre a target may be along the own x and y axes.
 
-    That is half the array, half a pitch if known, and 150 mm.
+    That is the sum of half the array, half a pitch if known, and 150 mm.
     """
     half = array.half_extent_m + (array.pitch_m or 0.0) / 2
     return float(half[0]) + _TARGET_MARGIN_M, float(half[1]) + _TARGET_MARGIN_M

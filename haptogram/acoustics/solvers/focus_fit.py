@@ -312,7 +312,10 @@ def _separable_coordinates(positions: FloatArray) -> BoolArray:
 
 
 def _are_points_off_line(a: list[float], b: list[float], c: list[float]) -> bool:
-    """Return True if a, b, c, (3,) each, are off a line: 0.01 rad seen from a, over 0.1 mm away."""
+    """Return True if the points a, b, c, (3,) each, are not on one line.
+
+    That is: b and c are 0.01 rad apart, seen from a, and over 0.1 mm away from it.
+    """
     u, v = [q - p for p, q in zip(a, b, strict=True)], [q - p for p, q in zip(a, c, strict=True)]
     uu, vv, uv = math.hypot(*u) ** 2, math.hypot(*v) ** 2, sum(map(operator.mul, u, v))
     return uu * vv - uv * uv > 1e-4 * uu * vv and min(uu, vv) > (100.0 * _POINT_M) ** 2

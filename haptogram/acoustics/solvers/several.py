@@ -149,7 +149,10 @@ def frame_weights(model: AcousticModel, foci: Sequence[Focus], method: Method) -
 def _iterative_backpropagation(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return *drive* (N,) after *rounds* of back-propagated *wanted* levels, clipped to 1."""
+    """Return *drive* (N,) after *rounds* of iterative back-propagation, magnitudes clipped to 1.
+
+    *matrix* (F, N): propagators to the foci; *wanted* (F,): their levels, set anew in each round.
+    """
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     scale = _reachable_foci_levels(matrix, wanted)
     for _ in range(rounds):
@@ -160,7 +163,10 @@ def _iterative_backpropagation(
 def _gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return *drive* (N,) after *rounds* between foci of *wanted* levels and full elements."""
+    """Return *drive* (N,) after *rounds* of Gerchberg and Saxton, all elements at full amplitude.
+
+    *matrix* (F, N): propagators to the foci; *wanted* (F,): their levels, set anew in each round.
+    """
     for _ in range(rounds):
         drive = _solver_phasor(matrix.conj().T @ (wanted * _solver_phasor(matrix @ drive)))
     return drive
@@ -169,7 +175,10 @@ def _gerchberg_saxton(
 def _weighted_gerchberg_saxton(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return *drive* (N,) after *rounds* of Gerchberg and Saxton, weighted to even out foci."""
+    """Return *drive* (N,) after *rounds* of Gerchberg and Saxton, weighted to even out foci.
+
+    *matrix* (F, N): propagators to the foci; *wanted* (F,): their levels.
+    """
     kernels = load_kernels()
     if kernels is None:
         return weighted_gerchberg_saxton(matrix, wanted, drive, rounds)
@@ -185,7 +194,11 @@ def _weighted_gerchberg_saxton(
 def _solved_for_pistons(
     model: AcousticModel, points: FloatArray, wanted: FloatArray, rounds: int
 ) -> ComplexArray | None:
-    """Return the drive (N,) from compiled code; None unless parallel pistons reach all *points*."""
+    """Return the drive (N,) by weighted Gerchberg and Saxton in compiled code; None if unsuited.
+
+    Suited is an array of parallel pistons below all *points*, each heard there. *wanted* (F,):
+    levels of the foci.
+    """
     pistons = _pistons_to_solve(model)
     if pistons is None:
         return None
@@ -238,7 +251,10 @@ def weighted_gerchberg_saxton(
 def _gs_pat(
     matrix: ComplexArray, wanted: FloatArray, drive: ComplexArray, rounds: int
 ) -> ComplexArray:
-    """Return *drive* (N,) after *rounds* of GS-PAT on F foci alone, by their F x F couplings."""
+    """Return *drive* (N,) after *rounds* of GS-PAT on F foci alone, by their F x F couplings.
+
+    *matrix* (F, N): propagators to the foci; *wanted* (F,): their levels.
+    """
     back = matrix.conj().T / (np.abs(matrix) ** 2).sum(axis=1)
     between = matrix @ back
     scale = _reachable_foci_levels(matrix, wanted)
@@ -257,7 +273,8 @@ def _gradient_solver(
 ) -> ComplexArray:
     """Return the drive (N,) whose phases, from *drive*'s on, minimise the squared errors of |p|.
 
-    By L-BFGS in at most *rounds* steps; all elements are full.
+    An error is |p| at a focus less its *wanted* level, scaled to full power. By L-BFGS in at most
+    *rounds* steps; all elements are full.
     """
     from scipy.optimize import minimize  # slow to import, and only this solver needs it
 
@@ -291,7 +308,7 @@ _SOLVERS: Final[dict[str, _Solver]] = {
 
 
 def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArray:
-    """Return the matrix (F, N) of propagators; raise if a focus gets no sound from any element."""
+    """Return the propagators (F, N); raise ConfigurationError if a focus gets no sound at all."""
     matrix = propagators(model, points)
     silent = np.flatnonzero(~matrix.any(axis=1))
     if silent.size:
@@ -302,9 +319,9 @@ def _solver_propagators(model: AcousticModel, points: FloatArray) -> ComplexArra
 
 
 def _checked_foci_levels(amplitudes: ArrayLike, count: int) -> FloatArray:
-    """Return the wanted amplitudes of *count* foci; raise unless within 1e-6 to 1e6.
+    """Return the wanted amplitudes of *count* foci; raise unless they are within 1e-6 to 1e6.
 
-    Their ratio is at most 1e6 as well.
+    Their ratio is at most 1e6 as well. It raises ConfigurationError.
     """
     levels = as_float_vector("amplitudes", amplitudes, count)
     low, high = float(levels.min()), float(levels.max())

@@ -141,9 +141,10 @@ def bench_lateness_shares(parts: BenchLatenessParts) -> Times:
 
 
 def _lateness_proportions(before: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return the share of each of CAUSES in *before*, lateness carried over, in their order.
+    """Return each cause's share, 0 to 1, of the lateness carried over from the tick before.
 
-    All is WORK if *before* is None or holds no lateness.
+    *before*: that lateness by cause, in the order of CAUSES, as is the result. All is WORK if
+    *before* is None or its sum is 0.
     """
     total = 0.0 if before is None else float(before.sum())
     if before is None or total <= 0.0:

@@ -108,7 +108,8 @@ def _bench_change(
 ) -> BenchChange | None:
     """Return the change of a percentile between two benches, with its noise; None if unmeasured.
 
-    The noise is 4 standard errors of the difference, plus 1 µs.
+    *level* names the percentile, such as p99. The noise is 4 standard errors of the difference,
+    plus 1 µs.
     """
     if after is None or not before.blocks or not after.blocks:
         return None
@@ -118,7 +119,7 @@ def _bench_change(
 
 
 def _bench_error_us(values: list[float]) -> float:
-    """Return the standard error of the median, robust against single stalls."""
+    """Return the standard error of the median of *values* (µs), from their absolute deviations."""
     deviation = float(np.median(np.abs(np.array(values) - np.median(values))))
     return _MEDIAN_LOSS * _MAD_TO_SIGMA * deviation / math.sqrt(len(values))
 

@@ -133,13 +133,13 @@ def _sleep_until_budget_deadline(deadline_ns: int) -> None:
 
 
 def _encode_budget_frame(message: messages.Message, stuff: Stuffing) -> bytes:
-    """Return the bytes of a frame, encoded as the timed work."""
+    """Return the bytes of a frame of *message*, stuffed by *stuff*: the work that is timed."""
     body = messages.build_body(message, flags=0, seq=4711, time_us=123_456_789, session=77)
     return encode_frame(body, stuff)
 
 
 def _decode_budget_frame(decoder: FrameDecoder, wire: bytes) -> None:
-    """Decode and parse a frame, as the timed work."""
+    """Decode the frame in *wire* and parse its message: the work that is timed."""
     for body in decoder.feed(wire):
         assert isinstance(body, bytes)
         messages.parse_body(body)

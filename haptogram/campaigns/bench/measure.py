@@ -186,7 +186,10 @@ def _bench_stages(
     transmission_ns: NDArray[np.int64],
     sent: NDArray[np.bool_],
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the host's stages (n,) of each frame in µs; NaN after the wake if it was not sent."""
+    """Return (n,) times in µs by stage of the host: wake, overslept, work, at_port, line.
+
+    Work and line are NaN for frames that were not *sent* (n,).
+    """
     unsent = np.where(sent, 0.0, np.nan)
     return {
         "wake": lateness_us,

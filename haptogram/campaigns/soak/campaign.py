@@ -211,6 +211,9 @@ class SoakCampaign:
 def _run_soak_worker(
     make_board: MakeBoard, setup: SoakSetup, progress: Progress | None, recorded: bool, number: int
 ) -> _Done:
-    """Run segment *number*; return its tally with process id and memory of the worker."""
+    """Run segment *number*; return its tally, the worker's process id and its memory in bytes.
+
+    *recorded*: whether the tally keeps excerpts of the dialogue around violations.
+    """
     tally = run_soak_segment(make_board, setup, number, progress, recorded=recorded)
     return tally, os.getpid(), resident_bytes()

@@ -122,11 +122,11 @@ class SoakComparison:
         return frames
 
     def _judge(self, verdict: int | str, t_ns: int, up_free_ns: int) -> bool:
-        """Report if the board took or dropped a frame unlike the model, at *t_ns*.
+        """Report a violation if the board did to a frame, at *t_ns*, what its model does not.
 
-        *verdict*: the number of the frame that it took, or what else it made of a frame.
-        *up_free_ns*: when the line to the host is free. Returns True if the frame, a HELLO or MUTE,
-        ends the output.
+        *verdict*: the number of the stream frame that the board took, or a text: a request taken,
+        or why it dropped the frame. *up_free_ns*: when the line to the host is free. Returns True
+        for a HELLO or MUTE that was due to be taken, which ends the output.
         """
         sent = self._line.next_sent(verdict)
         if sent is None:
@@ -147,7 +147,8 @@ class SoakComparison:
     def _judge_lateness(self, sent: Sent, index: int, t_ns: int) -> None:
         """Attribute the lateness of frame *index* to its fault; report a violation if it has none.
 
-        Nothing is done for a frame that came before its due time.
+        *sent* is that frame, which came at *t_ns*. One that came before its due time is left as it
+        is.
         """
         late_us = m.signed_difference(self._board.device_us(t_ns), sent.due_us, 32)
         if late_us <= 0:

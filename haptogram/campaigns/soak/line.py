@@ -201,9 +201,9 @@ class SoakLine:
         return pieces
 
     def _carry(self, data: bytes, t_ns: int, wait_ns: int) -> None:
-        """Schedule the arrival of bytes behind earlier ones, at the rate of the line.
+        """Schedule the arrival of *data*, sent at *t_ns*, behind earlier bytes at the line rate.
 
-        They start *wait_ns* later than they could, but at most 60 ms after *t_ns* for that.
+        They start *wait_ns* after the line is free; the wait ends 60 ms after *t_ns* at the latest.
         """
         if not data:
             return
@@ -214,9 +214,10 @@ class SoakLine:
         self.arriving.append((-(-self.free_ns // 1000) * 1000, data))
 
     def _expect(self, data: bytes, sent: Sent) -> None:
-        """Note for each run between delimiters that *data* completes its frame and its fault.
+        """Note what the end of the line is to find in *data*: frame and fault of each run.
 
-        Either may be None: bytes of no whole frame, or no fault.
+        Delimiters end a run of bytes. The frame is None if the run is damaged, the fault None if
+        none hit it. *data* is what the faults left of *sent*, or a piece of it.
         """
         if data is sent.wire and not self._partial:  # as nearly all of them
             self._runs.append((sent, sent.hit))
@@ -251,9 +252,10 @@ class SoakLine:
         return sent
 
     def _explain_damage(self, hit: SoakHit | None, verdict: int | str) -> None:
-        """Count damage to the fault *hit*; report a violation if that is None, or it was taken.
+        """Count damaged bytes at the end of the line for the fault *hit*, which explains them.
 
-        *verdict*: why the end of the line dropped the bytes.
+        Reports a violation if *hit* is None, or if the bytes were taken. *verdict*: the reason why
+        the end of the line dropped them; any other if it took them.
         """
         if hit is None:
             self._tally.violate(UNEXPLAINED, f"damage at {self._end} without a fault: {verdict}")

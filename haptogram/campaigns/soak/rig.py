@@ -58,9 +58,10 @@ class SoakHost(HostConnection):
         return event
 
     def _explain_drop(self, sent: Sent, reason: str) -> None:
-        """Attribute a copy that the host drops to a fault or a retry; else report a violation.
+        """Explain by a fault, a retry or an old session why the host drops a frame of the board.
 
-        It is one of HG-3.7/3. A copy of the session before is ignored.
+        Else a violation is reported. *reason*: "duplicate" for a second copy, which a fault or a
+        repeated request makes; "stale_session" for a frame of a session before (HG-3.7/3).
         """
         self._tally.totals[f"the host: {reason}"] += 1
         if reason == "duplicate" and sent.hit is not None:
@@ -234,7 +235,10 @@ class SoakRig:
         """Do nothing: the board stays."""
 
     def _note_request(self, wire: bytes) -> None:
-        """Note a request; if it repeats the last one, name the fault, or report a violation."""
+        """Note a request that is sent; count a repetition for the fault that lost the first.
+
+        Reports a violation for a repetition if no fault hit the request or its reply.
+        """
         hits = self.tally.request_hits
         if wire != self._last_request:
             hits.clear()

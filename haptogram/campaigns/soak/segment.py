@@ -151,7 +151,7 @@ class _SoakSegment:
         self._stream(min(left_ns, round(self._source.uniform(*_BURST_S) * NS_PER_S)) // NS_PER_MS)
 
     def _wait_idle(self) -> None:
-        """Stream without faults until both ends are idle; raise if that takes 3 s."""
+        """Stream without faults until both ends are idle; raise Hopeless if that takes 3 s."""
         rig = self._rig
         rig.down.calm = rig.up.calm = True
         self._stream(_LEAD_US // PERIOD_US + 60)  # longer than a STATUS takes to come
@@ -211,7 +211,7 @@ class _SoakSegment:
             self._connect()
 
     def _some_time_ns(self) -> int:
-        """Return a random duration, 0.1 to 2.5 times the shorter timer and the ramp."""
+        """Return a random duration: 0.1 to 2.5 times the sum of the shorter timer and the ramp."""
         return round(self._source.uniform(0.1, 2.5) * (self._timers_ms + self._ramp_ms)) * NS_PER_MS
 
     def _resume(self, since_ns: int) -> None:

@@ -102,7 +102,7 @@ class SweepAxis:
 
 
 def _axis_end(name: str, table: dict[str, Any], key: str) -> float:
-    """Return the low or high end of an axis; refuse an axis without it."""
+    """Return the end *key*, "low" or "high", of the axis *name*; refuse a table without it."""
     if key not in table:
         raise ConfigurationError(f"{name} has neither values nor low and high")
     return check_number(f"{name}: {key}", table[key], -_MOST, _MOST)

@@ -151,7 +151,10 @@ class SweepCampaign:
     def _keep(
         self, number: int, future: Future[tuple[int, bytes, str]], file: TextIO | None
     ) -> None:
-        """Write the row of a finished or crashed point; raise if its worker or scheduler died."""
+        """Write the row of a point that ended or raised; raise if its worker or the scheduler died.
+
+        That is BrokenExecutor for the worker, LinkError for the scheduler.
+        """
         try:
             error = future.exception()
         except CancelledError:

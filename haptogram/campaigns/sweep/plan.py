@@ -167,7 +167,7 @@ class SweepPlan:
 
 
 def _options_by_name(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a table, whose names may have - as on the command line."""
+    """Return the options of a table by name, each - made _; refuse one given in both ways."""
     options = {name.replace("-", "_"): value for name, value in table.items()}
     if len(options) < len(table):
         raise ConfigurationError(f"one of {', '.join(table)} is named twice, with - and with _")

@@ -188,7 +188,7 @@ def _parquet_bytes(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
 
 
 def _parquet_column(values: list[Any]) -> list[Any]:
-    """Return *values* of one type: text where one of them is text."""
+    """Return *values*; if one of them is text, all as text but None: a column has one type."""
     if not any(isinstance(value, str) for value in values):
         return values
     return [None if value is None else str(value) for value in values]

@@ -114,7 +114,11 @@ def dask_workers(address: str, jobs: int) -> Iterator[Workers]:
 
 
 def _checked_dask_workers(found: dict[str, Any]) -> int:
-    """Return the number of workers; refuse none, or other versions than on this machine."""
+    """Return the number of workers; refuse none, or other versions of packages than here.
+
+    *found*: versions of the packages of client, scheduler and workers, as Dask gathers them; they
+    must equal those on this machine.
+    """
     own = found["client"]["packages"]
     parts = [("the scheduler", found["scheduler"], _WIRE)]
     parts += [(f"worker {name}", one, _WIRE + _ROWS) for name, one in found["workers"].items()]

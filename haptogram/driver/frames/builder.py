@@ -113,7 +113,11 @@ class FrameBuilder:
         return [made[group] for group in foci]
 
     def _make(self, foci: list[tuple[Focus, ...]], mode: Mode, solver: Method) -> list[Frame]:
-        """Return one frame of *mode* for each group of foci."""
+        """Return one frame of *mode* for each group of foci.
+
+        *solver* computes the drive of a group on the host; in the mode points the board computes
+        it.
+        """
         if mode == "points":
             return [self._points(group) for group in foci]
         if mode == "drives":
@@ -122,9 +126,10 @@ class FrameBuilder:
         return [f for batch, phases in batches for f in self._phases(batch, phases, solver)]
 
     def _check_mode(self, mode: Mode) -> None:
-        """Refuse a mode the board lacks; points also with a calibration.
+        """Refuse a mode that the board lacks; refuse the mode points for a model it cannot carry.
 
-        Points also with a speed of sound outside LEAST_SPEED_MM_S to MOST_SPEED_MM_S.
+        That is one with a calibration, or a speed of sound outside LEAST_SPEED_MM_S to
+        MOST_SPEED_MM_S.
         """
         check_choice("mode", mode, tuple(MODE_OF.values()))
         if mode in NEEDED_FEATURE and not self._identity.features & NEEDED_FEATURE[mode]:
@@ -225,7 +230,7 @@ def _are_frames_in_reach(model: AcousticModel, foci: Sequence[tuple[Focus, ...]]
 def _check_frame_foci(
     model: AcousticModel, number: int, foci: tuple[Focus, ...], solver: Method, *, is_in_reach: bool
 ) -> None:
-    """Refuse foci of frame *number* that are out of reach, or have phases that *solver* chooses.
+    """Refuse foci of frame *number* that are out of reach, or have phases that *solver* replaces.
 
     *is_in_reach*: whether it is known that all are in reach.
     """

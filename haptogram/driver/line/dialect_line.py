@@ -106,14 +106,17 @@ class DialectLine:
         return seen
 
     def _wait_for_answer(self, operation: Operation) -> None:
-        """Read until every due reply has arrived; raise NoAnswerError after the timeout."""
+        """Read until every due reply has arrived; raise NoAnswerError after the timeout.
+
+        The error names *operation*, the last one sent.
+        """
         deadline_ns = self.now_ns() + self._timeout_ns
         while self._host.due:
             self._check_time(deadline_ns, operation)
             self._take(deadline_ns)
 
     def _wait_for_room(self, size: int) -> None:
-        """Wait until at most *size* unsent bytes are queued on the line; not without a line."""
+        """Wait until at most *size* unsent bytes are queued; at once if the rate is unknown."""
         if self._line is not None and self._line.unsent_bytes(self.now_ns()) > size:
             self.run_until(self._line.room_at_ns(size))
 

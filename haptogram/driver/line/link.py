@@ -164,7 +164,8 @@ class Link:
     def _write_some(self, data: bytes, now_ns: int) -> None:
         """Write as many bytes as the transport takes, keep the rest; raise if it takes none.
 
-        It raises LinkLostError after the timeout. Silences of 20 ms or more before are noted.
+        It raises LinkLostError after the timeout. If nothing was written for 20 ms or more before,
+        start and end of that silence go into `silences_ns`.
         """
         written = self._transport.write_some(data)
         self._unwritten = data[written:]
@@ -201,7 +202,10 @@ class Link:
                 self._telling = False
 
     def _tell(self, event: HostEvent) -> None:
-        """Pass an event to the handler; raise if a request failed that no caller awaits."""
+        """Pass an event to the handler; raise if a request failed that no caller awaits.
+
+        It raises DeviceError for a refused request, else NoAnswerError.
+        """
         if isinstance(event, _FAILED):
             self._message(event, Message)  # raises: nobody else would tell
         else:
@@ -318,7 +322,10 @@ class Link:
             )
 
     def _message(self, outcome: _Outcome | None, reply: type[_M]) -> _M:
-        """Return the message of a reply; raise if *outcome* is a timeout, a refusal or None."""
+        """Return the message of a reply; raise DeviceError for a refusal, else NoAnswerError.
+
+        *outcome*: reply, refusal or timeout of a request; None if a MUTE made it void.
+        """
         if outcome is None:
             raise errors.NoAnswerError(f"{self.url}: a request was given up for a MUTE")
         if isinstance(outcome, RequestTimedOut):
@@ -345,7 +352,7 @@ class Link:
         self.connection.port_closed()
 
     def _check_open(self) -> None:
-        """Raise if the transport is closed."""
+        """Raise LinkLostError if the transport is closed."""
         if isinstance(self._transport, ClosedTransport):
             raise self._transport.error()
 

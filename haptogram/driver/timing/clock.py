@@ -162,9 +162,9 @@ class ClockEstimate:
         self._best = min(self._samples, key=lambda s: self._margin_at(s, sample.host_ns))
 
     def _contradicts(self, sample: ClockSample) -> bool:
-        """Return True if *sample* is further from the best one than drift limits allow.
+        """Return True if *sample* is further from the best one than drift and uncertainty allow.
 
-        Never without a best one.
+        False without a best one.
         """
         best = self._best
         if best is None:
@@ -180,7 +180,7 @@ class ClockEstimate:
         self._samples.clear()
 
     def _follow_drift(self) -> None:
-        """Fit the drift; use it where it is known better than by the declared limit."""
+        """Fit the drift; use it where it is known better than by the declared limit (ppm)."""
         self._drift = fit_clock_drift(self._samples)
         growth_ppm = self._drift.uncertainty_ppm + _WANDER_PPM
         known = growth_ppm < self._ppm
@@ -192,7 +192,7 @@ class ClockEstimate:
         return sample.margin_ns + abs(host_ns - sample.host_ns) * self._growth_ppm / 1e6
 
     def _offset_ns(self, host_ns: int) -> int:
-        """Return the device clock minus the host clock, extrapolated to *host_ns*."""
+        """Return the device clock minus the host clock, in ns, extrapolated to *host_ns*."""
         best = self._chosen
         return best.offset_ns + (host_ns - best.host_ns) * self._rate_ppb // _PPB
 
@@ -247,7 +247,10 @@ class ClockEstimate:
 
     @property
     def _chosen(self) -> ClockSample:
-        """Return the best clock sample; raise without any."""
+        """Return the clock sample of the least uncertainty; raise NoAnswerError without any.
+
+        The error says that no ping was answered yet.
+        """
         if self._best is None:
             raise NoAnswerError("the device clock is not known: no ping was answered yet")
         return self._best

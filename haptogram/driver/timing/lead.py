@@ -114,7 +114,10 @@ class LeadTrim:
         self.lead_us = lead_us
 
     def _begin_epoch(self) -> None:
-        """Forget the measured delays; the next epoch has twice as many STATUS reports."""
+        """Forget the delays measured until now; the next span of STATUS reports is twice as long.
+
+        At the end of such a span, an epoch, the lead may come down.
+        """
         self._delays_us.clear()
         self._frames = 0
         self._epoch *= 2

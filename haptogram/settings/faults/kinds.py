@@ -260,7 +260,10 @@ def fault_time_ns(name: str, key: str, text: str) -> int:
 
 
 def _time_limit_error(name: str, key: str, text: str) -> ConfigurationError:
-    """Return the error for a time before power-up or after the last one that a fault can have."""
+    """Return the error for a fault's time before power-up or beyond the last one that it can have.
+
+    *name*: of the fault; *key*: of the parameter; *text*: the time as it was given.
+    """
     last = fault_time_text(FOR_EVER_NS // _UNITS_NS["s"] * _UNITS_NS["s"])
     return ConfigurationError(
         f"{name} {key}={text}: must not be before power-up (0s), nor after {last}"

@@ -240,7 +240,10 @@ def faults_of_toml(document: Mapping[str, Any]) -> tuple[tuple[Fault, ...], int 
 
 
 def _fault_end_ns(name: str, values: Mapping[str, float], from_ns: int) -> int:
-    """Return when a fault ends by its own parameter "ms" (line.disconnect); others never do."""
+    """Return when (ns) a fault ends by its own parameter "ms"; only line.disconnect has one.
+
+    Others never end by themselves: FOR_EVER_NS.
+    """
     return from_ns + round(values["ms"] * _NS_PER_MS) if name == _DISCONNECT else kinds.FOR_EVER_NS
 
 

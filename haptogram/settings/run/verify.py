@@ -74,7 +74,10 @@ class VerifyConfig(Settings):
             )
 
     def _check_modulation(self) -> None:
-        """Refuse a modulation faster than half the frame rate, and am in the mode phases."""
+        """Refuse a modulation faster than half the frame rate, and "am" in the mode phases.
+
+        "am" is modulation of the amplitude, which frames of the mode phases lack.
+        """
         kind, rate_hz = self.modulation.modulation, self.pace.rate_hz
         if self.modulation.modulation_hz > rate_hz / 2.0:
             raise SettingError(

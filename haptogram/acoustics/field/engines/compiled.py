@@ -93,7 +93,7 @@ def _stored_kernels() -> StoredKernels | None:
 
 
 def _is_code_stored() -> bool:
-    """Return True on Linux with default options of numba, for which machine code is stored."""
+    """Return True if machine code is stored: on Linux, with the default options of numba."""
     set_otherwise = any(name.startswith("NUMBA_") for name in os.environ.keys() - _HARMLESS)
     return sys.platform == "linux" and not set_otherwise
 

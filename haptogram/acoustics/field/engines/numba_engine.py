@@ -174,10 +174,10 @@ class NumbaEngine:
         return result
 
     def _fast(self, drives: ComplexArray, points: FloatArray, *, careful: bool) -> ComplexArray:
-        """Return the pressure (M,) or (F, M) of one or F drives at usable points, compiled.
+        """Return the pressure (M,) or (F, M) of one or F drives, by compiled code.
 
-        *careful*: fewer than 64 elements are active, in effect, so that their rounding errors do
-        not average out.
+        *points* (M, 3) are those that `_usable` accepts. *careful*: fewer than 64 elements are
+        active, in effect, so that their rounding errors do not average out.
         """
         result = np.empty((*drives.shape[:-1], len(points)), dtype=np.complex128)
         if drives.ndim == 1:
@@ -251,7 +251,10 @@ class NumbaEngine:
         return float(self._kernels.disc_stress_kernel(self._polar(drive), centre_m, *disc))
 
     def _usable(self, points: FloatArray, reach_m: float) -> BoolArray | None:
-        """Return a mask (M,) of points in reach, in front, clear of elements; None if all are."""
+        """Return a mask (M,) of points in reach, in front, clear of elements; None if all are.
+
+        *reach_m*: the greatest distance from the array's centre.
+        """
         usable, refused = np.empty(len(points), dtype=np.bool_), 0
         for part in memory_chunks(len(points), _CALL_POINTS):
             refused += self._kernels.usable_points_kernel(
@@ -268,7 +271,7 @@ class NumbaEngine:
     def _one_drive(
         self, drive: ComplexArray, points: FloatArray, careful: bool, result: ComplexArray
     ) -> None:
-        """Write the pressure of one drive at *points* into *result* (M,).
+        """Write the complex pressure (Pa) of one drive at *points* into *result* (M,).
 
         *careful*: fewer than 64 elements are active, in effect, so that their rounding errors do
         not average out.
@@ -292,7 +295,10 @@ class NumbaEngine:
         return polar
 
     def _waves(self, points: FloatArray) -> SingleArray:
-        """Return (2, N, M): real and imaginary part of each of N elements' wave at M points."""
+        """Return (2, N, M): real and imaginary part (Pa) of each of N elements' wave at M points.
+
+        Every element is at full amplitude, its phase 0.
+        """
         layout, points = self._layout, _writeable_for_engine(points)
         size = (len(points) + 15) // 16 * 16
         waves = np.empty((2, self._model.array.count, size), dtype=np.float32)

@@ -99,7 +99,11 @@ class StoredKernels:
     def _loop(
         self, name: str, function: Callable[..., int], result: Described, kinds: list[Described]
     ) -> Callable[..., Any]:
-        """Return a function that calls the loop *name*; arguments of other types go to numba."""
+        """Return a function that calls the loop *name*, whose stored machine code is *function*.
+
+        *kinds* and *result* are the types of its arguments and result; with arguments of other
+        types it calls the loop that numba compiles.
+        """
         form = struct.Struct(_result_format(result))
 
         def call(*values: Any) -> Any:

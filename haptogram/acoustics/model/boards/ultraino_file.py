@@ -195,7 +195,7 @@ class _UltrainoReader:
 def _carry_out_ultraino_call(attributes: dict[str, str], arguments: list[Any], target: Any) -> Any:
     """Set or get a property of *target*, or add to it; return what a getter returns, else None.
 
-    A name as *target* is a public field of the first argument.
+    A *target* that is a text names a public field, which is set or got of the first argument.
     """
     method = attributes.get("method")
     if isinstance(target, str) and arguments and isinstance(arguments[0], _UltrainoObject):
@@ -231,7 +231,7 @@ def _ultraino_bytes_of(path: Path) -> bytes:
 
 
 def _ultraino_transducers(root: Any) -> list[_UltrainoObject]:
-    """Return the transducers of an array file; refuse none, and more than 1024."""
+    """Return the transducers of an array file; raise ConfigurationError unless 1 to 1024."""
     listed = root.part(_TRANSDUCERS).items if isinstance(root, _UltrainoObject) else []
     found = [item for item in listed if isinstance(item, _UltrainoObject)]
     if not 1 <= len(found) <= MAX_TRANSDUCERS:
@@ -248,7 +248,7 @@ def _ultraino_part(built: _UltrainoObject, *names: str) -> _UltrainoObject:
 
 
 def _ultraino_value(built: _UltrainoObject, name: str, default: float = 0.0) -> float:
-    """Return a field, or *default* without it; raise unless it is a finite number."""
+    """Return a field, *default* without it; raise ConfigurationError if it is no finite float."""
     value = built.values.get(name, default)
     if not isinstance(value, float) or not math.isfinite(value):
         raise ConfigurationError(f"{name} is no finite number")
@@ -256,7 +256,7 @@ def _ultraino_value(built: _UltrainoObject, name: str, default: float = 0.0) -> 
 
 
 def _ultraino_number(transducer: _UltrainoObject, name: str) -> int:
-    """Return a field as a whole number from 0 on, 0 if it is absent; raise for any other value."""
+    """Return a field as a whole number from 0 on, 0 without it; else raise ConfigurationError."""
     value = _ultraino_value(transducer, name)
     if value != round(value) or value < 0:
         raise ConfigurationError(f"{name} is {value:g}, must be a whole number from 0 on")

@@ -214,7 +214,7 @@ class PatternClassifier:
     def _best_standing_fit(
         self, found: Explanation, phases: PatternPhases, active: BoolArray
     ) -> Explanation:
-        """Return the best fit among neighbouring foci and traps of a standing wave.
+        """Return the best fit among *found* and its neighbours: foci and traps of a standing wave.
 
         Between two sides a focus has neighbours: foci half a wavelength away, and traps, which have
         half a turn between the sides, a quarter away. A trap wins if its RMS is below 0.85 of a
@@ -310,7 +310,10 @@ class PatternClassifier:
     def _from_start(
         self, phases: PatternPhases, start: Start, search: PatternSearch, active: BoolArray
     ) -> Explanation | None:
-        """Fit a twin trap, focus or vortex from a start; None unless chance is below 1e-4."""
+        """Return a twin trap, focus or vortex fitted from a start; None unless it is beyond chance.
+
+        Beyond chance: random phases fit as well with a probability of at most 1e-4.
+        """
         place = self._model.array.local_m(start.position_m)
         axis = place[:2] if start.below else search.middle_m
         side, limit_rad = search.side[active], self._limit_rad
@@ -323,14 +326,18 @@ class PatternClassifier:
         return None if found is None else self._proven(phases, found)
 
     def _proven(self, phases: PatternPhases, found: Explanation) -> Explanation | None:
-        """Return the simplest pattern that fits where chance would below 1e-4; else None."""
+        """Return *found*, or a simpler pattern that fits too, if it is beyond chance; else None.
+
+        Beyond chance: random phases fit as well with a probability of at most 1e-4. None too where
+        the field model is not valid.
+        """
         if not self._is_usable(found):
             return None
         simplest = self._simplest(phases, found)
         return simplest if is_beyond_chance(simplest, self._step_rad) else None
 
     def _simplest(self, phases: PatternPhases, found: Explanation) -> Explanation:
-        """Return the vortex *found*, or a focus at its place if chance gives that more rarely.
+        """Return the vortex *found*, or a focus at its place if random phases fit that more rarely.
 
         A vortex axis far from the array turns no phases, but can be fitted to a few outliers.
         Patterns without a charge are returned as they are.
@@ -351,7 +358,11 @@ class PatternClassifier:
         return bool(points_with_field(self._model, place[None])[0])
 
     def _as_pattern(self, found: Explanation, drive: ComplexArray, active: BoolArray) -> Pattern:
-        """Return an explanation as a pattern, its place fitted in the model's air if it can be."""
+        """Return *found* as a pattern, and keep it, where the next drive's search starts.
+
+        Its place is fitted again with the model's speed of sound, where that fit is observable and
+        the field model valid.
+        """
         self._last = found
         turn, used = np.zeros(len(drive)), np.zeros(len(drive), np.bool_)
         turn[active], used[active] = found.added_rad, found.used
@@ -387,12 +398,15 @@ class PatternClassifier:
 
 
 def _rms_of(found: Explanation) -> float:
-    """Return the RMS residual of the elements that an explanation uses."""
+    """Return the RMS residual, in rad, of the elements that an explanation uses."""
     return pattern_residual_rms(found.fit.residual_rad[found.used])
 
 
 def _as_trap(found: Explanation | None, halves: FloatArray) -> Explanation | None:
-    """Return a focus that was fitted with *halves* added as a trap; None if it is no focus."""
+    """Return a focus as a trap between the two sides of the array; None if *found* is no focus.
+
+    *halves*, pi for elements of one side and 0 else, was added to the phases before the fit.
+    """
     if found is None or found.charge or found.normal is not None:
         return None
     return replace(found, added_rad=halves, normal=np.array([0.0, 0.0, 1.0]))

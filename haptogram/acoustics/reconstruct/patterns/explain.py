@@ -178,11 +178,11 @@ def _widened_pattern_fit(
     axis_m: FloatArray | None,
     side: BoolArray | None,
 ) -> FloatArray | None:
-    """Return the place (3,) fitted to the array's centre, then to more; None above 1.35 rad RMS.
+    """Return the place (3,), in m, of a fit to more and more elements; None above 1.35 rad RMS.
 
-    In m, by more and more elements. Of two arrays that look at each other one *side* comes first.
-    Between them minima of the fit alternate every half of a wavelength, so several heights are
-    tried for both.
+    *charge*: of a vortex, 0 for none; *axis_m* (2,): a point of its axis, None for one through the
+    place. *side*: mask of the elements, of two arrays that face each other, that are fitted first;
+    then all, from 9 heights a quarter wavelength apart, since minima repeat along the height.
     """
     if side is None or side.all():
         return _pattern_by_more_elements(phases, start_m, charge, axis_m)
@@ -201,7 +201,8 @@ def _pattern_by_more_elements(
 ) -> FloatArray | None:
     """Return the place (3,), in m, fitted to 40 central elements, then to more and more.
 
-    None once a fit is above 1.35 rad RMS.
+    None once a fit is above 1.35 rad RMS. *charge*: of a vortex, 0 for none; *axis_m* (2,): a point
+    of its axis, None for one through the place.
     """
     distance = np.linalg.norm(phases.positions_m - phases.positions_m.mean(axis=0), axis=1)
     order, count = np.argsort(distance, kind="stable"), _FIRST_COUNT
@@ -221,7 +222,8 @@ def _pattern_residuals(
 ) -> tuple[FloatArray, FloatArray]:
     """Return (N,) each element's phase error, and the phase that a vortex adds to a focus, in rad.
 
-    The mean error of the elements *used* is 0.
+    An error is the element's phase less that of the pattern; its mean over the elements *used* is
+    0. *charge*: of the vortex, 0 for none.
     """
     distance = np.linalg.norm(point.position_m - phases.positions_m, axis=1)
     added = (
@@ -236,7 +238,7 @@ def _pattern_residuals(
 
 
 def _pattern_with_residual(point: PatternPointFit, residual: FloatArray) -> PatternPointFit:
-    """Return a copy of *point* with another residual."""
+    """Return a copy of *point* with other phase errors, *residual* (N,) in rad."""
     return PatternPointFit(point.position_m, point.axis_m, point.speed_share, residual)
 
 
@@ -272,9 +274,10 @@ def _turned_pattern_axis(vector: FloatArray, turn_rad: float) -> FloatArray:
 
 
 def _twin_trap_separated(along: FloatArray, flipped: BoolArray) -> float:
-    """Return the share of elements on the right side of the limit of *along* that best parts them.
+    """Return the share of elements on their right side of a plane, the best across an axis.
 
-    The right side is one for *flipped* elements, the other for the rest.
+    *along* (N,): positions along that axis. It is right if *flipped* elements are on one side and
+    the others on the other.
     """
     order = np.argsort(along)
     below = np.cumsum(flipped[order])

@@ -146,12 +146,18 @@ class PatternSearch:
         return [self._cells[cell] for cell in self._leaders(np.abs(sums), count)]
 
     def _sums_around_the_middle(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return (cells, charges) sums of arrivals, for vortices around the array's axis."""
+        """Return (cells, charges) sums of arrivals, for vortices around the array's axis.
+
+        *heard* (S,): phasors of the elements of this side.
+        """
         powers = np.stack([heard * self._turns.conj() ** charge for charge in CHARGES], axis=1)
         return self._phasors @ powers
 
     def _sums_below(self, heard: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return (cells, charges) sums of arrivals, for vortices with their axis at the cell."""
+        """Return (cells, charges) sums of arrivals, for vortices with their axis through each cell.
+
+        *heard* (S,): phasors of the elements of this side.
+        """
         sums = np.empty((len(self._cells), len(CHARGES)), dtype=np.complex64)
         for first in range(0, len(self._cells), _AT_A_TIME):
             part = slice(first, first + _AT_A_TIME)
@@ -212,9 +218,10 @@ def _cells_of_bowl(model: AcousticModel) -> FloatArray:
 
 
 def _pattern_cells_between(model: AcousticModel, cells: FloatArray, side: BoolArray) -> BoolArray:
-    """Return a mask (M,) of *cells* that are 10 mm in front of all elements of the other side.
+    """Return a mask (M,) of *cells* in front of the array and 10 mm before all of the other side.
 
-    They are in front of this *side* as well. All are where this is every element.
+    *side* (N,): mask of the elements of one of two sides that face each other. If that is every
+    element, all cells are in the mask.
     """
     if side.all():
         return np.ones(len(cells), dtype=np.bool_)

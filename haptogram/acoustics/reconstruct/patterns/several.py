@@ -72,9 +72,10 @@ def find_foci_pattern(
 def _next_pattern_focus(
     model: AcousticModel, rest: ComplexArray, places: FloatArray, loudest: Loudest
 ) -> FloatArray | None:
-    """Return the loudest point (3,) of the phasors *rest* away from known *places*; else None.
+    """Return the loudest point (3,), in m, of *rest* away from the known *places*; None if none.
 
-    In m. Away is more than 0.7 wavelengths; 24 points of *loudest* are tried, from each a climb.
+    *rest* (N,): phasors that the places leave unexplained of a drive. Away is more than 0.7
+    wavelengths; 24 points of *loudest* are tried, from each a climb.
     """
     apart = _APART * model.wavelength_m
     for cell in loudest(rest, _LOOKED_AT):
@@ -148,7 +149,10 @@ def _foci_fit_or_none(
     active: BoolArray,
     limit_rad: float,
 ) -> FociFit | None:
-    """Fit several foci; return None if the problem is singular."""
+    """Return a fit of foci, from *places* (F, 3) on, to the phases of *drive*; None if singular.
+
+    *limit_rad*: the phase error for which the fit states the bounds of the places.
+    """
     try:
         return fit_foci(model, waves, places, drive, active, limit_rad)
     except np.linalg.LinAlgError:  # an SVD that does not converge: no fit

@@ -41,7 +41,11 @@ def _lengths_to_centre_kernel(places: F8, x: float, y: float, z: float, lengths:
 def _phases_at_centre_kernel(
     places: F8, x: float, y: float, z: float, lags: F4, phases: F4
 ) -> None:
-    """Set *phases* (N,) of waves at the disc's centre, in half turns; *lags*: the drive's."""
+    """Set *phases* (N,) of the elements' waves at the centre x, y, z of the disc, in half turns.
+
+    They are wrapped. *lags* (N,): phases of the drive, in half turns. *places* (3, N) and the
+    centre are in wavelengths.
+    """
     for n in range(phases.size):
         turns = _distance_kernel(places, n, x, y, z) + 0.5 * lags[n]
         phases[n] = 2.0 * (turns - np.rint(turns))
@@ -51,8 +55,9 @@ def _phases_at_centre_kernel(
 def _levels_kernel(elements: F4, drive: F4, z: Float, lengths: F4, loss: Float, at: F4) -> Float:
     """Set *at* (2, N): magnitudes after absorption, and heights of the centre over the elements.
 
-    The absorption is relative to that over the mean of *lengths*, which is returned. A height is
-    the part that z has in the distance along the normal: it is the same all over the disc.
+    *drive* (2, N) begins with the magnitudes before it. *loss*: absorption per wavelength; it
+    counts relative to that over the mean of *lengths* (N,), which is returned, in wavelengths. A
+    height is the part that *z* has in the distance along the normal: the same all over the disc.
     """
     pz, nz, middle = elements[2], elements[5], lengths.mean()
     for n in range(lengths.size):
@@ -69,9 +74,10 @@ def _stress_kernel(
 ) -> float:  # fmt: skip
     """Return |p|^2 - |rho c v|^2, in Pa^2, at the offset (a, b) on a disc with the centre (x, y).
 
-    v is the velocity along the disc. *at* (2, N): levels and heights, *lengths* and *phases* (N,)
-    of the elements for the centre; *front*: the least cosine that has sound. Lengths are in
-    wavelengths; the absorption over the mean length is left out.
+    v is the velocity along the disc. *elements* (6, N): positions and normals. Of their waves at
+    the centre: *at* (2, N), set by `_levels_kernel`, *lengths* (N,), and *phases* (N,) in half
+    turns. *gain* (6,): coefficients of the directivity; *front*: the least cosine that has sound.
+    Lengths are in wavelengths; the absorption over the mean length is left out.
     """
     px, py, nx, ny = elements[0], elements[1], elements[3], elements[4]
     levels, rises = at[0], at[1]

@@ -83,11 +83,12 @@ def _lattice_block_kernel(
     places: Any, careful: Any, gain: Any, loss: Any, gx: Any, gy: Any, nodes: Any, drive: Any,
     depth: Any, height: Any, rows: Any, a: Any, scratch: Any, t: Any, m: Any, sums: Any,
 ) -> Any:  # fmt: skip
-    """Set *sums* (2, B), real and imaginary pressure of a lattice at *places* (3, B).
+    """Set *sums* (2, B), real and imaginary pressure (Pa) of a lattice at *places* (3, B).
 
-    In wavelengths. *gain* (6,) and *loss* (4,): coefficients of directivity and absorption. *nodes*
-    (nx, ny): the element at *gx*, *gy*, -1 for none. *drive* (2, N): magnitudes, phases in half
-    turns. *depth* to *m* are scratch. *careful*: r^2 gets back what rounding took from it.
+    Lengths are in wavelengths. *nodes* (nx, ny): the element in the column *gx*, row *gy*; -1 for
+    none. *drive* (2, N): magnitudes, phases in half turns. *gain* (6,), *loss* (4,): coefficients
+    of directivity, in Pa, and absorption. *careful*: r^2 is corrected by its rounding error. The
+    arguments from *depth* to *m* are scratch.
     """
     re, im = sums[0], sums[1]
     re[:], im[:] = ZERO, ZERO
@@ -108,7 +109,11 @@ def _lattice_block_kernel(
 
 @jit_inline
 def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
-    """Count one more wave in the buffer *t*, *m*; return 0 if that was full, and was added."""
+    """Return how many waves the buffer *t* (phases), *m* (magnitudes) holds after one more.
+
+    *held* are those before it. A buffer that is full is added to the sums *re*, *im*, and 0
+    returned.
+    """
     if held + 1 < WAVES:
         return held + 1
     add_waves_kernel(t, m, re, im)
@@ -117,7 +122,7 @@ def _held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 
 @jit_inline
 def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
-    """Add the *held* waves of the buffer *t* (phases), *m* (magnitudes) to *re*, *im*; 0: none."""
+    """Add the first *held* waves of the buffer *t* (phases), *m* (magnitudes) to *re*, *im*."""
     if held:
         m[held:] = ZERO
         add_waves_kernel(t, m, re, im)
@@ -127,9 +132,10 @@ def _add_held_kernel(held: Any, t: Any, m: Any, re: Any, im: Any) -> Any:
 def _lattice_rows_kernel(
     places: F8, gy: F8, careful: bool, rows: F4, depth: F8, height: F4
 ) -> None:  # fmt: skip
-    """Set *rows* (2, ny, B), (y - gy)^2 of points for each row; *depth* and *height* to z^2.
+    """Set *rows* (2, ny, B) to (y - gy)^2 of each point from each row of the lattice.
 
-    Where *careful*, the second part of *rows* is the rounding error of the first.
+    The second part of *rows* is the rounding error of the first, set where *careful*. *depth* (B,)
+    gets z^2 of the points, *height* (B,) the same in single precision.
     """
     depth[:] = 0.0
     for j in range(gy.size):
@@ -222,12 +228,12 @@ def _free_block_kernel(
     places: Any, pairs: Any, careful: Any, flat: Any, constants: Any, gain: Any, loss: Any,
     elements: Any, drive: Any, offset: Any, scratch: Any, t: Any, m: Any, sums: Any,
 ) -> Any:  # fmt: skip
-    """Set *sums* (2, B): real and imaginary pressure of elements anywhere at *places* (3, B).
+    """Set *sums* (2, B): real and imaginary pressure (Pa) of elements anywhere at *places* (3, B).
 
-    In wavelengths. *pairs*: *places* split (6, B). *constants*: aperture radius, absorption, least
-    cosine that has sound; *gain* (6,) and *loss* (4,): coefficients of directivity and absorption.
-    *elements* (N, 6): position, normal. *drive* (2, N): magnitudes, phases in half turns. *offset*
-    to *m* are scratch. *careful*: double precision; *flat*: all elements lie in one plane.
+    Lengths are in wavelengths; *pairs* (6, B): *places* split. *constants*: aperture radius,
+    absorption, least cosine that has sound; *gain* (6,), *loss* (4,): coefficients of directivity
+    (Pa) and absorption. *elements* (N, 6): position, normal. *drive* (2, N): magnitudes, phases in
+    half turns. *offset* to *m*: scratch. *careful*: double precision; *flat*: all in one plane.
     """
     re, im = sums[0], sums[1]
     re[:], im[:] = ZERO, ZERO
@@ -258,8 +264,9 @@ def _free_wave_kernel(
 ) -> Any:  # fmt: skip
     """Set phase *t* (half turns) and magnitude *m*, (B,) each, of the wave of an element at *s*.
 
-    *s* (6,): position and normal. *careful* (double precision) and *flat* (one plane for all
-    elements) are constants where it is inlined; where *flat*, z^2 of the points is in *offset*.
+    *s* (6,): position and normal; the other arguments, and units, are those of
+    `_free_block_kernel`. *careful* (double precision) and *flat* (one plane for all elements) are
+    constants where it is inlined; where *flat*, z^2 of the points is in *offset*.
     """
     square, low, height, ahead, none = offset[0], offset[1], offset[2], offset[3], offset[4]
     if flat:
@@ -280,7 +287,10 @@ def _free_wave_kernel(
 
 @jit_inline
 def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) -> Any:
-    """Set distances *r* and 1/r of points from an element *s* of a flat array; *height* is z^2."""
+    """Set distances *r* and 1/r (B,) of points from an element of a flat array, in wavelengths.
+
+    *pairs* (6, B): the points; *s* (6,): position and normal of the element; *height* (B,): z^2.
+    """
     x, y, x_low, y_low = pairs[0], pairs[1], pairs[3], pairs[4]
     sx, sy = np.float32(s[0]), np.float32(s[1])
     for p in range(r.size):
@@ -294,7 +304,7 @@ def _flat_lengths_kernel(pairs: Any, s: Any, height: Any, r: Any, inverse: Any) 
 def _offsets_kernel(pairs: Any, s: Any, square: Any, height: Any, ahead: Any) -> Any:
     """Set *square* (r^2), *ahead* (along the normal) and *height* (its square) of points.
 
-    *pairs* (6, B): the points; *s* (6,): position and normal of the element.
+    *pairs* (6, B): the points; *s* (6,): position and normal of the element; all in wavelengths.
     """
     x, y, z, x_low, y_low, z_low = pairs[0], pairs[1], pairs[2], pairs[3], pairs[4], pairs[5]
     sx, sy, sz = np.float32(s[0]), np.float32(s[1]), np.float32(s[2])
@@ -312,8 +322,8 @@ def _exact_offsets_kernel(
 ) -> Any:  # fmt: skip
     """Set *square* (r^2), *ahead* (along the normal) and *height*, its square, in double precision.
 
-    *places* (3, B): the points; *s* (6,): position and normal of the element. *low* gets what
-    rounding to single precision takes from r^2.
+    *places* (3, B): the points; *s* (6,): position and normal of the element; all in wavelengths.
+    *low* gets what rounding to single precision takes from r^2.
     """
     x, y, z = places[0], places[1], places[2]
     for p in range(x.size):

@@ -84,7 +84,10 @@ def fit_phases_kernel(
 
 @jit_sums
 def _coherent_phase_kernel(phases: Any, places: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return the phase, in turns, of the sum of all arrivals at a point, each of magnitude 1."""
+    """Return the phase, in turns, of the sum of all arrivals at a point, each of magnitude 1.
+
+    *phases* (N,): of the drive, in turns; *places* (3, N) and the point are in wavelengths.
+    """
     re, im = ZERO, ZERO
     px, py, pz = places[0], places[1], places[2]
     for n in range(phases.size):
@@ -103,10 +106,11 @@ def _coherent_phase_kernel(phases: Any, places: Any, x: Any, y: Any, z: Any) -> 
 def _normal_equations_kernel(
     phases: Any, places: Any, x: Any, y: Any, z: Any, common: Any, sums: Any
 ) -> Any:
-    """Set *sums* (14,) over the elements, from which a step of the fit at x, y, z follows.
+    """Set *sums* (14,): sums over the elements from which a step of the fit at x, y, z follows.
 
-    Slopes are less that at the origin, errors in turns: six products of slopes, three slopes, the
-    error, three products of slope and error, the squared error. *common*: the phase they have all.
+    Slopes are unit vectors to the point, less that from the origin; e is the phase in which a wave
+    arrives less *common*, in turns. In order: six products of slopes, three slopes, e, three
+    products of slope and e, e^2.
     """
     r0 = np.sqrt(x * x + y * y + z * z)
     cx, cy, cz = x / r0, y / r0, z / r0

@@ -45,10 +45,11 @@ _disc_stress_kernel = inlined(disc_stress_kernel)
 def _residuals_kernel(
     places: F8, point: F8, per_wavelength: float, common: float, mean: F8, products: F8
 ) -> None:
-    """Set *products* (5,): sums of phase errors at *point*, in turns, that a step of a fit needs.
+    """Set *products* (5,): sums over the elements that a step of the fit at *point* (m) needs.
 
-    Errors times x, y, z of unit vectors less their *mean*, errors, squared errors. *common*: the
-    phase, in turns, that is taken off them all.
+    e is the phase in which a wave arrives less *common*, in turns. In order: e times x, y, z of the
+    unit vector less the *mean* one; e; e^2. *places* (4, N): positions (m), phases (turns);
+    *per_wavelength*: 1 / wavelength.
     """
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     x, y, z, total, square = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -70,10 +71,12 @@ def _residuals_kernel(
 def _fit_kernel(
     places: F8, point: F8, medium: F8, common: float, matrix: F8, inverse: F8, least: float
 ) -> float:
-    """Move *point* (m) to the best fit; return its RMS residual in turns, -1 if it diverged.
+    """Move *point* (m) to the best fit; return its RMS residual in turns, -1 if there is none.
 
-    That is: no end after 8 steps, or a matrix whose share is not above *least*. *common*: the phase
-    of the arrivals there, in turns. Afterwards *matrix* and *inverse* are those of the slopes.
+    None: not settled after 8 steps, or the determinant of *matrix*, the slopes' products, is not
+    above *least* times its trace cubed. *common*: the phase of the arrivals, in turns. *places* (4,
+    N), *medium* (8,) are those of :mod:`.pistons`. *matrix* and *inverse* are those of the last
+    step.
     """
     count, products = places.shape[1], np.empty(5)
     for _ in range(_FIT_STEPS):

@@ -34,10 +34,10 @@ HOLD, UNOBSERVED, PEAKLESS, FAILED = 0, 1, 2, 3
 def _turns_to_target_kernel(
     places: F8, target: F8, per_wavelength: float, common: float, turns: F8
 ) -> float:
-    """Set ideal *turns* (N,) at *target*; return half the peak-to-peak error, in rad, of *places*.
+    """Set *turns* (N,), ideal phases for a focus at *target*; return half the errors' range (rad).
 
-    The fourth row of *places* has the phases, in turns; *common* is that in which their waves
-    arrive.
+    An error is a phase in the fourth row of *places*, in turns, less the ideal one and *common*,
+    the phase of the arrivals. *per_wavelength*: 1 / wavelength, in 1/m.
     """
     px, py, pz, codes = places[0], places[1], places[2], places[3]
     for n in range(px.size):
@@ -53,9 +53,10 @@ def _turns_to_target_kernel(
 
 @jit_checked
 def _metric_kernel(covariance: F8, wavenumber: float, first: F8, second: F8, metric: F8) -> None:
-    """Set *metric* (00, 01, 11): k^2 A C A^T, C the covariance, A the rows *first* and *second*.
+    """Set *metric* (00, 01, 11): variance of phase (rad^2) per moves squared (m^2) along two axes.
 
-    *covariance* (6,): xx, xy, xz, yy, yz, zz.
+    It is k^2 A C A^T: C the *covariance* (6,) of unit vectors from the elements, as xx, xy, xz, yy,
+    yz, zz; A the axes *first* and *second*.
     """
     a, b, c = covariance[0], covariance[1], covariance[2]
     d, e, f = covariance[3], covariance[4], covariance[5]
@@ -72,11 +73,11 @@ def _bound_kernel(
     places: F8, target: F8, matrix: F8, wavenumber: float, limit: float, distance_m: float,
     observed: F8, found: F8,
 ) -> bool:  # fmt: skip
-    """Set the uncertainty of the focus; return False if a coordinate cannot be observed.
+    """Set in *found* a focus's bounds, scatter and drift (m); return False if it is not observable.
 
-    *found* gets bounds (m) for phase errors up to *limit* (rad), scatter and drift. *observed*: the
-    least share of the eigenvalues, the share of the distance from which on the second order counts,
-    how much that is, and the share at which a focus is lost.
+    Bounds are for phase errors up to *limit* (rad). *observed* (4,): what the share of *matrix*
+    must exceed; the share of *distance_m* from which on a bound is multiplied by the third number;
+    the share of it that no bound may reach.
     """
     inverse, sums = np.empty(6), np.empty(7)
     if not inverse_symmetric_kernel(matrix, inverse) > observed[0]:
@@ -96,9 +97,9 @@ def _bound_kernel(
 
 @jit_checked
 def _is_in_place_kernel(offset: F8, axis: F8, found: F8) -> bool:
-    """Set the miss (m) across and along *axis*, the beam; return True if within its bounds.
+    """Set in *found* the miss (m) across and along *axis*, the beam; return True if within bounds.
 
-    *found* (m) holds the bounds, and gets the miss; *offset* (3,) is x, y, z of it.
+    *offset* (3,): the focus less its target as x, y, z, each compared with its bound in *found*.
     """
     along = offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2]
     square, inside = 0.0, True

@@ -62,7 +62,10 @@ def foci_waves_kernel(
 
 @jit_sums
 def _arrivals_kernel(places: F8, x: float, y: float, z: float, medium: F8, waves: F8) -> None:
-    """Set *waves* (3, N), those of each element at a point: real and imaginary part, magnitude."""
+    """Set *waves* (3, N), each element's wave (Pa) at a point: real and imaginary part, magnitude.
+
+    *places* (4, N), in m, and *medium* (8,) are those of :mod:`.pistons`; *x*, *y*, *z* are in m.
+    """
     for n in range(waves.shape[1]):
         dx, dy, dz = x - places[0, n], y - places[1, n], z - places[2, n]
         distance, _, size = wave_kernel(dx, dy, dz, medium)
@@ -107,7 +110,10 @@ def gerchberg_saxton_kernel(
 
 @jit_sums
 def _received_kernel(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
-    """Return real and imaginary pressure at a focus: its propagators *re*, *im* times the drive."""
+    """Return real and imaginary pressure at a focus: the drive times its propagators *re*, *im*.
+
+    The focus's propagators (N,) and the drive (N,) are summed over the elements.
+    """
     p, q = ZERO, ZERO
     for n in range(re.size):
         p += re[n] * drive_re[n] - im[n] * drive_im[n]
@@ -117,7 +123,10 @@ def _received_kernel(re: Any, im: Any, drive_re: Any, drive_im: Any) -> Any:
 
 @jit_inline
 def _send_back_kernel(re: Any, im: Any, p: Any, q: Any, drive_re: Any, drive_im: Any) -> Any:
-    """Add the drive that a focus's pressure p + j q sends back by its propagators *re*, *im*."""
+    """Add to the drive (N,) what a focus of pressure p + j q sends back to the elements.
+
+    That is p + j q times the conjugate of its propagators *re* + j *im* (N,).
+    """
     for n in range(re.size):
         drive_re[n] = drive_re[n] + re[n] * p + im[n] * q
         drive_im[n] = drive_im[n] + re[n] * q - im[n] * p

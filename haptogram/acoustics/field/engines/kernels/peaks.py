@@ -32,10 +32,11 @@ SUMS: Final = 12
 
 @jit_inline
 def _wave_kernel(dx: Any, dy: Any, dz: Any, turns: Any, axes: Any, medium: Any) -> Any:
-    """Return an element's wave at a point: cosine and sine of its phase, 1 / r, ray, magnitude.
+    """Return an element's wave (Pa) at a point that is *dx*, *dy*, *dz* (m) from it.
 
-    The ray is along two axes. Then the slopes of the magnitude along them, and its second
-    derivatives (00, 01, 11).
+    That is: cosine and sine of its phase, 1 / r, the two parts of the unit ray along *axes*, the
+    magnitude, its slopes along the axes, its second derivatives (00, 01, 11). *turns*: phase of the
+    drive; *medium* (8,): as in :mod:`.pistons`.
     """
     (ax, ay, az, ah), (bx, by, bz, bh) = axes
     distance, inverse, height, level, gain, by_cosine, bend = wave_bend_kernel(dx, dy, dz, medium)
@@ -58,7 +59,7 @@ def _wave_kernel(dx: Any, dy: Any, dz: Any, turns: Any, axes: Any, medium: Any) 
 
 @jit_inline
 def _with_heights_kernel(axes: Any, medium: Any) -> Any:
-    """Return the two axes, each with its component along the normal of the array."""
+    """Return both *axes* as x, y, z and their component along the array's normal, from *medium*."""
     a, b = axes[0], axes[1]
     first = a[0] * medium[4] + a[1] * medium[5] + a[2] * medium[6]
     second = b[0] * medium[4] + b[1] * medium[5] + b[2] * medium[6]
@@ -69,9 +70,10 @@ def _with_heights_kernel(axes: Any, medium: Any) -> Any:
 def _peak_sums_kernel(
     places: F8, x: float, y: float, z: float, axes: F8, medium: F8, sums: F8
 ) -> None:
-    """Set *sums* (12,): pressure at a place, its first and second derivatives on two axes.
+    """Set *sums* (12,): pressure (Pa) at x, y, z (m), its first and second derivatives on two axes.
 
-    Real and imaginary part of each: p, then 0, 1, then 00, 01, 11.
+    Real and imaginary part of each: p, then 0, 1, then 00, 01, 11. *places*, *medium*: as in
+    :mod:`.pistons`.
     """
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     both, k = _with_heights_kernel(axes, medium), 2.0 * math.pi * medium[0]
@@ -106,7 +108,8 @@ def _peak_sums_kernel(
 def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, float, float, bool]:
     """Return gradient and Hessian (00, 01, 11) of ln |p|^2, and True if that curves down all ways.
 
-    Without *both* those of the first axis alone, and 0 for the second.
+    *sums* (12,) are those of `_peak_sums_kernel`. Without *both* those of the first axis alone, and
+    0 for the second.
     """
     p = complex(sums[0], sums[1])
     first, second = complex(sums[2], sums[3]) / p, complex(sums[4], sums[5]) / p
@@ -124,9 +127,10 @@ def _derivatives_kernel(sums: F8, both: bool) -> tuple[float, float, float, floa
 def _level_kernel(
     places: F8, start: F8, axes: F8, a: float, b: float, medium: F8, sums: F8
 ) -> bool:
-    """Set *sums* at an offset (a, b), in m, on *axes* from *start*; return False if silent there.
+    """Set *sums* (12,), the pressure and its derivatives, at (a, b) on two *axes* from *start*.
 
-    That is where |p| is 0, or less than 2 mm above an element's face: *sums* may be unset.
+    They are those of `_peak_sums_kernel`; lengths in m; *places*, *medium* as in :mod:`.pistons`.
+    False if the point is not above all elements by 2 mm (*sums* are unset), or if |p| is 0 there.
     """
     x = start[0] + a * axes[0, 0] + b * axes[1, 0]
     y = start[1] + a * axes[0, 1] + b * axes[1, 1]
@@ -139,7 +143,7 @@ def _level_kernel(
 
 @jit_checked
 def _square_kernel(sums: F8) -> float:
-    """Return |p|^2 of the summed waves."""
+    """Return |p|^2, in Pa^2; *sums* begins with real and imaginary part of the pressure."""
     return float(sums[0] * sums[0] + sums[1] * sums[1])
 
 
@@ -197,7 +201,8 @@ def _response_kernel(
 ) -> tuple[float, float]:
     """Return how far, in m, phase errors of one radian can move the peak along two axes, at most.
 
-    Errors of every element, with the worst signs. *sums* and the Hessian are those at *place*.
+    Errors of every element, with the worst signs. *sums* and the Hessian of ln |p|^2 (*h00* to
+    *h11*) are those at *place*; *places*, *medium*: as in :mod:`.pistons`.
     """
     px, py, pz, turns = places[0], places[1], places[2], places[3]
     x, y, z = place[0], place[1], place[2]

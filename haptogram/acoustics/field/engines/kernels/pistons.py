@@ -26,7 +26,10 @@ MOST_LOSS: Final = 0.25  # nepers
 
 
 def _power_series(terms: list[float], degree: int, high: float) -> tuple[float, ...]:
-    """Return the *degree* + 1 coefficients, rising, that fit a power series on [0, *high*]."""
+    """Return *degree* + 1 coefficients, lowest first, that fit a power series on [0, *high*].
+
+    *terms*: the series' coefficients, lowest first; the fit is at Chebyshev nodes.
+    """
     angles = math.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)
     nodes = (1.0 - np.cos(angles)) * high / 2.0
     fit = Chebyshev.fit(nodes, Polynomial(terms)(nodes), degree, domain=[0.0, high])
@@ -45,7 +48,10 @@ _LOSS: Final = _power_series(_terms(16, 1.0, 0, 1), 7, MOST_LOSS)
 
 
 def _gain_series(order: int, degree: int) -> tuple[float, ...]:
-    """Return the coefficients of a derivative of the gain 2 J1(x) / x, by q = x^2 / 4."""
+    """Return coefficients, lowest first, of 2 J1(x) / x derived *order* times by q = x^2 / 4.
+
+    They are those of a polynomial of this *degree* that fits it.
+    """
     signs = [(-1) ** (m + order) for m in range(24)]
     terms = [s / (math.factorial(m) * math.factorial(m + order + 1)) for m, s in enumerate(signs)]
     return _power_series(terms, degree, MOST_GAIN_SQUARE)
@@ -74,7 +80,11 @@ def cos_sin_turns_kernel(turns: Any) -> Any:
 
 @jit_inline
 def _ray_kernel(dx: Any, dy: Any, dz: Any, medium: Any) -> Any:
-    """Return distance, its inverse, the cosine of the angle to the normal, and the level there."""
+    """Return distance (m), its inverse, the cosine of the angle to the normal, and the level (Pa).
+
+    *dx*, *dy*, *dz* (m): from an element to the point. The level is the magnitude at that distance
+    straight ahead. *medium* (8,): as in the head of this module.
+    """
     l0, l1, l2, l3, l4, l5, l6, l7 = _LOSS
     distance = np.sqrt(dx * dx + dy * dy + dz * dz)
     inverse = 1.0 / distance

@@ -71,7 +71,10 @@ def arctangent_kernel(t: Any) -> Any:
 
 @jit_inline
 def _gain_at_kernel(q: Any, gain: Any) -> Any:
-    """Return the directivity at an angle whose squared cosine is *q*."""
+    """Return the directivity at an angle whose squared cosine is *q*.
+
+    It is a polynomial in q; *gain*: its six coefficients, lowest first.
+    """
     d0, d1, d2, d3, d4, d5 = gain
     w = q * q  # pairs of coefficients: one operation more, and a chain half as long
     return ((d5 * q + d4) * w + (d3 * q + d2)) * w + (d1 * q + d0)
