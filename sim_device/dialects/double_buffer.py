@@ -134,7 +134,7 @@ class DoubleBuffer(LatchingUnit):
         self._latch("swap", t_us)
 
     def _set_clocks(self, operation: operations.Clocks, t_us: int) -> None:
-        """Switch the clocks of the outputs, and latch if that changes them."""
+        """Let the clocks of all outputs run or stand still; record a latch if that is a change."""
         if operation.on != self._clocked:
             self._clocked = operation.on
             self._latch("clocks on" if operation.on else "clocks off", t_us)

@@ -206,6 +206,12 @@ def test_a_case_by_itself_is_what_it_was_among_the_others(capsys):
     assert status == (1 if first[3]["outcome"] in judging.BAD else 0)
 
 
+def test_another_host_of_six_foci_without_a_place_is_no_proof(capsys):
+    """A solver makes the drive of a host within the tolerance for one beyond it, too."""
+    assert campaign.main(["--case", "honest:4242000044:10"]) == 0
+    assert "not verified; no pressure peak with a place of its own" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("case", ["", "wrong", "wrong:1", "good:1:2", "wrong:1:99", "wrong:x:1"])
 def test_a_case_that_is_none_is_refused(case, capsys):
     with pytest.raises(SystemExit, match=str(campaign.USAGE)):

@@ -242,7 +242,10 @@ class _SoakSegment:
             self._blocks = blocks
 
     def _finish(self) -> None:
-        """Wait for the last latch, then compare counters and clock steps; report differences."""
+        """Wait for the last latch, then compare the board's counters with the injected faults.
+
+        The clock steps that the host noticed too; a difference is a violation of the soak.
+        """
         rig = self._rig
         rig.idle_until(rig.now_ns() + 2 * _LEAD_US * 1000)
         self._tally.totals["virtual ms"] += self._length_ns // NS_PER_MS

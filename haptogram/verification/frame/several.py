@@ -215,7 +215,7 @@ class SeveralFociFrame:
 
         *host* shifts the foci and assumes other air. Peaks of several foci may move further than
         the foci of the host, so that smaller misses do not show. A host beyond the tolerance fails
-        S2.
+        S2, unless the foci have no place and a solver made the drive.
         """
         # Foci far apart: what hardly turns the phases of their sum may change its amplitudes much.
         tolerated = ideal.tolerated_amplitudes if ideal.has_amplitudes else 0.0
@@ -230,7 +230,8 @@ class SeveralFociFrame:
             for limit_m, target, offset_m in zip(found.limits_m, ideal.placed, own_m, strict=True)
         ]
         offsets_m = [None if one is None else one + host.off[:3] for one in found.offsets_m]
-        if beyond:
+        # Without places a host beyond proves nothing: a solver may make this drive for others too.
+        if beyond and (limits_m is not None or self.intended.solver == "naive"):
             found = dataclasses.replace(found, verdicts=found.verdicts | {"S2": False})
         return dataclasses.replace(found, limits_m=limits_m, offsets_m=offsets_m)
 

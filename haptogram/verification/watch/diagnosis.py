@@ -129,9 +129,9 @@ class DefectFinder:
         return bool(rises.max() <= _FB_LARGEST + 1e-3)
 
     def _silent_beside(self, latch: SeenLatch, pattern: Pattern) -> frozenset[int]:
-        """Return up to 20 % of silent elements scattered among those of a pattern; else none.
+        """Return the silent elements if they look dead: scattered, at most 20 % of the array.
 
-        A row, a rim or a half of the array that is off is a part of it that somebody left out.
+        Else none: a row, a rim or a half that is off is a part that somebody left out.
         """
         silent = ~(np.abs(np.nan_to_num(latch.weights)) > _SOUNDING)
         is_one = isinstance(pattern, Placed) and self._is_near(pattern) and not latch.torn
