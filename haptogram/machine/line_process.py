@@ -51,7 +51,10 @@ class LineProcess:
         patience_s: float = 20.0,
     ) -> None:
         self._name, self._failure, self._patience_s = name, failure, patience_s
-        self._words = tempfile.TemporaryFile()  # noqa: SIM115  a pipe that nobody reads would fill
+        try:
+            self._words = tempfile.TemporaryFile()  # noqa: SIM115  a pipe that nobody reads would fill
+        except OSError as error:
+            raise failure(f"{name} cannot be started: {plain_reason(error)}") from error
         try:
             self._process = subprocess.Popen(
                 command,
