@@ -104,7 +104,7 @@ def test_an_error_is_one_line_whatever_a_file_is_called() -> None:
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 def test_a_command_is_one_line_from_which_a_shell_gets_the_same_words() -> None:
-    words = ["printf", "%s\\0", "a b", "it's\n\"so\"\t\\n $x", "\x1b[2J", "\n", "µ'"]
+    words = ["printf", "%s\\0", "a b", 'it\'s\n"so"\t\\n $x', "\x1b[2J", "\n", "µ'"]
     line = terminal_command_line(words)
     assert line.isprintable()
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)

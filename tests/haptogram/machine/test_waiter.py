@@ -1,5 +1,6 @@
 """Waiting for descriptors: low and high ones alike, to the time that was asked for."""
 
+import contextlib
 import os
 import resource
 import time
@@ -15,7 +16,7 @@ from haptogram.machine.waiter import DescriptorWaiter
 LOW, HIGH = 3, 1500
 
 
-@pytest.fixture
+@contextlib.contextmanager
 def high_limit():
     """As many open descriptors as high numbers take."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -27,24 +28,26 @@ def high_limit():
 
 
 @pytest.fixture
-def all_low_taken(high_limit):
+def all_low_taken():
     """Every number below the high ones is taken: what opens next has a high one."""
-    taken = [os.open(os.devnull, os.O_RDONLY)]
-    while taken[-1] < HIGH:
-        taken.append(os.dup(taken[0]))
-    yield
-    for fd in taken:
-        os.close(fd)
+    with high_limit():
+        taken = [os.open(os.devnull, os.O_RDONLY)]
+        while taken[-1] < HIGH:
+            taken.append(os.dup(taken[0]))
+        yield
+        for fd in taken:
+            os.close(fd)
 
 
 @pytest.fixture(params=[LOW, HIGH])
-def pipe(request, high_limit):
+def pipe(request):
     """The ends of a pipe, at low or at high numbers."""
-    ends = os.pipe()
-    high = [fcntl(end, F_DUPFD, request.param) for end in ends]
-    yield high
-    for fd in (*ends, *high):
-        os.close(fd)
+    with high_limit():
+        ends = os.pipe()
+        high = [fcntl(end, F_DUPFD, request.param) for end in ends]
+        yield high
+        for fd in (*ends, *high):
+            os.close(fd)
 
 
 def test_what_can_be_read_and_what_can_be_written_is_told(pipe):
@@ -75,7 +78,8 @@ def test_a_closed_descriptor_is_no_silence(pipe):
 
 
 @pytest.mark.pty
-def test_a_port_above_1024_is_as_good_as_any(all_low_taken):
+@pytest.mark.usefixtures("all_low_taken")
+def test_a_port_above_1024_is_as_good_as_any():
     master, slave = os.openpty()
     try:
         port = open_transport(os.ttyname(slave))
@@ -90,7 +94,8 @@ def test_a_port_above_1024_is_as_good_as_any(all_low_taken):
             os.close(fd)
 
 
-def test_a_process_whose_pipes_are_above_1024_answers_too(all_low_taken):
+@pytest.mark.usefixtures("all_low_taken")
+def test_a_process_whose_pipes_are_above_1024_answers_too():
     process = LineProcess(["cat"])
     try:
         assert process.ask(b"answer\n", lambda text: text.endswith(b"\n")) == b"answer\n"

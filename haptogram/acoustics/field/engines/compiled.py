@@ -6,17 +6,19 @@ numba takes a quarter of a second to import, so it is imported where a loop is n
 from __future__ import annotations
 
 import atexit
+import contextlib
 import functools
 import hashlib
 import logging
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics.field.engines.stored import (
     StoredKernels,
