@@ -273,7 +273,7 @@ def test_nothing_latched_is_status_3(tmp_path, capsys):
         (("--link", "y", "--dialect", "sonic"), "--dialect is 'sonic'; known are"),
         (
             ("--link", "y", "--dialect", "sonicsurface", "--dialect-option", "boards=7"),
-            "boards is 7, must be 1 to 2",
+            "--dialect-option boards is 7, must be 1 to 2",
         ),
         (("foci.csv",), "foci.csv: holds no records of a back door; they may be those of a client"),
         (
