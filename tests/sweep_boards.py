@@ -12,7 +12,7 @@ class Raises(BoardClock):
         class LocalError(Exception):
             pass
 
-        raise LocalError("no such luck")
+        raise LocalError("no such\nluck")
 
 
 class EndsItsProcess(BoardClock):

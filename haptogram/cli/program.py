@@ -6,7 +6,6 @@ import contextlib
 import importlib
 import io
 import os
-import shlex
 import signal
 import sys
 import threading
@@ -19,7 +18,7 @@ from ..commands.shell.help_text import describe_command
 from ..commands.shell.interrupts import exit_at_once, hear_interrupts_in_callbacks
 from ..commands.shell.standard_streams import patient_standard_streams
 from ..errors import HaptogramError, plain_reason
-from ..machine.terminal import terminal_error_line
+from ..machine.terminal import terminal_command_line, terminal_error_line
 from ..settings.parser import Parser, UsageError
 from . import boards
 
@@ -82,7 +81,8 @@ def result_of_command(words: Sequence[str]) -> tuple[int, bytes, str]:
             status = _run_command([*words, "--quiet", "--json=-"], heard)
             output.flush()
         except Exception as error:  # not every error can be sent to another process
-            return USAGE, b"", f"{type(error).__name__}: {plain_reason(error)}"
+            reason = " ".join(plain_reason(error).split())  # on one line
+            return USAGE, b"", f"{type(error).__name__}: {reason}"
     if heard:  # the result is a part of one, and the pool of this process waits for its end
         os._exit(status)
     return status, content.getvalue(), said.getvalue()
@@ -93,7 +93,7 @@ def _run_command(words: Sequence[str], heard: list[int]) -> int:
     parser = _command_parser(words)
     try:
         arguments = parser.parse_args(words)
-        arguments.command_line = shlex.join([parser.prog, *words])
+        arguments.command_line = terminal_command_line([parser.prog, *words])
         parser = arguments.parser
         with _command_ended_by_signals(heard), hear_interrupts_in_callbacks():
             return int(arguments.run(arguments))

@@ -274,6 +274,7 @@ def _checked_run(
         verification.check_frame_tolerance(
             found.model, points_m, verification.tolerance_of(config.tolerance)
         )
+        run_frames.check_run_foci_in_reach(driver.model, points_m)
         yield
     finally:
         try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import select
 import signal
 import subprocess
 import tempfile
@@ -13,6 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import IO, Final
 
 from haptogram.errors import LinkLostError, plain_reason
+from haptogram.machine.waiter import DescriptorWaiter
 
 _CHUNK: Final = 1 << 16  # capacity of a pipe
 _MOST_BYTES: Final = 1 << 28  # largest answer
@@ -51,7 +51,10 @@ class LineProcess:
         patience_s: float = 20.0,
     ) -> None:
         self._name, self._failure, self._patience_s = name, failure, patience_s
-        self._words = tempfile.TemporaryFile()  # noqa: SIM115  a pipe that nobody reads would fill
+        try:
+            self._words = tempfile.TemporaryFile()  # noqa: SIM115  a pipe that nobody reads would fill
+        except OSError as error:
+            raise failure(f"{name} cannot be started: {plain_reason(error)}") from error
         try:
             self._process = subprocess.Popen(
                 command,
@@ -79,9 +82,9 @@ class LineProcess:
             self._process.stdin.flush()
         except OSError as error:
             raise self._failure(f"{self._name} has ended: {self.complaint()}") from error
-        answer, descriptor = bytearray(), self._process.stdout.fileno()
+        answer, descriptor, waiter = bytearray(), self._process.stdout.fileno(), DescriptorWaiter()
         while not is_whole(answer):
-            if not select.select([descriptor], [], [], self._patience_s)[0]:
+            if not waiter.wait([descriptor], timeout_s=self._patience_s):
                 _kill_line_process(self._process)
                 raise self._failure(
                     f"{self._name} did not answer for {self._patience_s:g} s{_end_of(answer)}"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
+from collections.abc import Sequence
 from typing import Final, TextIO
 
 _RED: Final = "31"
@@ -54,6 +56,21 @@ def terminal_error_line(program: str, message: str, stream: TextIO) -> str:
     shown = _painted_on_terminal(name, _RED) if terminal_has_colour(stream) else name
     line = printable_on_terminal(re.sub(r"\s", " ", message))  # a name of a file may hold anything
     return terminal_text_without_job_commands(f"{shown} {line}")
+
+
+def terminal_command_line(words: Sequence[str]) -> str:
+    r"""Return the one line of a shell that runs *words*, a line feed in one of them as ``\n``.
+
+    Examples
+    --------
+    >>> print(terminal_command_line(["haptogram", "--fault=line.drop p=1", "it's\nso"]))
+    haptogram '--fault=line.drop p=1' $'it\'s\nso'
+    """
+    # A text with a double quote is shown in single ones, which is how $'...' is written.
+    return " ".join(
+        shlex.quote(word) if word.isprintable() else "$" + repr(f'{word}"')[:-2] + "'"
+        for word in words
+    )
 
 
 def paint_verdicts_on_terminal(text: str, stream: TextIO) -> str:

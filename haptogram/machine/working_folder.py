@@ -40,7 +40,11 @@ class WorkingFolder:
         self._fcntl = posix_module(
             "fcntl", "a virtual board in a process of its own", "the port haptogram://"
         )
-        place = Path(tempfile.gettempdir())
+        try:
+            place = Path(tempfile.gettempdir())
+        except FileNotFoundError as error:  # none of its folders takes a file
+            text = "no folder of temporary files takes one: the disk is full, or set TMPDIR"
+            raise ConfigurationError(text) from error
         for lock_file in place.glob(f"{prefix}*/{_OWNER}"):
             self._remove_unowned(lock_file.parent)
         for _ in range(_TRIES):  # somebody else may have seen the new one before it had an owner

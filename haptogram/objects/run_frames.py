@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptogram.acoustics import AcousticModel, Medium, Transducer, TransducerArray
+from haptogram.acoustics.solvers.focus import check_focus_targets
 from haptogram.errors import ConfigurationError
 from haptogram.records.frame import Focus
 from haptogram.settings.array import ArrayConfig
@@ -115,6 +116,22 @@ def _check_mesh_size(mesh: tactile.MeshSurface, config: ShapeConfig) -> None:
         f"{config.object}: the mesh is {size_m * 1e3:.3g} mm long with --unit {config.unit}; it "
         f"can be {LEAST_MESH_M * 1e3:g} to {MOST_MESH_M * 1e3:g} mm long{hint}"
     )
+
+
+def check_run_foci_in_reach(
+    model: AcousticModel, points_m: NDArray[np.float64], name: str = "center_mm"
+) -> None:
+    """Refuse foci out of the array's reach; the error begins with *name*, their setting.
+
+    Raises
+    ------
+    ConfigurationError
+        As :func:`haptogram.acoustics.check_focus_target`.
+    """
+    try:
+        check_focus_targets(model, points_m)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{name} puts a focus out of reach: {error}") from error
 
 
 def targets_of_run(

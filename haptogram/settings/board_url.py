@@ -81,7 +81,7 @@ def _port_config_of_url(url: str, default: BoardConfig | None) -> PortConfig:
         raise ConfigurationError("must be haptogram://?name=value&...")
     values: dict[str, Any] = {} if default is None else default.non_default()
     given: dict[str, Any] = {}
-    for name, text in parse_qsl(parts.query, keep_blank_values=True):
+    for name, text in parse_qsl(parts.query, keep_blank_values=True, errors="surrogateescape"):
         if name not in URL_OPTIONS:
             guess = unknown_setting_text(name, URL_OPTIONS)
             if "dialect=" in parts.query:
@@ -97,7 +97,7 @@ def _port_config_of_url(url: str, default: BoardConfig | None) -> PortConfig:
 
 def _dialect_option_text(name: str, text: str) -> str:
     """Return a dialect option as URL query text, such as dialect_option=name=text."""
-    return urlencode({"dialect_option": f"{name}={text}"}, safe="=")
+    return urlencode({"dialect_option": f"{name}={text}"}, safe="=", errors="surrogateescape")
 
 
 def write_board_url(port: PortConfig) -> str:
@@ -106,7 +106,7 @@ def write_board_url(port: PortConfig) -> str:
     words = [
         (name, text) for name, value in values.items() for text in _board_url_texts(name, value)
     ]
-    return f"{SCHEME}?{urlencode(words)}" if words else SCHEME
+    return f"{SCHEME}?{urlencode(words, errors='surrogateescape')}" if words else SCHEME
 
 
 def _board_url_texts(name: str, value: Any) -> list[str]:

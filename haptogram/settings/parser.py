@@ -113,6 +113,8 @@ class Parser(argparse.ArgumentParser):
     ----------
     main_options : str
         Names of the options that ``-h`` shows, apart by spaces; all, if there are few.
+    program_option : str
+        The option with which a program may stand behind ``--``; empty: there is none.
     listed : callable
         Returns the end of the whole help, which takes time to list; by default nothing.
     acting : mapping of str to Acting
@@ -128,6 +130,7 @@ class Parser(argparse.ArgumentParser):
             **options,
         )
         self.main_options = ""
+        self.program_option = ""
         self.listed: Callable[[], str] = str
         self.add_argument(
             *("-h", "--help"),
@@ -177,7 +180,9 @@ class Parser(argparse.ArgumentParser):
         self._check_options(words)
         found, rest = super().parse_known_args(words, namespace)
         if rest:
-            self.error(f"{_shown_option_value(rest[0])} is one word too many")
+            missing = self.program_option and rest[0] == "--"
+            why = f"; only {self.program_option} takes a program, and no source" if missing else ""
+            self.error(f"{_shown_option_value(rest[0])} is one word too many{why}")
         if self._subparsers is None:
             found.parser = self
             found.given = frozenset(self._given(words))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final, Self, TypeAlias
 
 from haptogram.errors import ConfigurationError, refusals_of
+from haptogram.settings.arguments import shown_argument
 from haptogram.settings.faults.plan import read_faults
 from haptogram.settings.option import Settings, option, option_of
 from haptogram.settings.parser import Parser
@@ -101,7 +102,11 @@ class SweepPlan:
     def of(cls, document: Mapping[str, Any]) -> Self:
         """Return the plan that *document* states; errors do not name its file."""
         for name, table in document.items():
-            if name not in _TABLES or not isinstance(table, dict):
+            if name in _TABLES and not isinstance(table, dict):
+                raise ConfigurationError(
+                    f"{name} is {shown_argument(table)}, must be a table: [{name}]"
+                )
+            if name not in _TABLES:
                 known = ", ".join(f"[{table}]" for table in _TABLES)
                 raise ConfigurationError(f"[{name}] is not read; its tables are {known}")
         if "run" not in document.get("sweep", {}):

@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import re
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from haptogram.errors import ConfigurationError, missing_extra
 from haptogram.machine.files import is_standard_output, write_file_atomically
+from haptogram.machine.terminal import terminal_command_line
 from haptogram.settings.text_file import flat_document
 
 from .plan import SweepPoint
@@ -96,7 +96,7 @@ def row_of_crash(point: SweepPoint, reason: str) -> Row:
 
 def _first_row_columns(point: SweepPoint) -> Row:
     """Return the first columns of a row: number, command and values of its point."""
-    command = shlex.join(["haptogram", *point.words])
+    command = terminal_command_line(["haptogram", *point.words])
     return {"point": point.number, "command": command, **point.values}
 
 

@@ -48,7 +48,10 @@ def process_workers(jobs: int) -> Iterator[Workers]:
     others = set(multiprocessing.active_children())
     # Spawned, not forked: no process inherits threads or memory of this one.
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(jobs, context, _begin_worker)
+    try:
+        executor = ProcessPoolExecutor(jobs, context, _begin_worker)
+    except OSError as error:  # the file system of the pool's semaphores is full
+        raise ConfigurationError(f"no workers can be started: {plain_reason(error)}") from error
     try:
         yield Workers(executor, jobs)
     except BaseException:

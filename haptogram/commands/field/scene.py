@@ -21,7 +21,7 @@ from haptogram.acoustics.model.csv_rows import read_element_rows
 from haptogram.acoustics.solvers.focus import MIN_TARGET_DISTANCE_M
 from haptogram.errors import ConfigurationError, refusals_of
 from haptogram.objects.modulation import FocusFrames, Modulation
-from haptogram.objects.run_frames import sample_object_of_run
+from haptogram.objects.run_frames import check_run_foci_in_reach, sample_object_of_run
 from haptogram.objects.shapes import Circle
 from haptogram.published import find_preset
 from haptogram.settings.command_line import settings_of
@@ -83,8 +83,7 @@ class FieldScene:
         else:
             look = _field_focus(arguments)
             targets = np.array([look])
-        for target in targets:
-            acoustics.check_focus_target(model, target)
+        check_run_foci_in_reach(model, targets, "center_mm" if arguments.object else "focus_mm")
         phases = acoustics.focus_phases(model, targets)
         drives = [
             acoustics.Drive.from_weights(np.exp(1j * row), arguments.phase_bits) for row in phases

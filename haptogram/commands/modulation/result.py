@@ -13,6 +13,7 @@ import numpy as np
 from haptogram import acoustics
 from haptogram.acoustics.levels.spot import measure_spot
 from haptogram.objects.modulation import FeltSignal, FocusFrames, felt_signal_at
+from haptogram.objects.run_frames import check_run_foci_in_reach
 from haptogram.settings.shape import ModulationConfig
 
 from ..shell.positions import position_text
@@ -75,8 +76,7 @@ class ModulationResult:
         ConfigurationError
             A focus or a place out of reach.
         """
-        for point in np.unique(frames.points_m, axis=0):
-            acoustics.check_focus_target(engine.model, point)
+        check_run_foci_in_reach(engine.model, np.unique(frames.points_m, axis=0))
         x, y, z = frames.points_m[0].tolist()
         place = (x, y, z) if place_m is None else place_m
         steady = np.exp(1j * acoustics.focus_phases(engine.model, (x, y, z)))

@@ -61,6 +61,7 @@ def set_up_watch(parser: Parser, replay: Replay) -> None:
         "dialect array link expect expect_file tolerance_mm frames json junit html"
     )
     parser.acting = _ACTING
+    parser.program_option = "--as-device"
     parser.set_defaults(run=functools.partial(run_watch, replay=replay))
     parser.add_argument(
         "source",

@@ -152,6 +152,8 @@ VERIFY = '[sweep]\nrun = "verify"\n'
         ("[sweep\n", "is no TOML"),
         ("[sweeps]\n", "[sweeps] is not read; its tables are [sweep], [options], [axes]"),
         (VERIFY, "[axes] names no option: the sweep would be empty"),
+        ("sweep = 5\n", "sweep is 5, must be a table: [sweep]"),
+        (f"axes = []\n{VERIFY}", "axes is [], must be a table: [axes]"),
         (VERIFY + "point = 3\n", "point is not a setting; did you mean points?"),
         (VERIFY + "points = 0\n", "points is 0, must be 1 to 1000000"),
         (VERIFY + "[axes]\nsede = [1]\n", "there is no option --sede; did you mean --seed?"),

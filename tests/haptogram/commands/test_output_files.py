@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -22,7 +23,10 @@ WRITERS = {
         ["--clause", "HG-2.3/1", "--quiet"],
         ("--json", "--junit", "--html", "--summary", "--write-baseline"),
     ),
-    "soak": (["--hours", "0.0001", "--quiet"], ("--json", "--html", "--summary", "--resume")),
+    "soak": (
+        ["--hours", "0.0001", "--quiet"],
+        ("--json", "--junit", "--html", "--summary", "--resume"),
+    ),
     "bench": (["--seconds", "0.1"], ("--json", "--html", "--summary", "--picture")),
     "field": (["--array", "4x4"], ("--picture",)),
     "modulation": (
@@ -66,6 +70,39 @@ def test_what_cannot_be_written_is_refused_before_the_work(
     assert said.err.startswith(f"haptogram {command}: {option} '{path}' cannot be written: ")
     assert said.err.count("\n") == 1
     assert everything_in(tmp_path) == before
+
+
+def limit_files() -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [*OPTIONS, *((name, "--record") for name in ("verify", "conform", "soak", "bench"))],
+)
+def test_a_disk_that_takes_no_byte_is_one_line_and_keeps_the_older_result(
+    command: str, option: str, tmp_path: Path
+) -> None:
+    """The older recording is kept only until the run begins."""
+    path = tmp_path / f"result{SUFFIX.get(option, '')}"
+    if option not in ("--resume", "--write-baseline"):  # they read what is there
+        path.write_text("old")
+    before = everything_in(tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-m", "haptogram", command, *WRITERS[command][0], option, str(path)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        preexec_fn=limit_files,
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"haptogram {command}: ")
+    assert done.stderr.count("\n") == 1
+    assert option == "--record" or everything_in(tmp_path) == before
+    assert everything_in(tmp_path).keys() == before.keys()
 
 
 def _forbidden(*_: object, **__: object) -> None:

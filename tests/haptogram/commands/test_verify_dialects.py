@@ -72,6 +72,7 @@ def test_outside_of_boards_that_face_each_other_there_is_no_target(capsys):
     ):
         status, _, err = verify(capsys, *words, "--object", "point", "--center-mm", center_mm)
         assert (status, told in err) == (2, True)
+        assert "--center-mm puts a focus out of reach: target: " in err
 
 
 @every_dialect

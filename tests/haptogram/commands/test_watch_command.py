@@ -435,3 +435,15 @@ def test_the_last_records_of_a_board_that_ends_are_read():
     taken += [record["kind"] for record in records]
     records.close()
     assert taken == ["hello", "end"]
+
+
+@pytest.mark.parametrize("words", [(), ("--as-device",)])
+def test_a_program_beside_a_source_is_told_how_it_is_run(words, capsys):
+    status, _, err = watch(
+        capsys, "bytes.bin", "--dialect", "sonicsurface", *words, "--", "program", "argument"
+    )
+    assert (status, err) == (
+        2,
+        "haptogram watch: -- is one word too many; only --as-device takes a program, and no "
+        "source\n",
+    )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import re
+import shutil
+import subprocess
 
 import pytest
 
@@ -11,6 +13,7 @@ from haptogram.cli import main
 from haptogram.machine.terminal import (
     paint_verdicts_on_terminal,
     printable_on_terminal,
+    terminal_command_line,
     terminal_error_line,
     terminal_has_colour,
 )
@@ -97,3 +100,12 @@ def test_a_name_has_no_control_characters() -> None:
 def test_an_error_is_one_line_whatever_a_file_is_called() -> None:
     shown = terminal_error_line("prog", "'a\n\tb\x1b[2J' cannot be read", io.StringIO())
     assert shown == "prog: 'a  b\ufffd[2J' cannot be read"
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_a_command_is_one_line_from_which_a_shell_gets_the_same_words() -> None:
+    words = ["printf", "%s\\0", "a b", 'it\'s\n"so"\t\\n $x', "\x1b[2J", "\n", "µ'"]
+    line = terminal_command_line(words)
+    assert line.isprintable()
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
+    assert done.stdout.split("\0")[:-1] == words[2:]

@@ -1,5 +1,6 @@
 """Waiting for descriptors: low and high ones alike, to the time that was asked for."""
 
+import contextlib
 import os
 import resource
 import time
@@ -9,24 +10,44 @@ import pytest
 
 from haptogram.driver.line.port import open_transport
 from haptogram.errors import LinkLostError
+from haptogram.machine.line_process import LineProcess
 from haptogram.machine.waiter import DescriptorWaiter
 
 LOW, HIGH = 3, 1500
 
 
-@pytest.fixture(params=[LOW, HIGH])
-def pipe(request):
-    """The ends of a pipe, at low or at high numbers."""
+@contextlib.contextmanager
+def high_limit():
+    """As many open descriptors as high numbers take."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if hard != resource.RLIM_INFINITY and hard < HIGH + 100:
         pytest.skip(f"no more than {hard} descriptors may be open here")
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, HIGH + 100), hard))
-    ends = os.pipe()
-    high = [fcntl(end, F_DUPFD, request.param) for end in ends]
-    yield high
-    for fd in (*ends, *high):
-        os.close(fd)
+    yield
     resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.fixture
+def all_low_taken():
+    """Every number below the high ones is taken: what opens next has a high one."""
+    with high_limit():
+        taken = [os.open(os.devnull, os.O_RDONLY)]
+        while taken[-1] < HIGH:
+            taken.append(os.dup(taken[0]))
+        yield
+        for fd in taken:
+            os.close(fd)
+
+
+@pytest.fixture(params=[LOW, HIGH])
+def pipe(request):
+    """The ends of a pipe, at low or at high numbers."""
+    with high_limit():
+        ends = os.pipe()
+        high = [fcntl(end, F_DUPFD, request.param) for end in ends]
+        yield high
+        for fd in (*ends, *high):
+            os.close(fd)
 
 
 def test_what_can_be_read_and_what_can_be_written_is_told(pipe):
@@ -57,15 +78,9 @@ def test_a_closed_descriptor_is_no_silence(pipe):
 
 
 @pytest.mark.pty
+@pytest.mark.usefixtures("all_low_taken")
 def test_a_port_above_1024_is_as_good_as_any():
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if hard != resource.RLIM_INFINITY and hard < HIGH + 100:
-        pytest.skip(f"no more than {hard} descriptors may be open here")
-    resource.setrlimit(resource.RLIMIT_NOFILE, (HIGH + 100, hard))
     master, slave = os.openpty()
-    taken = [os.open(os.devnull, os.O_RDONLY)]
-    while taken[-1] < HIGH:
-        taken.append(os.dup(taken[0]))
     try:
         port = open_transport(os.ttyname(slave))
         assert port.read_available(port.now_ns() + 1_000_000) == b""
@@ -75,6 +90,14 @@ def test_a_port_above_1024_is_as_good_as_any():
         with pytest.raises(LinkLostError):
             port.read_available(port.now_ns())
     finally:
-        for fd in (*taken, master, slave):
+        for fd in (master, slave):
             os.close(fd)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.usefixtures("all_low_taken")
+def test_a_process_whose_pipes_are_above_1024_answers_too():
+    process = LineProcess(["cat"])
+    try:
+        assert process.ask(b"answer\n", lambda text: text.endswith(b"\n")) == b"answer\n"
+    finally:
+        process.close()

@@ -6,17 +6,19 @@ numba takes a quarter of a second to import, so it is imported where a loop is n
 from __future__ import annotations
 
 import atexit
+import contextlib
 import functools
 import hashlib
 import logging
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from haptogram.acoustics.field.engines.stored import (
     StoredKernels,
@@ -71,9 +73,24 @@ def compiled_kernels() -> ModuleType:
             raise
         vars(numba.config)["CACHE_DIR"] = str(_temporary_kernel_cache())
         kernels = import_module(_KERNELS)
+    for loop in vars(kernels).values():
+        if (cache := getattr(loop, "_cache", None)) is not None:
+            cache.save_overload = _saved_if_possible(cache.save_overload)
     if _is_code_stored():
         atexit.register(_store_machine_code, kernels)
     return kernels
+
+
+def _saved_if_possible(save: Callable[..., None]) -> Callable[..., None]:
+    """Return *save* of numba's cache without its errors: a loop runs on a full disk as well."""
+
+    def save_if_possible(*of_loop: Any) -> None:
+        try:
+            save(*of_loop)
+        except OSError as error:
+            _log.info("a loop cannot be stored: %s", error)
+
+    return save_if_possible
 
 
 @functools.cache
@@ -128,7 +145,10 @@ def _cache_folders() -> list[Path]:
         return [Path(own)]
     user = os.path.join(os.environ.get("XDG_CACHE_HOME", "~/.cache"), "numba")
     users = [Path(os.path.expanduser(folder)) for folder in (user, _MAC_CACHE)]
-    return [_SOURCES, *users, *filter(_is_own_folder, [_temporary_folder()])]
+    folders = [_SOURCES, *users]
+    with contextlib.suppress(FileNotFoundError):  # no folder takes a temporary file: a full disk
+        folders += filter(_is_own_folder, [_temporary_folder()])
+    return folders
 
 
 def _is_own_folder(folder: Path) -> bool:
