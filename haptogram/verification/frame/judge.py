@@ -18,7 +18,6 @@ from haptogram.acoustics import (
     NotSingle,
     Reconstruction,
     Reconstructor,
-    SingleFocus,
 )
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
