@@ -160,6 +160,11 @@ class Serial(serial.SerialBase):
             self._inline.settle()
         return self._observations
 
+    def skip_searches(self) -> None:
+        """Leave out the fields that only a search of the whole volume tells."""
+        if self._inline is not None:
+            self._inline.limit_searches(0)
+
     def _blueprint(self, board: BoardConfig) -> Blueprint:
         """Return the blueprint of the board; name the URL in an error."""
         try:

@@ -64,14 +64,20 @@ def prepare_simulator(config: VerifyConfig) -> BoardConfig:
 
 
 @contextlib.contextmanager
-def board_in_virtual_time(config: BoardConfig) -> Iterator[BoardUnderTest]:
-    """Make a virtual board in this program, behind the same bytes as any other."""
+def board_in_virtual_time(
+    config: BoardConfig, *, searches: bool = True
+) -> Iterator[BoardUnderTest]:
+    """Make a virtual board in this program, behind the same bytes as any other.
+
+    *searches* False: its back door lacks the fields that only a search of the whole volume tells,
+    as that of several foci.
+    """
     from ..settings.board_url import PortConfig
 
     reconstruct = config.dialect is None  # else whoever knows the frames does
     port = PortConfig(board=config, clock="virtual", reconstruct=reconstruct)
     label = "virtual board" if config.simulator is None else f"simulated by {config.simulator!r}"
-    with _board_in_program(port, f"{label}, in virtual time") as board:
+    with _board_in_program(port, f"{label}, in virtual time", searches=searches) as board:
         yield board
 
 
@@ -97,14 +103,21 @@ def board_behind_url(url: str) -> Iterator[BoardUnderTest]:
 
 
 @contextlib.contextmanager
-def _board_in_program(config: PortConfig, label: str) -> Iterator[BoardUnderTest]:
-    """Run a virtual board in this program; yield it as a board under test with the name *label*."""
+def _board_in_program(
+    config: PortConfig, label: str, *, searches: bool = True
+) -> Iterator[BoardUnderTest]:
+    """Run a virtual board in this program; yield it as a board under test with the name *label*.
+
+    *searches* is that of :func:`board_in_virtual_time`.
+    """
     from sim_device.protocol_haptogram import open_virtual_port
 
     from ..driver.line.port import PyserialTransport
     from ..evidence.boards import InProcessBoardUnderTest
 
     with contextlib.closing(open_virtual_port(config)) as port:
+        if not searches:
+            port.skip_searches()
         model = port.simulation.settings.truth
         transport = PyserialTransport(port, label)
         yield InProcessBoardUnderTest(

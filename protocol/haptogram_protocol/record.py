@@ -17,6 +17,12 @@ from typing import Any, ClassVar, Final, Self, TypeVar, cast, dataclass_transfor
 from .errors import LocalProtocolError, RemoteProtocolError
 
 _WIRE: Final = "haptogram_wire"
+_NOT_UTF8: Final = "surrogateescape"  # bytes against HG-3.2/2 are read, and written as they came
+
+
+def text_as_utf8(text: str) -> str:
+    """Return the text of a field with U+FFFD for each byte that was no UTF-8."""
+    return text.encode(errors=_NOT_UTF8).decode(errors="replace")
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -58,7 +64,7 @@ class WireField:
         """Return *value* in the form that :mod:`struct` packs."""
         if not isinstance(value, str):
             return value
-        text = value.encode()
+        text = value.encode(errors=_NOT_UTF8)
         if len(text) > self.size or text.endswith(b"\x00"):
             raise LocalProtocolError(
                 f"{name} is {value!r}: {len(text)} bytes of UTF-8; the field holds {self.size}, "
@@ -69,7 +75,7 @@ class WireField:
     def value(self, name: str, raw: Any, base: int) -> Any:
         """Return the value of what :mod:`struct` unpacked; the record begins at byte *base*."""
         if isinstance(raw, bytes):
-            return raw.rstrip(b"\x00").decode(errors="replace")
+            return raw.rstrip(b"\x00").decode(errors=_NOT_UTF8)
         if self.enumeration is None:
             return raw
         if (known := self.enumeration._value2member_map_.get(raw)) is not None:

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from haptogram_protocol.annotation.frames import annotated_fields_of, annotated_message_text
 from haptogram_protocol.errors import LocalProtocolError, RemoteProtocolError
 from haptogram_protocol.framing import FrameDecoder, encode_frame
 from haptogram_protocol.messages import (
@@ -161,7 +162,7 @@ def test_any_payload_is_a_message_or_the_one_error(kind: type[Message], payload:
     if isinstance(message, RemoteProtocolError):
         assert message.reason in {"bad_length", "bad_value"}
         assert 0 <= message.offset <= len(payload)
-    elif kind is not HelloReply:  # its text may be no UTF-8, and is then shown with U+FFFD
+    else:
         assert message.serialize() == payload
 
 
@@ -250,10 +251,13 @@ def test_text_that_would_not_come_back_is_refused(firmware: str, reply: HelloRep
         dataclasses.replace(reply, firmware=firmware).serialize()
 
 
-def test_text_that_is_no_utf8_is_shown_not_refused() -> None:
-    zeros = bytearray(HelloReply.LAYOUT.size)
-    zeros[-16:-12] = b"a\xff\xfeb"
-    assert HelloReply.deserialize(bytes(zeros)).firmware == "a\ufffd\ufffdb"
+def test_text_that_is_no_utf8_is_shown_and_written_as_it_came() -> None:
+    payload = bytes(HelloReply.LAYOUT.size - 16) + b"a\xff\xfeb" + b"\xc3" * 12
+    reply = HelloReply.deserialize(payload)
+    assert reply.serialize() == payload
+    assert reply.firmware == "a\udcff\udcfeb" + "\udcc3" * 12
+    assert annotated_message_text(reply).endswith("firmware a\ufffd\ufffdb" + "\ufffd" * 12)
+    assert annotated_fields_of(reply)["firmware"] == "a\ufffd\ufffdb" + "\ufffd" * 12
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from haptogram.acoustics import Reconstruction, Reconstructor
 from haptogram.cli import main
 from haptogram.errors import ConfigurationError
 from haptogram.evidence.boards import PortBoardUnderTest, ProcessBoardUnderTest
@@ -74,6 +75,27 @@ def test_every_one_of_several_foci_is_verified(tmp_path: Path, foci: int, words:
     assert result["frames"]["on_target"] == result["frames"]["sent"] == _FRAMES
     assert result["balance"]["min"] > 0.9
     assert result["efficiency"]["min"] > 0.4
+
+
+def test_the_fields_of_several_foci_are_searched_for_where_they_are_recorded_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The verdict on several foci reads none of them: its result is the same without."""
+    searched, search = [], Reconstructor.reconstruct_weights
+
+    def counted(*arguments: Any, **named: Any) -> Reconstruction:
+        searched.append(arguments)
+        return search(*arguments, **named)
+
+    monkeypatch.setattr(Reconstructor, "reconstruct_weights", counted)
+    words = [*_CIRCLE, "--virtual-time", "--foci", "2", "--seed", "7"]
+    words += ["--fault", "device.stuck column=3 from=20ms"]
+    assert _verify(tmp_path, *words)[0] == 1
+    result = (tmp_path / "result.json").read_bytes()
+    assert not searched
+    assert _verify(tmp_path, *words, "--record", str(tmp_path / "run.mcap"))[0] == 1
+    assert (tmp_path / "result.json").read_bytes() == result
+    assert searched
 
 
 def test_in_virtual_time_the_result_repeats_byte_for_byte(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from haptogram.acoustics.arrays import (
     read_only_array,
 )
 from haptogram.errors import ConfigurationError
-from haptogram.settings.arguments import check_whole
+from haptogram.settings.arguments import check_argument_kind, check_whole
 from haptogram.settings.frozen import dataclass
 
 PhaseCodes: TypeAlias = NDArray[np.uint8 | np.uint16]
@@ -117,7 +117,17 @@ class Drive:
 
     @classmethod
     def from_bytes(cls, phases: bytes, amplitudes: bytes, phase_bits: int = REGISTER_BITS) -> Self:
-        """Return the drive of :attr:`phase_bytes` and of a byte for each amplitude."""
+        """Return the drive of :attr:`phase_bytes` and of a byte for each amplitude.
+
+        Raises
+        ------
+        ConfigurationError
+            Arguments that are no bytes, or those of :class:`Drive`.
+        """
+        for name, part in (("phases", phases), ("amplitudes", amplitudes)):
+            if type(part) is not bytes:
+                kinds = (bytes, bytearray, memoryview, np.ndarray)
+                check_argument_kind(name, part, kinds, "bytes")
         are_bytes = type(phases) is bytes and type(amplitudes) is bytes
         is_usual = phase_bits == REGISTER_BITS and 0 < len(phases) <= MAX_TRANSDUCERS
         if are_bytes and is_usual and len(phases) == len(amplitudes):  # no code can be wrong

@@ -8,7 +8,8 @@ from typing import ClassVar, Final, Protocol
 import numpy as np
 
 from haptogram.acoustics.arrays import FloatArray
-from haptogram.settings.arguments import check_number, check_positive
+from haptogram.errors import ConfigurationError
+from haptogram.settings.arguments import check_number, check_positive, shown_argument
 from haptogram.settings.frozen import dataclass, field
 
 #: 2 J1(x) / x as a power series in x^2 / 4, and how far up it is exact in float64.
@@ -118,6 +119,11 @@ class Transducer:
     frequency_hz : float
         Carrier frequency.
 
+    Raises
+    ------
+    ConfigurationError
+        An argument that is of another type, or a number that is out of its range.
+
     Examples
     --------
     >>> Transducer(CircularPiston(radius_m=0.0047), source_strength_pa_m=2.5).frequency_hz
@@ -129,5 +135,10 @@ class Transducer:
     frequency_hz: float = 40e3
 
     def __post_init__(self) -> None:
+        pattern = self.directivity
+        if isinstance(pattern, type) or not hasattr(pattern, "baffled"):
+            raise ConfigurationError(
+                f"directivity is {shown_argument(pattern)}, must be one such as CircularPiston()"
+            )
         check_positive("source_strength_pa_m", self.source_strength_pa_m)
         check_number("frequency_hz", self.frequency_hz, 1e3, 1e6)

@@ -43,8 +43,10 @@ class ProgramBoards(Protocol):
     def prepare_simulator(self, config: VerifyConfig) -> BoardConfig:
         """Return the settings of the virtual board, checked before anything starts."""
 
-    def board_in_virtual_time(self, config: BoardConfig) -> AbstractContextManager[BoardUnderTest]:
-        """Make a virtual board in this program."""
+    def board_in_virtual_time(
+        self, config: BoardConfig, *, searches: bool
+    ) -> AbstractContextManager[BoardUnderTest]:
+        """Make a virtual board in this program; *searches*: for fields in the whole volume too."""
 
     def board_behind_url(self, url: str) -> AbstractContextManager[BoardUnderTest]:
         """Make the board in this program that a ``haptogram://`` URL describes."""
@@ -155,7 +157,9 @@ class RunBoards:
                 board_computes=config.frame_kind == "points",
             )
         elif config.link.virtual_time:
-            with self._made.board_in_virtual_time(self.virtual) as board:
+            # A verdict on several foci reads no field but silence; whoever reads a recording may.
+            searches = config.drive.foci == 1 or config.outputs.record is not None
+            with self._made.board_in_virtual_time(self.virtual, searches=searches) as board:
                 yield board
         else:
             from haptogram.evidence.virtual_board import VirtualBoard

@@ -24,6 +24,7 @@ _MOST_STEPS: Final = 20_000.0  # most steps of a distance: a longer one is a sil
 _LEAST_COUNT: Final = 4.0
 _SURE_SHARE: Final = 0.4
 _FINER: Final = 10  # times finer, a unit of time
+_STRAY: Final = 0.01  # share of the distances that may end at an edge off the grid
 _ROUNDING: Final = 1.5  # ticks by which two rounded times may miss their distance
 
 
@@ -186,24 +187,26 @@ def estimated_capture_step(times: NDArray[np.int64]) -> float:
             finer *= _FINER
         return finer * estimated_capture_step(times // finer)
     distances = whole.astype(np.float64)
-    if (step := _shared_capture_step(distances, distances, times)) is not None:
+    if (step := _shared_capture_step(distances, times)) is not None:
+        return step
+    ordered = np.sort(np.diff(times)).astype(np.float64)
+    usual = np.unique(ordered[int(_STRAY * len(ordered)) :])  # a stray edge may be the nearest
+    if (step := _shared_capture_step(usual, times)) is not None:
         return step
     if distances[0] >= _MOST_SHARES * _LEAST_STEP:
         # Where all distances are long, they differ by fewer steps than the least of them has.
         apart = np.diff(distances)
         every = np.unique(np.concatenate([apart[apart >= _LEAST_STEP], distances]))
-        if (step := _shared_capture_step(every, distances, times)) is not None:
+        if (step := _shared_capture_step(every, times)) is not None:
             return step
     return float(divisor)
 
 
-def _shared_capture_step(
-    distinct: NDArray[np.float64], distances: NDArray[np.float64], times: NDArray[np.int64]
-) -> float | None:
-    """Return the sampling step, in ticks, that divides all *distances* of edges; None if none does.
+def _shared_capture_step(distinct: NDArray[np.float64], times: NDArray[np.int64]) -> float | None:
+    """Return the sampling step, in ticks, that divides the distances of edges; None if none does.
 
-    A distance is a multiple if it is off by less than 1.5 ticks; a step has 4 ticks at least.
-    *distinct* are the distances in ascending order, *times* the edges.
+    A distance is a multiple if it is off by less than 1.5 ticks, and one in a hundred may be none;
+    a step has 4 ticks at least. *distinct* are distances in ascending order, *times* the edges.
     """
     for share in range(1, _MOST_SHARES + 1):
         step = _refined_capture_step(distinct, float(distinct[0]) / share)
@@ -214,9 +217,8 @@ def _shared_capture_step(
         step = float(every.sum() / np.rint(every / step).sum())
         if step < _LEAST_STEP:
             break
-        short = distances[distances < _MOST_STEPS * step]
-        rest = short - np.rint(short / step) * step
-        if np.abs(rest).max() < _ROUNDING:
+        off = np.abs(every - np.rint(every / step) * step) >= _ROUNDING
+        if np.count_nonzero(off) <= _STRAY * len(every):
             return step
     return None
 

@@ -18,7 +18,6 @@ from haptogram.acoustics import (
     NotSingle,
     Reconstruction,
     Reconstructor,
-    SingleFocus,
 )
 from haptogram.acoustics.arrays import ComplexArray, FloatArray
 from haptogram.acoustics.model.drive import FULL_AMPLITUDE
@@ -205,7 +204,7 @@ class FrameJudge:
         output = observation.radiated or latched
         faults = self._faults(intended, latched, output)
         if intended.drive.is_muted:
-            heard = isinstance(found, SingleFocus | NotSingle)
+            heard = not output.is_muted if found is None else not isinstance(found, NoFocus)
             return judge_silent_frame(seen, intended, output, faults, heard=heard)
         if isinstance(found, NoFocus) and len(intended.foci) > 1:
             faults = faults or (verdict_not_radiated(found),)

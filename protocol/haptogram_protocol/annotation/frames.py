@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from ..errors import RemoteProtocolError
 from ..framing import DELIMITER, MAX_ENCODED_BYTES, decode_frame
 from ..messages import Error, ErrorCode, Header, Message, MessageType, parse_body
-from ..record import Record
+from ..record import Record, text_as_utf8
 
 
 def annotated_header_text(header: Header) -> str:
@@ -66,12 +66,14 @@ def annotated_value(value: Any) -> Any:
 
 
 def _annotated_values(record: Any) -> list[tuple[str, Any]]:
-    """Return the fields of a record by name, its tail included."""
+    """Return the fields of a record by name, its tail included; U+FFFD for what is no UTF-8."""
     if isinstance(record, Record):
         names = [*record.WIRE, *([record.TAIL.name] if record.TAIL else [])]
     else:
         names = [field.name for field in dataclasses.fields(record)]
-    return [(name, getattr(record, name)) for name in names]
+    values = [getattr(record, name) for name in names]
+    shown = [text_as_utf8(value) if isinstance(value, str) else value for value in values]
+    return list(zip(names, shown, strict=True))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from haptogram.acoustics import (
     AcousticModel,
+    Calibration,
     CircularPiston,
     Medium,
     NumpyEngine,
@@ -123,6 +124,54 @@ def test_a_prediction_that_holds_is_within_a_quarter_of_the_shift(count):
         found = peak(model, target) - target
         misses.append(np.linalg.norm(predicted.offset_m - found) / np.linalg.norm(found))
     assert np.count_nonzero(np.array(misses) <= 0.25) >= 0.97 * count
+
+
+def of_wide_pistons(nx, ny, pitch_m, radius_m):
+    array = AcousticModel.default(nx, ny, pitch_m=pitch_m).array
+    return AcousticModel(array, MODEL.medium, Transducer(CircularPiston(radius_m)))
+
+
+@pytest.mark.parametrize(
+    ("array", "target"),
+    [
+        ((6, 8, 0.0403, 0.0184), (-0.010, -0.017, 0.165)),
+        ((13, 10, 0.0336, 0.0135), (0.017, 0.026, 0.098)),
+        ((12, 9, 0.0477, 0.0187), (0.016, 0.019, 0.287)),
+        ((12, 12, 0.0163, 0.0075), (0.026, -0.022, 0.162)),
+        ((8, 13, 0.0420, 0.0189), (-0.003, -0.023, 0.227)),
+        ((9, 12, 0.0330, 0.0158), (-0.008, -0.035, 0.135)),
+        ((5, 13, 0.0332, 0.0144), (0.002, 0.002, 0.081)),
+    ],
+)
+@pytest.mark.parametrize("gain", [1.0, 0.3j])
+def test_elements_in_antiphase_pull_the_maximum_the_other_way(array, target, gain):
+    """Up to a third of the elements have a side lobe towards these targets."""
+    model = of_wide_pistons(*array)
+    count, positions = model.array.count, model.array.positions_m
+    model = model.calibrated(
+        Calibration(np.full(count, abs(gain)), np.full(count, np.angle(gain)), positions)
+    )
+    shift, found = predict_focal_shift(model, target), peak(model, np.array(target)) - target
+    assert shift.valid
+    assert np.linalg.norm(shift.offset_m - found) < 0.25 * np.linalg.norm(found)
+    level = np.abs(pressure(model, focus(model, target), np.stack([target, target + found])))
+    assert level[1] / level[0] == pytest.approx(shift.gain, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("array", "target"),
+    [
+        ((8, 8, 0.0170, 0.0080), (0.0, 0.0, 0.060)),
+        ((12, 12, 0.0260, 0.0120), (0.0, 0.0, 0.100)),
+        ((12, 12, 0.0260, 0.0120), (0.02, 0.01, 0.100)),
+    ],
+)
+def test_elements_in_antiphase_may_leave_no_maximum_at_the_target(array, target):
+    model = of_wide_pistons(*array)
+    shift, found = predict_focal_shift(model, target), peak(model, np.array(target)) - target
+    assert not shift.valid
+    assert np.isnan(shift.offset_m).all()
+    assert np.linalg.norm(found) > MODEL.wavelength_m / 4.0
 
 
 def test_around_a_line_of_elements_a_prediction_holds_where_all_are_equally_loud():

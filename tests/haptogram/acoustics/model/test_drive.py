@@ -177,3 +177,16 @@ def test_codes_cannot_be_changed():
 def test_a_bad_drive_is_refused_with_value_and_limit(make, complaint):
     with pytest.raises(ConfigurationError, match=complaint):
         make()
+
+
+@pytest.mark.parametrize("wrong", ["ab", None, 2, [1, 2]])
+def test_codes_that_are_no_bytes_are_refused(wrong):
+    with pytest.raises(ConfigurationError, match=r"^phases is .*, must be bytes$"):
+        Drive.from_bytes(wrong, b"cd")
+    with pytest.raises(ConfigurationError, match=r"^amplitudes is .*, must be bytes$"):
+        Drive.from_bytes(b"ab", wrong)
+
+
+def test_codes_in_any_buffer_are_those_of_its_bytes():
+    expected = Drive.from_bytes(b"ab", b"cd")
+    assert Drive.from_bytes(bytearray(b"ab"), memoryview(b"cd")) == expected

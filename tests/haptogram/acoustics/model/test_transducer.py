@@ -54,3 +54,9 @@ def test_a_piston_is_silent_behind_its_baffle():
 def test_an_impossible_transducer_is_refused(make):
     with pytest.raises(ConfigurationError):
         make()
+
+
+@pytest.mark.parametrize("pattern", [None, 0.0047, "piston", CircularPiston])
+def test_what_is_no_directivity_is_refused(pattern):
+    with pytest.raises(ConfigurationError, match=r"^directivity is .*, must be one such as"):
+        Transducer(pattern)

@@ -55,6 +55,25 @@ def test_a_few_long_pulses_tell_no_finer_rate_than_that_of_their_samples(rate_hz
     assert found >= 0.05 * rate_hz
 
 
+@pytest.mark.parametrize("rate_hz", [4e6, 7.3e6, 12.5e6, 24e6])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_few_edges_off_the_grid_tell_no_finer_rate(rate_hz, seed):
+    random = np.random.default_rng(seed)
+    samples = np.cumsum(random.integers(3, 400, 4000))
+    times = np.rint(samples * 1e9 / rate_hz).astype(np.int64)
+    times[random.choice(len(times), 15, replace=False)] += random.integers(-30, 31, 15)
+    found = 1e9 / estimated_capture_step(np.unique(times))
+    assert found == pytest.approx(rate_hz, rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_edges_that_are_mostly_on_no_grid_tell_the_ticks_alone(seed):
+    random = np.random.default_rng(seed)
+    samples = np.cumsum(random.integers(3, 400, 4000))
+    times = np.rint(samples * 1e9 / 24e6 + random.normal(0.0, 20.0, 4000)).astype(np.int64)
+    assert estimated_capture_step(np.unique(times)) == 1.0
+
+
 def test_far_distances_that_share_no_step_are_those_of_single_ticks():
     times = np.cumsum([0, 1_375_000, 1_375_005, 2_250_009, 1_391_017, 3_000_001])
     assert estimated_capture_step(times) == 1.0

@@ -80,6 +80,14 @@ def test_sound_that_somebody_found_where_silence_was_intended_is_wrong():
     assert found.faults == ("sound was radiated where silence was intended",)
 
 
+@pytest.mark.parametrize(("code", "faults"), [(0, 0), (1, 1)])
+def test_sound_whose_field_nobody_found_is_heard_where_the_board_computes_silence(code, faults):
+    """Its arithmetic may miss an amplitude by one code, but not make sound of silence."""
+    silence = dataclasses.replace(silent_frame(), board_computed=True)
+    found = judge(silence, drive_of(np.zeros(256), code), reconstruction=None)
+    assert found.faults == ("sound was radiated where silence was intended",) * faults
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_elements_that_the_calibration_calls_dead_are_not_verified(count):
     gain = np.ones(256)
