@@ -3,7 +3,6 @@
 import ctypes
 import operator
 import os
-import resource
 import select
 import signal
 import subprocess
@@ -31,6 +30,7 @@ from haptogram_protocol.dialects.autd3.operations import (
     Tag,
     TransitionMode,
 )
+from process_limits import HIGH, only_high_descriptors
 from sim_device import wallclock
 from sim_device.board.settings import board_settings
 from sim_device.line.port import BoardPort, PortLostError
@@ -42,7 +42,6 @@ from sim_device.wallclock import Heartbeat
 pytestmark = pytest.mark.pty
 ROOT = Path(__file__).resolve().parents[2]
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-HIGH = 1500  # beyond FD_SETSIZE
 
 
 class End(BoardPort):
@@ -203,18 +202,8 @@ def test_a_signal_after_the_end_writes_into_nothing(own_handlers):
 
 @pytest.fixture
 def high_descriptors():
-    """Let descriptors from HIGH on be opened, by taking all below them."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if hard != resource.RLIM_INFINITY and hard < HIGH + 100:
-        pytest.skip(f"no more than {hard} descriptors may be open here")
-    resource.setrlimit(resource.RLIMIT_NOFILE, (HIGH + 100, hard))
-    taken = [os.open(os.devnull, os.O_RDONLY)]
-    while taken[-1] < HIGH:
-        taken.append(os.dup(taken[0]))
-    yield
-    for fd in taken:
-        os.close(fd)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    with only_high_descriptors():
+        yield
 
 
 @pytest.mark.usefixtures("high_descriptors")

@@ -2,8 +2,6 @@
 
 import collections
 import json
-import os
-import resource
 import subprocess
 import sys
 import time
@@ -30,6 +28,7 @@ from haptogram.evidence.recordings.channels import (
 )
 from haptogram.evidence.recordings.reader import Recording
 from haptogram_protocol.annotation.frames import FrameAnnotator
+from process_limits import run_with_full_disk
 
 HAPTOGRAM = (sys.executable, "-m", "haptogram")
 POINT = ("verify", "--quiet", "--object", "point", "--array", "8x8")
@@ -211,10 +210,6 @@ def test_a_board_that_ends_in_order_leaves_a_whole_recording(board):
 # --- A disk that takes no more -------------------------------------------------------------------
 
 
-def limit_files():
-    resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
-
-
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "words",
@@ -223,14 +218,7 @@ def limit_files():
 )
 def test_a_full_disk_ends_the_recording_and_not_the_run(words, tmp_path):
     path = tmp_path / "run.mcap"
-    done = subprocess.run(
-        [*HAPTOGRAM, *words, "--record", path],
-        capture_output=True,
-        text=True,
-        preexec_fn=limit_files,
-        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
-        check=False,
-    )
+    done = run_with_full_disk([*words, "--record", path], room_bytes=30_000)
     assert done.returncode == 2
     assert "PASS" in done.stdout
     assert done.stderr.count("the recording ended early") == 1

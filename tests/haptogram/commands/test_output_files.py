@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 from haptogram.cli import main
+from process_limits import run_with_full_disk
 
 ROOT = Path(__file__).resolve().parents[3]
 CIRCLE = ["--object", "point", "--array", "6x6", "--virtual-time", "--quiet"]
@@ -72,10 +72,6 @@ def test_what_cannot_be_written_is_refused_before_the_work(
     assert everything_in(tmp_path) == before
 
 
-def limit_files() -> None:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
-
-
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("command", "option"),
@@ -89,15 +85,8 @@ def test_a_disk_that_takes_no_byte_is_one_line_and_keeps_the_older_result(
     if option not in ("--resume", "--write-baseline"):  # they read what is there
         path.write_text("old")
     before = everything_in(tmp_path)
-    done = subprocess.run(
-        [sys.executable, "-m", "haptogram", command, *WRITERS[command][0], option, str(path)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        preexec_fn=limit_files,
-        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
-        check=False,
-    )
+    words = [command, *WRITERS[command][0], option, str(path)]
+    done = run_with_full_disk(words, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith(f"haptogram {command}: ")
     assert done.stderr.count("\n") == 1

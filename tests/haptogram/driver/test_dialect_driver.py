@@ -186,6 +186,19 @@ class CutPort:
         return self._write(data[:1])
 
 
+def show_a_focus(driver, cut, bytes_until_cut):
+    """Latch a focus; the user interrupts after so many of the bytes that follow."""
+    driver.focus(targets(driver)[0])
+    driver.hold(0.05)
+    cut.bytes_until_cut = bytes_until_cut
+
+
+def last_widths(records):
+    """Return the widths of the pulses that the board radiates in the end."""
+    *_, last = (record for record in records if record["kind"] == "pulses")
+    return base64.b64decode(last["widths"])
+
+
 @pytest.fixture
 def ctrl_c():
     """Python's own answer to Ctrl-C, which a job in the background does not have."""
@@ -201,13 +214,10 @@ def test_every_channel_is_off_after_an_interrupt_within_a_frame(name, share):
     with in_virtual_time(name) as (port, records):
         cut = CutPort(port)
         with contextlib.suppress(KeyboardInterrupt), DialectDriver(cut, dialect=name) as driver:
-            driver.focus(targets(driver)[0])
-            driver.hold(0.05)
-            cut.bytes_until_cut = share * DIALECTS[name].frame_bytes(driver.boards)
+            show_a_focus(driver, cut, share * DIALECTS[name].frame_bytes(driver.boards))
             driver.focus(targets(driver)[1])
             pytest.fail("the frame was not cut")
-    *_, last = (record for record in records if record["kind"] == "pulses")
-    assert not any(base64.b64decode(last["widths"]))
+    assert not any(last_widths(records))
 
 
 @every_dialect
@@ -217,13 +227,10 @@ def test_every_channel_is_off_after_another_interrupt_while_the_driver_closes(na
     with in_virtual_time(name) as (port, records):
         cut = CutPort(port)
         with contextlib.suppress(KeyboardInterrupt), DialectDriver(cut, dialect=name) as driver:
-            driver.focus(targets(driver)[0])
-            driver.hold(0.05)
-            cut.bytes_until_cut = share * DIALECTS[name].frame_bytes(driver.boards)
+            show_a_focus(driver, cut, share * DIALECTS[name].frame_bytes(driver.boards))
             raise KeyboardInterrupt
         assert cut.bytes_until_cut is None
-    *_, last = (record for record in records if record["kind"] == "pulses")
-    assert not any(base64.b64decode(last["widths"]))
+    assert not any(last_widths(records))
 
 
 @pytest.mark.parametrize("seconds", [0.98, 1.0, 2.01])
@@ -231,8 +238,7 @@ def test_a_board_that_forgets_the_beginning_of_a_frame_falls_silent_when_it_is_t
     """InteractLab clears its FIFO after every second of silence, and a frame that has begun."""
 
     def is_silent():
-        *_, last = (record for record in records if record["kind"] == "pulses")
-        return not any(base64.b64decode(last["widths"]))
+        return not any(last_widths(records))
 
     with in_virtual_time("interactlab") as (port, records):
         with DialectDriver(port, dialect="interactlab") as driver:
@@ -260,8 +266,7 @@ def test_the_first_frame_is_shown_by_a_board_that_forgets_while_the_host_lets_it
         with DialectDriver(port, dialect="interactlab") as driver:
             driver.focus(targets(driver)[0])
             driver.hold(0.05)
-            *_, last = (record for record in records if record["kind"] == "pulses")
-            assert any(base64.b64decode(last["widths"]))
+            assert any(last_widths(records))
 
 
 def test_devices_that_are_not_there_are_refused_in_the_words_of_the_board():

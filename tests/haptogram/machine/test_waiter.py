@@ -1,8 +1,6 @@
 """Waiting for descriptors: low and high ones alike, to the time that was asked for."""
 
-import contextlib
 import os
-import resource
 import time
 from fcntl import F_DUPFD, fcntl
 
@@ -12,37 +10,21 @@ from haptogram.driver.line.port import open_transport
 from haptogram.errors import LinkLostError
 from haptogram.machine.line_process import LineProcess
 from haptogram.machine.waiter import DescriptorWaiter
+from process_limits import HIGH, only_high_descriptors, room_for_high_descriptors
 
-LOW, HIGH = 3, 1500
-
-
-@contextlib.contextmanager
-def high_limit():
-    """As many open descriptors as high numbers take."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if hard != resource.RLIM_INFINITY and hard < HIGH + 100:
-        pytest.skip(f"no more than {hard} descriptors may be open here")
-    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, HIGH + 100), hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+LOW = 3
 
 
 @pytest.fixture
 def all_low_taken():
-    """Every number below the high ones is taken: what opens next has a high one."""
-    with high_limit():
-        taken = [os.open(os.devnull, os.O_RDONLY)]
-        while taken[-1] < HIGH:
-            taken.append(os.dup(taken[0]))
+    with only_high_descriptors():
         yield
-        for fd in taken:
-            os.close(fd)
 
 
 @pytest.fixture(params=[LOW, HIGH])
 def pipe(request):
     """The ends of a pipe, at low or at high numbers."""
-    with high_limit():
+    with room_for_high_descriptors():
         ends = os.pipe()
         high = [fcntl(end, F_DUPFD, request.param) for end in ends]
         yield high
